@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the rover measured at one instant."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """One synchronous set of measurements, reduced to one value per axle (a planar rover).
+
+    Arrays have shape ``[axles]``, front to rear. Every ``*_sd`` is one standard deviation of the value
+    before it. NaN means "not measured": required are velocity and pitch; a wheel without slip or sinkage
+    loses its own row; torque and acceleration are optional.
+    """
+
+    stamp_ns: int
+    slip: Floats  # [1] i = 1 - v / (r w)
+    slip_sd: Floats  # [1]
+    sinkage: Floats  # [m]
+    sinkage_sd: Floats  # [m]
+    contact_angle: Floats  # [rad] ground relative to the body, positive where it climbs
+    contact_angle_sd: Floats  # [rad]
+    wheel_rate: Floats  # [rad/s]
+    torque: Floats  # [N m] drive torque of ONE wheel of the axle
+    torque_sd: Floats  # [N m]
+    velocity: float  # [m/s] along body x
+    velocity_sd: float  # [m/s]
+    pitch: float  # [rad] nose up (the negative of REP-103 pitch)
+    pitch_sd: float  # [rad]
+    acceleration: float  # [m/s^2] specific force along body x: dv/dt + g sin(pitch)
+    acceleration_sd: float  # [m/s^2]

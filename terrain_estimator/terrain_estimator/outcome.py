@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What became of one observation: every case by name, with advice."""
+
+from enum import IntEnum
+
+
+class Outcome(IntEnum):
+    """Outcome of one observation; the values are those of msg_defs/MeasurementDecision."""
+
+    ACCEPTED = 0
+    ACCEPTED_PARTIALLY = 1
+    STANDSTILL = 2
+    NOT_FINITE = 3
+    BAD_DEVIATION = 4
+    OUT_OF_RANGE = 5
+    WRONG_WHEELS = 6
+    WRONG_FRAME = 7
+    TIME_BACKWARDS = 8
+    DUPLICATE = 9
+    GATED = 10
+    NUMERICAL_FAILURE = 11
+
+    @property
+    def advice(self) -> str:
+        """What a user can do about it, in a sentence; empty where nothing is wrong."""
+        return _ADVICE.get(self, "")
+
+    @property
+    def used(self) -> bool:
+        """Whether the observation entered the posterior."""
+        return self in (Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY)
+
+
+_ADVICE = {
+    Outcome.ACCEPTED_PARTIALLY: "a wheel or a sensor was left out: check the wheels' slip and sinkage and the optional sensors",
+    Outcome.STANDSTILL: "drive: slip is undefined while the wheels stand",
+    Outcome.NOT_FINITE: "check the publisher of the value that is NaN or infinite",
+    Outcome.BAD_DEVIATION: "publish a standard deviation above zero with every measurement",
+    Outcome.OUT_OF_RANGE: "no wheel is in the model's range: check slip (-1 to 1), sinkage (0 to the wheel radius) and the rover file",
+    Outcome.WRONG_WHEELS: "publish the wheel names of the rover file, each once",
+    Outcome.WRONG_FRAME: "publish in the body frame that the estimator's parameter body_frame names",
+    Outcome.TIME_BACKWARDS: "stamps must increase: check the clock, or reset the estimator when a bag loops",
+    Outcome.DUPLICATE: "two observations carry the same stamp: check for two publishers on one topic",
+    Outcome.GATED: "the observation contradicts the posterior: the ground changed, or a sensor failed",
+    Outcome.NUMERICAL_FAILURE: "reset the estimator; if it comes back, report the recording",
+}
