@@ -1,0 +1,28 @@
+# shellcheck shell=bash
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+#
+# Makes the built workspace usable in this shell:  . ros2_ws/setup.bash
+# With the wheels (make test or make demo ran before) it needs nothing else; with an installed ROS 2 source that first.
+_te_here=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
+if [ -f "$(dirname "$_te_here")/.venv/.prepared" ]; then
+    # Another ROS of the same shell would be imported before the wheels.
+    unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME
+    . "$(dirname "$_te_here")/.venv/setup.bash"
+fi
+if [ -f "$_te_here/install/setup.bash" ]; then
+    # colcon's scripts read variables that may be unset
+    case $- in *u*) _te_nounset=1 ;; *) _te_nounset= ;; esac
+    set +u
+    . "$_te_here/install/setup.bash"
+    [ -z "$_te_nounset" ] || set -u
+    unset _te_nounset
+else
+    echo "The workspace is not built yet: run make test, or colcon build in $_te_here" >&2
+fi
+export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_te_here/fastdds.xml}"
+case ":$PATH:" in
+    *":$_te_here/bin:"*) ;;
+    *) export PATH="$PATH:$_te_here/bin" ;; # last, so that a real ros2 comes first
+esac
+unset _te_here

@@ -1,0 +1,40 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Installs the package where ament looks for it."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "terrain_estimator"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Recursive Bayesian terrain estimator",
+    maintainer="The terrain_estimator authors",
+    maintainer_email="terrain-estimator@example.com",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(),
+    package_data={NAME: ["py.typed", "models/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "estimator = terrain_estimator.nodes.estimator:main",
+            "recorder = terrain_estimator.nodes.recorder:main",
+            "replay = terrain_estimator.cli.replay:main",
+            "csv_to_bag = terrain_estimator.cli.csv_to_bag:main",
+            "train = terrain_estimator.cli.train:main",
+            "demo = terrain_estimator.cli.demo:main",
+        ],
+    },
+)
