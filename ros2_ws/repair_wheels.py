@@ -12,7 +12,7 @@ import sys
 import sysconfig
 from pathlib import Path
 
-import numpy
+import numpy as np
 
 # The wheels were built in a container: their CMake files name its interpreter's headers and its numpy's.
 BAKED_PYTHON = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
@@ -60,7 +60,7 @@ def repair_cmake_files(prefix: Path) -> None:
     python_headers = sysconfig.get_path("include")
     for path in prefix.glob("share/*/cmake/*.cmake"):
         text = path.read_text(encoding="utf-8")
-        repaired = BAKED_PYTHON.sub(lambda _: python_headers, BAKED_NUMPY.sub(lambda _: numpy.get_include(), text))
+        repaired = BAKED_PYTHON.sub(lambda _: python_headers, BAKED_NUMPY.sub(lambda _: np.get_include(), text))
         if "/opt/python" in repaired:
             message = f"{path} still names a folder under /opt/python: the pinned wheels changed, repair_wheels.py has to follow"
             raise RuntimeError(message)

@@ -5,9 +5,9 @@
 # Makes the built workspace usable in this shell:  . ros2_ws/setup.bash
 # With the wheels (make test or make demo ran before) it needs nothing else; with an installed ROS 2 source that first.
 _te_here=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
-if [ -f "$(dirname "$_te_here")/.venv/.prepared" ]; then
-    # Another ROS of the same shell would be imported before the wheels.
-    unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME
+if [ -f "$_te_here/install/.built" ]; then
+    # Built on the wheels (by ros2_ws/compile): another ROS that this shell has sourced would be imported before them.
+    [ -z "${AMENT_PREFIX_PATH:-}" ] || unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH
     . "$(dirname "$_te_here")/.venv/setup.bash"
 fi
 if [ -f "$_te_here/install/setup.bash" ]; then

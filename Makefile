@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+#
+# Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
+.PHONY: help demo test lint train bench workspace environment clean
+
+LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
+PYTHON := .venv/bin/python
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile
+
+demo: workspace  ## drive, estimate, record and replay in one go; results in out/demo
+	ros2_ws/bin/ros2 run terrain_estimator demo $(ARGS)
+
+test: workspace  ## all tests
+	ros2_ws/with python -m pytest $(ARGS)
+
+lint: environment  ## ruff, mypy and the import contract
+	$(PYTHON) -m ruff check
+	$(PYTHON) -m ruff format --check
+	$(PYTHON) -m mypy
+	PYTHONPATH=$(LIBRARIES) .venv/bin/lint-imports
+
+train: workspace  ## train the tracked model anew
+	ros2_ws/bin/ros2 run terrain_estimator train $(ARGS)
+
+bench: workspace  ## time replay and update
+	ros2_ws/with python -m benchmarks $(ARGS)
+
+workspace: environment
+	@ros2_ws/compile
+
+environment:
+	@ros2_ws/prepare
+
+clean:  ## remove what was built (not the environment, not recordings)
+	rm -rf ros2_ws/build ros2_ws/install ros2_ws/log
