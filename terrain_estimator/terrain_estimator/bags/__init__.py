@@ -1,3 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading, writing and recovery of MCAP bags."""
+"""Bags: MCAP files in the folder form of rosbag2, read and written without ROS."""
+
+from terrain_estimator.bags.definitions import Definition, installed_definition
+from terrain_estimator.bags.errors import BagError
+from terrain_estimator.bags.qos import STATE, Qos
+from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo
+from terrain_estimator.bags.types import Message, Types
+from terrain_estimator.bags.writer import BagWriter, Topic
+
+__all__ = [
+    "STATE",
+    "BagError",
+    "BagReader",
+    "BagWriter",
+    "Definition",
+    "Message",
+    "Qos",
+    "RawMessage",
+    "Topic",
+    "TopicInfo",
+    "Types",
+    "installed_definition",
+]

@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of service as rosbag2 stores it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+INFINITE_NS = 2**63 - 1  # RMW_DURATION_INFINITE
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """What a publisher offers, in rosbag2's words. Durations in nanoseconds."""
+
+    history: str = "keep_last"
+    depth: int = 50
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    deadline_ns: int = INFINITE_NS
+    lifespan_ns: int = INFINITE_NS
+    liveliness: str = "automatic"
+    liveliness_lease_ns: int = INFINITE_NS
+    avoid_ros_namespace_conventions: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields in the form of metadata version 9 (``rosbag2_storage/src/rosbag2_storage/qos.cpp``)."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": _duration(self.deadline_ns),
+            "lifespan": _duration(self.lifespan_ns),
+            "liveliness": self.liveliness,
+            "liveliness_lease_duration": _duration(self.liveliness_lease_ns),
+            "avoid_ros_namespace_conventions": self.avoid_ros_namespace_conventions,
+        }
+
+
+STATE = Qos(durability="transient_local", depth=10)
+
+
+def qos_text(profiles: tuple[Qos, ...]) -> str:
+    """Return the YAML that a channel's ``offered_qos_profiles`` holds."""
+    return yaml.safe_dump([profile.as_dict() for profile in profiles], sort_keys=False) if profiles else ""
+
+
+def _duration(nanoseconds: int) -> dict[str, int]:
+    sec, nsec = divmod(nanoseconds, 1_000_000_000)
+    return {"sec": sec, "nsec": nsec}

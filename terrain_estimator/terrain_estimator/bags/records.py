@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The records of one MCAP file: a scan that stops at a cut, and the contents of chunks.
+
+Source: MCAP file format, version 0. The mcap package's readers refuse an unfinished file or return a shortened last
+record without a word, hence a scan of our own that checks every length.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Protocol, TypeVar
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+
+from terrain_estimator.bags.errors import BagError
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")  # opcode, length
+MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time [ns], publish time [ns]
+LARGEST_RECORD = 2**30  # bytes; a damaged length must not ask for all memory
+
+
+class Record(NamedTuple):
+    """One record of a file."""
+
+    opcode: int
+    payload: bytes
+    offset: int  # of its first byte in the file
+    whole: bool  # False: the file ends within it
+
+
+class StoredMessage(NamedTuple):
+    """A message as stored, sortable by log time."""
+
+    log_time_ns: int
+    channel_id: int
+    publish_time_ns: int
+    data: bytes
+
+
+T_co = TypeVar("T_co", covariant=True)
+
+
+class Parsed(Protocol[T_co]):
+    """A record class of the mcap package."""
+
+    @staticmethod
+    def read(stream: ReadDataStream) -> T_co:
+        """Parse a payload."""
+
+
+def scan(file: BinaryIO, start: int, end: int) -> Iterator[Record]:
+    """Yield the records between two offsets; the last one may not be whole.
+
+    Stops at opcode 0 too: after a power cut a file may end in zeros.
+    """
+    file.seek(start)
+    offset = start
+    while offset + HEAD.size <= end:
+        opcode, length = HEAD.unpack(file.read(HEAD.size))
+        if opcode == 0:
+            return
+        room = end - offset - HEAD.size
+        whole = length <= min(room, LARGEST_RECORD)
+        useful = length if whole else min(room, LARGEST_RECORD) if opcode == Opcode.CHUNK else 0
+        yield Record(opcode, file.read(useful), offset, whole)
+        offset += HEAD.size + length
+        file.seek(offset)
+
+
+def parse(kind: Parsed[T_co], payload: bytes) -> T_co:
+    """Parse a whole record's payload with a record class of the mcap package."""
+    return kind.read(ReadDataStream(BytesIO(payload)))
+
+
+def chunk_contents(record: Record, path: Path) -> bytes:
+    """Return the uncompressed records of a chunk; of a chunk that the file's end cuts, those that are left.
+
+    Raises:
+        BagError: a whole chunk is damaged, or its compression is unknown.
+    """
+    try:
+        chunk = parse(Chunk, record.payload)
+        data = _decompress(chunk, whole=record.whole)
+    except (zstandard.ZstdError, McapError, struct.error, RuntimeError, ValueError, OSError) as error:
+        if not record.whole:
+            return b""
+        msg = f"{path} is damaged: chunk at byte {record.offset} does not decompress ({error}); copy the file again from its source"
+        raise BagError(msg) from error
+    if record.whole and chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
+        msg = f"{path} is damaged: chunk at byte {record.offset} has a wrong checksum; copy the file again from its source"
+        raise BagError(msg)
+    return data
+
+
+def messages_in(data: bytes, wanted: frozenset[int]) -> Iterator[StoredMessage]:
+    """Yield the whole messages of wanted channels in the contents of a chunk."""
+    position, end, size = 0, len(data), HEAD.size + MESSAGE_HEAD.size
+    while position + HEAD.size <= end:
+        opcode, length = HEAD.unpack_from(data, position)
+        following = position + HEAD.size + length
+        if opcode == Opcode.MESSAGE and following <= end:
+            channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, position + HEAD.size)
+            if channel in wanted:
+                yield StoredMessage(log_time, channel, publish_time, data[position + size : following])
+        position = following
+
+
+def message_of(payload: bytes) -> StoredMessage:
+    """Return the message in a message record's payload."""
+    channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(payload)
+    return StoredMessage(log_time, channel, publish_time, payload[MESSAGE_HEAD.size :])
+
+
+def _decompress(chunk: Chunk, *, whole: bool) -> bytes:
+    if chunk.uncompressed_size > LARGEST_RECORD:
+        msg = f"it claims {chunk.uncompressed_size} bytes, more than {LARGEST_RECORD}"
+        raise ValueError(msg)
+    match chunk.compression:
+        case "":
+            return chunk.data
+        case "zstd" if whole:
+            return zstandard.decompress(chunk.data, chunk.uncompressed_size)
+        case "zstd":
+            return zstandard.ZstdDecompressor().decompressobj().decompress(chunk.data)
+        case "lz4" if whole:
+            return bytes(lz4.frame.decompress(chunk.data))
+        case "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data))
+        case other:
+            msg = f"compression {other!r} is unknown"
+            raise ValueError(msg)
