@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags: MCAP files in the folder form of rosbag2, read and written without ROS."""
 
+from terrain_estimator.bags.compare import Difference, compare
 from terrain_estimator.bags.definitions import Definition, installed_definition
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.qos import STATE, Qos
@@ -15,11 +16,13 @@ __all__ = [
     "BagReader",
     "BagWriter",
     "Definition",
+    "Difference",
     "Message",
     "Qos",
     "RawMessage",
     "Topic",
     "TopicInfo",
     "Types",
+    "compare",
     "installed_definition",
 ]
