@@ -46,11 +46,13 @@ def stress_ratio(slip: Tensor, constants: Tensor) -> Tensor:
     return constants[..., 4] + constants[..., 5] * slip
 
 
-def in_range(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float) -> Tensor:
-    """Where the model holds: MIN_SLIP <= i <= MAX_SLIP, 0 < z < r and 0 < theta_m < theta_1. NaN is never in range."""
+def in_range(
+    slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, lowest: float = MIN_SLIP, highest: float = MAX_SLIP
+) -> Tensor:
+    """Where the model holds: lowest <= i <= highest, 0 < z < r and 0 < theta_m < theta_1. NaN is never in range."""
     ratio = stress_ratio(slip, constants)
     sunk = (sinkage > 0.0) & (sinkage < radius)
-    return sunk & (slip >= MIN_SLIP) & (slip <= MAX_SLIP) & (ratio > 0.0) & (ratio < 1.0)
+    return sunk & (slip >= lowest) & (slip <= highest) & (ratio > 0.0) & (ratio < 1.0)
 
 
 def shear_reversal_angle(slip: Tensor, theta_1: Tensor) -> Tensor:

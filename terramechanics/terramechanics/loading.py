@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Strict reading of configuration files: YAML into frozen dataclasses.
+
+An unknown key is an error that names it, at every level; so are a missing key, a key given twice, a wrong type and a
+value outside its range. An int where a float is meant is accepted. A range is declared once, on the dataclass field,
+with :func:`number`.
+"""
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+import yaml
+
+PRESETS = Path(__file__).parent / "presets"
+"""Folder of the files that are found by name: presets/<kind>/<name>.yaml."""
+
+RecordT = TypeVar("RecordT")
+
+
+class ConfigError(ValueError):
+    """A configuration file is wrong. The message names file, key and value, and says what is expected."""
+
+
+def number(
+    description: str,
+    unit: str = "1",
+    low: float = -math.inf,
+    high: float = math.inf,
+    *,
+    exclusive: bool = False,
+    default: Any = dataclasses.MISSING,
+) -> Any:
+    """Dataclass field of a number (or a tuple of numbers) with its meaning, unit and range.
+
+    ``exclusive`` takes the lower end out of the range: ``low=0, exclusive=True`` means positive.
+    """
+    metadata = {"description": description, "unit": unit, "low": low, "high": high, "exclusive": exclusive}
+    if default is dataclasses.MISSING:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def preset_path(kind: str, name: str | Path) -> Path:
+    """File of the preset ``name``, or ``name`` itself where it is the path of a YAML file.
+
+    Raises ConfigError that lists the presets of this kind (soils, rovers).
+    """
+    preset = PRESETS / kind / f"{name}.yaml"
+    if preset.is_file():
+        return preset
+    path = Path(name).expanduser()
+    if path.suffix in (".yaml", ".yml") and path.is_file():
+        return path
+    known = ", ".join(preset_names(kind))
+    raise ConfigError(f"{name}: neither one of the {kind} that come with the package ({known}) nor a readable .yaml file")
+
+
+def preset_names(kind: str) -> tuple[str, ...]:
+    """Names of the presets of one kind, sorted."""
+    return tuple(sorted(path.stem for path in (PRESETS / kind).glob("*.yaml")))
+
+
+def load(record: type[RecordT], path: Path) -> RecordT:
+    """Read the YAML file at ``path`` into the dataclass ``record``. Raises ConfigError."""
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid YAML: {error}") from error
+    return build(record, content, str(path))
+
+
+def build(record: type[RecordT], content: object, where: str) -> RecordT:
+    """Check the mapping ``content`` against the fields of the dataclass ``record`` and build it. Raises ConfigError."""
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"{where}: expected a mapping of keys to values, got {_shown(content)}")
+    fields = {item.name: item for item in dataclasses.fields(record)}  # type: ignore[arg-type]
+    for key in content:
+        if key not in fields:
+            raise ConfigError(f"{where}: unknown key {key!r}; known keys are {', '.join(fields)}")
+    missing = [name for name, item in fields.items() if name not in content and item.default is dataclasses.MISSING]
+    if missing:
+        raise ConfigError(f"{where}: missing key {missing[0]!r}")
+    hints = get_type_hints(record)
+    values = {key: _convert(hints[key], value, fields[key], f"{where}: {key}") for key, value in content.items()}
+    try:
+        return record(**values)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def _convert(hint: Any, value: object, field: Any, where: str) -> Any:
+    if get_origin(hint) is tuple:
+        return _convert_sequence(get_args(hint), value, field, where)
+    if dataclasses.is_dataclass(hint):
+        return build(hint, value, where)  # type: ignore[arg-type]
+    if hint is str:
+        return _text(value, where)
+    converted = _integer(value, where) if hint is int else _real(value, where)
+    _check_range(converted, field.metadata, where)
+    return converted
+
+
+def _convert_sequence(kinds: tuple[Any, ...], value: object, field: Any, where: str) -> tuple[Any, ...]:
+    if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping):
+        raise ConfigError(f"{where}: expected a list, got {_shown(value)}")
+    items = list(value)
+    wanted = len(items) if kinds[-1] is Ellipsis else len(kinds)
+    if len(items) != wanted or not items:
+        raise ConfigError(f"{where}: expected a list of {wanted or 'at least 1'} values, got {len(items)}")
+    return tuple(_convert(kinds[0], item, field, f"{where}[{index}]") for index, item in enumerate(items))
+
+
+def _text(value: object, where: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise ConfigError(f"{where}: expected a text, got {_shown(value)}")
+    return value
+
+
+def _integer(value: object, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ConfigError(f"{where}: expected a whole number, got {_shown(value)}")
+    return value
+
+
+def _real(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"{where}: expected a number, got {_shown(value)}")
+    return float(value)
+
+
+def _check_range(value: float, limits: Mapping[str, Any], where: str) -> None:
+    low, high = limits.get("low", -math.inf), limits.get("high", math.inf)
+    below = value <= low if limits.get("exclusive", False) else value < low
+    if not math.isfinite(value) or below or value > high:
+        unit = limits.get("unit", "1")
+        bound = "above" if limits.get("exclusive", False) else "at least"
+        upper = f" and at most {high:g}" if high < math.inf else ""
+        raise ConfigError(f"{where}: {value:g} is outside its range: a finite number {bound} {low:g}{upper} [{unit}] is expected")
+
+
+def _shown(value: object) -> str:
+    return f"{value!r} ({type(value).__name__})"
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """SafeLoader that refuses a key given twice and reads 1e6 as a number (YAML 1.2; YAML 1.1 takes it for a text)."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+_StrictLoader.add_implicit_resolver(  # type: ignore[no-untyped-call]
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)

@@ -1,0 +1,226 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Longitudinal dynamics of a planar rocker-bogie rover on deformable ground, in steps of 0.1 s, batched over episodes."""
+
+import math
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact import in_range
+from terramechanics.equilibrium import Contacts, Step, solve_rates, solve_torques
+from terramechanics.ground import Ground
+from terramechanics.profile import Profile
+from terramechanics.rover import Rover
+from terramechanics.schedules import Command, Schedule, make_profile, make_schedule
+from terramechanics.sinkage import DEEPEST, WheelGround, equilibrium_sinkage
+from terramechanics.suspension import Pose, level_pose, solve_pose, wheel_loads
+
+TIME_STEP = 0.1
+"""[s] Step of the simulation, the period of the samples."""
+POINTS = 12
+"""Quadrature points of the simulated forces: 2e-8 of the largest force."""
+COARSE_POINTS = 3
+"""Quadrature points of the Jacobian."""
+STUCK_SLIP = 0.9
+"""[1] Mean slip above which a rover is stuck, when it stays there."""
+STUCK_TIME = 1.0
+"""[s] Time after which it counts as stuck."""
+SLOWEST = 1e-3
+"""[m/s] Circumferential speed below which a wheel stands."""
+LONG_STEP = 1e3
+"""[s] Step that lets a drive start in its steady state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What is true at time t_j; slip, forces, torque and acceleration hold over (t_{j-1}, t_j].
+
+    Shapes [batch] and [batch, axles], in a Drive [batch, time] and [batch, time, axles].
+    """
+
+    time: Tensor  # [s] t_j
+    position: Tensor  # [m] horizontal place of the body
+    height: Tensor  # [m] of the body's origin on the ground line
+    velocity: Tensor  # [m/s] along body x
+    acceleration: Tensor  # [m/s^2] dv/dt: v_j - v_{j-1} = dt a_j
+    pitch: Tensor  # [rad] nose-up
+    bogie_angle: Tensor  # [rad] nose-up, relative to the body
+    stuck: Tensor  # bool, from the first stuck second on
+    standing: Tensor  # bool: the wheels stand, slip is not defined
+    slip: Tensor  # [1] NaN where the wheels stand
+    sinkage: Tensor  # [m]
+    contact_angle: Tensor  # [rad] ground relative to the body
+    wheel_rate: Tensor  # [rad/s]
+    torque: Tensor  # [N m] drive torque of one wheel: ground_torque + wheel_inertia dw/dt
+    normal: Tensor  # [N] N of one wheel
+    traction: Tensor  # [N] T of one wheel
+    ground_torque: Tensor  # [N m] M of one wheel
+    valid: Tensor  # bool: the wheel is in the range of the contact model
+    constants: Tensor  # [..., axles, 6] soil constants below the wheel
+    strength: Tensor  # [..., axles, 2] c [Pa] and tan(phi) below the wheel
+
+    def specific_force(self, gravity: float) -> Tensor:
+        """What an accelerometer along body x reads: dv/dt + g sin ab [m/s^2]."""
+        return self.acceleration + gravity * torch.sin(self.pitch)
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A whole run: ``sample`` has a time axis after the batch axis."""
+
+    rover: Rover
+    sample: Sample
+    start_velocity: Tensor  # [batch] [m/s] v_0, one step before the first sample
+
+    def measurable(self) -> Tensor:
+        """[batch, time] bool: the rover moves, is not stuck, and every wheel is in the range of the model."""
+        return ~self.sample.stuck & ~self.sample.standing & self.sample.valid.all(-1)
+
+
+class Simulation:
+    """Steps a batch of rovers. The same inputs give the same samples; nothing here is random."""
+
+    def __init__(self, rover: Rover, ground: Ground, profile: Profile, start_velocity: Tensor) -> None:
+        """Rovers at x = 0 with ``start_velocity`` [batch] [m/s], wheels rolling without slip."""
+        batch = start_velocity.shape[0]
+        self.rover, self.ground, self.profile = rover, ground, profile
+        self.steps = 0
+        self.velocity = start_velocity.clone()
+        self.position = torch.zeros(batch, dtype=torch.float64)
+        self.rate = (self.velocity / rover.wheel_radius).unsqueeze(-1).expand(batch, rover.axles).clone()
+        self._pose = solve_pose(rover, profile, self.position, level_pose(rover, self.position))
+        self._slip = torch.full_like(self.rate, 0.1)
+        self._sinkage = self._carried(self._pose, self._slip)
+        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self._struggling = torch.zeros(batch, dtype=torch.float64)
+        self._stuck = torch.zeros(batch, dtype=torch.bool)
+
+    def settle(self, command: Tensor) -> None:
+        """Start in the steady state that belongs to the wheel rates ``command`` [batch, axles] [rad/s]."""
+        contacts = self._contacts(self._pose, Command.RATE, command.clamp(min=SLOWEST / self.rover.wheel_radius), LONG_STEP)
+        self.velocity, self._sinkage, self._slip = contacts.velocity.clamp(min=0.0), contacts.sinkage, contacts.slip
+        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self.rate = command.clone()
+
+    def step(self, kind: Command, command: Tensor) -> Sample:
+        """One step of TIME_STEP under ``command`` [batch, axles], wheel rates or torques by ``kind``."""
+        self.position = self.position + TIME_STEP * self.velocity * torch.cos(self._pose.pitch)
+        self._pose = pose = solve_pose(self.rover, self.profile, self.position, self._pose)
+        lowest = SLOWEST / self.rover.wheel_radius
+        contacts = self._contacts(pose, kind, command.clamp(min=lowest) if kind is Command.RATE else command, TIME_STEP)
+        velocity = contacts.velocity
+        rate = command
+        if kind is Command.TORQUE:
+            rate = velocity.clamp(min=0.0).unsqueeze(-1) / (self.rover.wheel_radius * (1.0 - contacts.slip))
+        standing = (rate <= lowest).all(-1)
+        contacts = self._standing(pose, contacts, standing)
+        # A rover that would roll back digs in and stands: backwards is outside the model.
+        velocity = torch.where(standing, 0.0, velocity.clamp(min=0.0))
+        self._count_struggle(contacts, velocity, standing & (kind is Command.RATE))
+        sample = self._sample(pose, contacts, velocity, rate, standing)
+        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self.velocity, self.rate, self._slip, self._sinkage = velocity, rate, contacts.slip, contacts.sinkage
+        return sample
+
+    def _contacts(self, pose: Pose, kind: Command, command: Tensor, duration: float) -> Contacts:
+        constants, strength = self.ground.at(pose.contact)
+        fine = WheelGround.of(self.rover, constants, strength, POINTS)
+        coarse = WheelGround.of(self.rover, constants, strength, COARSE_POINTS)
+        step = Step.of(self.rover, pose, fine, coarse, self.velocity, duration)
+        # Extrapolated, so that the first imbalance is of the order of the step squared.
+        sinkage = self._sinkage * (self._sinkage / self._last_sinkage).clamp(0.5, 2.0)
+        if kind is Command.TORQUE:
+            return solve_torques(step, command, sinkage, self._slip)
+        return solve_rates(step, command, sinkage, 2.0 * self.velocity - self._last_velocity)
+
+    def _carried(self, pose: Pose, slip: Tensor) -> Tensor:
+        """Sinkages at ``slip`` under the loads of a rover without traction."""
+        zero = torch.zeros_like(slip)
+        wheel = WheelGround.of(self.rover, *self.ground.at(pose.contact), POINTS)
+        return equilibrium_sinkage(wheel, slip, wheel_loads(self.rover, pose, zero, zero))
+
+    def _standing(self, pose: Pose, contacts: Contacts, standing: Tensor) -> Contacts:
+        """Replace the contacts of rovers that stand: the wheels hold the slope in equal parts, without slip."""
+        if not bool(standing.any()):
+            return contacts
+        share = self.rover.weight / len(self.rover.wheels)
+        traction = (share * torch.sin(pose.pitch)).unsqueeze(-1).expand_as(contacts.slip)
+        torque = self.rover.wheel_radius * traction
+        load = wheel_loads(self.rover, pose, traction, torque)
+        wheel = WheelGround.of(self.rover, *self.ground.at(pose.contact), POINTS)
+        zero = torch.zeros_like(load)
+        held = torch.stack([load, traction, torque], dim=-1)
+        here = standing.unsqueeze(-1)
+        return Contacts(
+            torch.where(here, zero, contacts.slip),
+            torch.where(here, equilibrium_sinkage(wheel, zero, load), contacts.sinkage),
+            torch.where(here.unsqueeze(-1), held, contacts.forces),
+            contacts.velocity,
+            contacts.solved | standing,
+        )
+
+    def _count_struggle(self, contacts: Contacts, velocity: Tensor, parked: Tensor) -> None:
+        slipping = contacts.slip.mean(-1) > STUCK_SLIP
+        buried = (contacts.sinkage > 0.99 * DEEPEST * self.rover.wheel_radius).any(-1)
+        struggles = (slipping | buried | ~contacts.solved | (velocity <= 0.0)) & ~parked
+        self._struggling = torch.where(struggles, self._struggling + TIME_STEP, 0.0)
+        self._stuck = self._stuck | (self._struggling > STUCK_TIME - TIME_STEP / 2.0)
+
+    def _sample(self, pose: Pose, contacts: Contacts, velocity: Tensor, rate: Tensor, standing: Tensor) -> Sample:
+        self.steps += 1
+        wheel_constants, strength = self.ground.at(pose.contact)
+        normal, traction, ground_torque = contacts.forces.unbind(-1)
+        undefined = standing.unsqueeze(-1)
+        reach = in_range(contacts.slip, contacts.sinkage, wheel_constants, self.rover.wheel_radius)
+        true_slip = 1.0 - velocity.unsqueeze(-1) / (self.rover.wheel_radius * rate)
+        return Sample(
+            time=torch.full_like(velocity, self.steps * TIME_STEP),
+            position=self.position,
+            height=pose.height,
+            velocity=velocity,
+            acceleration=(velocity - self.velocity) / TIME_STEP,
+            pitch=pose.pitch,
+            bogie_angle=pose.bogie_angle,
+            stuck=self._stuck,
+            standing=standing,
+            slip=torch.where(undefined, math.nan, true_slip),
+            sinkage=contacts.sinkage,
+            contact_angle=pose.contact_angle,
+            wheel_rate=rate,
+            torque=ground_torque + self.rover.wheel_inertia * (rate - self.rate) / TIME_STEP,
+            normal=normal,
+            traction=traction,
+            ground_torque=ground_torque,
+            valid=reach & ((true_slip - contacts.slip).abs() < 1e-9) & contacts.solved.unsqueeze(-1) & ~undefined,
+            constants=wheel_constants,
+            strength=strength,
+        )
+
+
+def simulate(  # noqa: PLR0913 (a run has this many independent choices)
+    rover: Rover,
+    ground: Ground,
+    schedule: str | Schedule,
+    duration_s: float,
+    generator: torch.Generator,
+    batch: int,
+    profile: str | Profile = "",
+) -> Drive:
+    """A batch of drives of ``duration_s``; the same state of the generator gives the same drives.
+
+    ``schedule`` and ``profile`` are names or objects; without a profile the schedule's own is drawn. Schedules of wheel
+    rates start in their steady state, those of torques with wheels rolling at the start velocity.
+    """
+    if isinstance(profile, str):
+        profile = make_profile(profile, schedule if isinstance(schedule, str) else "", rover, ground, batch, generator)
+    if isinstance(schedule, str):
+        schedule = make_schedule(schedule, rover, ground, batch, generator)
+    simulation = Simulation(rover, ground, profile, schedule.start_velocity)
+    if schedule.kind is Command.RATE:
+        simulation.settle(schedule.command(0.0))
+    start_velocity = simulation.velocity
+    samples = [simulation.step(schedule.kind, schedule.command((j + 1) * TIME_STEP)) for j in range(round(duration_s / TIME_STEP))]
+    series = Sample(*(torch.stack([getattr(sample, item.name) for sample in samples], dim=1) for item in fields(Sample)))
+    return Drive(rover, series, start_velocity)

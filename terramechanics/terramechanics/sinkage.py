@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Quasi-static equilibria of single wheels: sinkage under a load, slip under a torque, and what they allow."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact import MAX_SLIP, MIN_SLIP, quadrature, wheel_forces
+from terramechanics.rover import Rover
+
+SHALLOWEST = 1e-7
+"""[1] Smallest sinkage that is looked for, in wheel radii."""
+DEEPEST = 0.95
+"""[1] Deepest sinkage that is looked for, in wheel radii."""
+Excess = Callable[[Tensor], Tensor]
+ITERATIONS = 60
+"""Bisections of a safeguarded search: more than float64 can tell apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelGround:
+    """A rover's wheels and the ground below each of them: all that its forces depend on besides slip and sinkage."""
+
+    radius: float
+    width: float
+    constants: Tensor  # [..., 6] in the order of CONSTANTS
+    strength: Tensor  # [..., 2] c [Pa] and tan(phi) [1]
+    nodes: Tensor  # quadrature(points)
+
+    @classmethod
+    def of(cls, rover: Rover, constants: Tensor, strength: Tensor, points: int) -> "WheelGround":
+        """The wheels of ``rover``, forces by quadrature with ``points`` nodes a side."""
+        return cls(rover.wheel_radius, rover.wheel_width, constants, strength, quadrature(points))
+
+    def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
+        """N, T [N] and M [N m] of one wheel, shape [..., 3]."""
+        coefficients = wheel_forces(slip, sinkage, self.constants, self.radius, self.width, self.nodes)
+        return (coefficients[..., :2] * self.strength.unsqueeze(-2)).sum(-1) + coefficients[..., 2]
+
+    def rows(self, index: Tensor) -> "WheelGround":
+        """The same for some of the episodes."""
+        return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes)
+
+
+def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor) -> Tensor:
+    """Sinkage [m] at which one wheel carries ``load`` [N] at ``slip``; all of the same shape [...].
+
+    N rises with z nearly like a power of z, so this is Newton in logarithms, kept in a bracket by bisection. A load that
+    is not positive gives the shallowest, one that no depth carries the deepest sinkage of the search.
+    """
+    low = torch.full_like(load, SHALLOWEST * wheel.radius).log()
+    high = torch.full_like(load, DEEPEST * wheel.radius).log()
+    depth = torch.full_like(load, 0.03 * wheel.radius).log()
+    target = load.clamp(min=1e-9).log()
+    small = 1e-6
+    for _ in range(ITERATIONS):
+        pair = torch.stack([depth, depth + small])
+        normal = wheel.forces(slip.expand_as(pair), pair.exp())[..., 0].clamp(min=1e-12).log()
+        gap = normal[0] - target
+        low, high = torch.where(gap < 0.0, depth, low), torch.where(gap < 0.0, high, depth)
+        newton = depth - gap * small / (normal[1] - normal[0])
+        inside = (newton > low) & (newton < high)
+        depth = torch.where(inside, newton, (low + high) / 2.0)
+        if bool((gap.abs() < 1e-12).logical_or(high - low < 1e-13).all()):
+            break
+    return depth.exp()
+
+
+def slip_under_torque(wheel: WheelGround, torque: Tensor, load: Tensor) -> tuple[Tensor, Tensor]:
+    """Slip [1] and sinkage [m] at which one wheel carries ``load`` [N] and takes ``torque`` [N m]; shapes [...].
+
+    M rises with slip at constant load. A torque beyond what the ground can take ends at MAX_SLIP, one below at MIN_SLIP.
+    """
+    return _slip_search(wheel, load, lambda forces: forces[..., 2] - torque)
+
+
+def free_rolling(wheel: WheelGround, load: Tensor) -> tuple[Tensor, Tensor]:
+    """Slip [1] and sinkage [m] at which a wheel under ``load`` [N] neither pulls nor holds back (T = 0)."""
+    return _slip_search(wheel, load, lambda forces: forces[..., 1])
+
+
+def drawbar_capability(rover: Rover, constants: Tensor, strength: Tensor) -> Tensor:
+    """Largest T / N [1] that an evenly loaded wheel on level ground reaches below 60 % slip; [batch, 6], [batch, 2] -> [batch]."""
+    wheel = WheelGround.of(rover, constants.unsqueeze(-2), strength.unsqueeze(-2), points=8)
+    slip = torch.linspace(0.1, 0.6, 6, dtype=torch.float64).expand(strength.shape[0], -1)
+    load = torch.full_like(slip, rover.weight / len(rover.wheels))
+    forces = wheel.forces(slip, equilibrium_sinkage(wheel, slip, load))
+    return (forces[..., 1] / forces[..., 0]).amax(-1)
+
+
+def _slip_search(wheel: WheelGround, load: Tensor, excess: Excess) -> tuple[Tensor, Tensor]:
+    """Bisection for the slip at which ``excess``, which rises with slip, is zero while the wheel carries its load."""
+    low, high = torch.full_like(load, MIN_SLIP), torch.full_like(load, MAX_SLIP)
+    for _ in range(40):
+        slip = (low + high) / 2.0
+        above = excess(wheel.forces(slip, equilibrium_sinkage(wheel, slip, load))) > 0.0
+        low, high = torch.where(above, low, slip), torch.where(above, slip, high)
+    slip = (low + high) / 2.0
+    return slip, equilibrium_sinkage(wheel, slip, load)

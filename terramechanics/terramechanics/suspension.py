@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Planar rocker-bogie: kinematics on a terrain profile, and the force and moment balances of its two bodies.
+
+Frames: x forward, z up, rotations nose-up positive. The body frame has its origin on the ground line below the middle
+of the body. Wheels roll on the undisturbed profile: sinkage is small beside the wheels and does not turn the body.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terramechanics.profile import Profile
+from terramechanics.rover import Rover
+
+TOLERANCE = 1e-11
+"""[m] Gap between wheels and ground at which the kinematics has converged."""
+MAX_ITERATIONS = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """How the rover stands on the profile. Angles in rad, lengths in m."""
+
+    x: Tensor  # [batch] horizontal place of the body's origin
+    height: Tensor  # [batch] of the body's origin
+    pitch: Tensor  # [batch] nose-up
+    bogie_angle: Tensor  # [batch] of the bogie relative to the body, nose-up
+    contact: Tensor  # [batch, axles] horizontal place at which the wheel touches the ground
+    contact_angle: Tensor  # [batch, axles] slope of the ground there relative to the body
+    axle: Tensor  # [batch, axles, 2] x and z of the axles in the body frame
+
+
+def level_pose(rover: Rover, x: Tensor) -> Pose:
+    """The pose on level ground at height 0, body origin at ``x`` [batch] [m]: a start for :func:`solve_pose`."""
+    zero = torch.zeros_like(x)
+    axle_x = torch.tensor(rover.axle_x, dtype=x.dtype)
+    axle = torch.stack([axle_x, torch.full_like(axle_x, rover.wheel_radius)], dim=-1).expand(*x.shape, -1, -1)
+    contact = x.unsqueeze(-1) + axle_x
+    return Pose(x, zero, zero, zero, contact, torch.zeros_like(contact), axle)
+
+
+def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
+    """The pose in which all wheels touch the profile, body origin at ``x`` [batch] [m].
+
+    Newton in height, pitch, bogie angle and the places of contact, from ``start``. A wheel of radius r that touches the
+    ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan h'(s). Raises ValueError where the profile is
+    curved more sharply than the wheel.
+    """
+    contact, height, pitch, bogie = start.contact + (x - start.x).unsqueeze(-1), start.height, start.pitch, start.bogie_angle
+    for _ in range(MAX_ITERATIONS):
+        axle = _axles(rover, bogie)
+        x_axle, z_axle = _to_world(axle, x, height, pitch)
+        ground, slope, curvature = profile.shape(contact)
+        cosine = torch.rsqrt(1.0 + slope**2)
+        miss = contact - rover.wheel_radius * slope * cosine - x_axle
+        stretch = 1.0 - rover.wheel_radius * curvature * cosine**3
+        if bool((stretch < 0.1).any()):
+            raise ValueError(f"the terrain is curved too sharply for wheels of radius {rover.wheel_radius:g} m")
+        # To first order the axle's path has the ground's slope, so a miss along x changes the gap by slope * miss.
+        gap = z_axle - ground - rover.wheel_radius * cosine + slope * miss
+        contact = contact - miss / stretch
+        height, pitch, bogie = _corrected(rover, axle, (x, height, pitch, bogie), slope, gap)
+        if float(torch.maximum(gap.abs().max(), miss.abs().max())) < TOLERANCE:
+            break
+    # One more move of the contacts would change them by less than the tolerance; the angles follow from the last slope.
+    angle = torch.atan(profile.shape(contact)[1])
+    return Pose(x, height, pitch, bogie, contact, angle - pitch.unsqueeze(-1), _axles(rover, bogie))
+
+
+def _axles(rover: Rover, bogie: Tensor) -> Tensor:
+    """Axles in the body frame [batch, 3, 2]: the bogie's turn about its pivot by ``bogie`` [batch]."""
+    sine, cosine = torch.sin(bogie), torch.cos(bogie)
+    drop = rover.wheel_radius - rover.bogie_pivot_height
+    front = torch.stack([torch.full_like(bogie, rover.axle_x[0]), torch.full_like(bogie, rover.wheel_radius)], dim=-1)
+    turned = [front]
+    for axle_x in rover.axle_x[1:]:
+        arm = axle_x - rover.bogie_pivot_x
+        along = rover.bogie_pivot_x + arm * cosine - drop * sine
+        turned.append(torch.stack([along, rover.bogie_pivot_height + arm * sine + drop * cosine], dim=-1))
+    return torch.stack(turned, dim=-2)
+
+
+def _to_world(point: Tensor, x: Tensor, height: Tensor, pitch: Tensor) -> tuple[Tensor, Tensor]:
+    sine, cosine = torch.sin(pitch).unsqueeze(-1), torch.cos(pitch).unsqueeze(-1)
+    along, up = point[..., 0], point[..., 1]
+    return x.unsqueeze(-1) + along * cosine - up * sine, height.unsqueeze(-1) + along * sine + up * cosine
+
+
+def _corrected(
+    rover: Rover, axle: Tensor, state: tuple[Tensor, Tensor, Tensor, Tensor], slope: Tensor, gap: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """One Newton step of height, pitch and bogie angle that closes the ``gap`` [batch, 3] of every wheel."""
+    x, height, pitch, bogie = state
+    pivot = torch.tensor([[rover.bogie_pivot_x, rover.bogie_pivot_height]], dtype=x.dtype)
+    x_axle, z_axle = _to_world(axle, x, height, pitch)
+    x_pivot, z_pivot = _to_world(pivot.expand(*x.shape, 1, 2), x, height, pitch)
+    by_pitch = (x_axle - x.unsqueeze(-1)) + slope * (z_axle - height.unsqueeze(-1))
+    by_bogie = ((x_axle - x_pivot) + slope * (z_axle - z_pivot))[..., 1:]
+    # The body's height enters every gap alike: subtract the front wheel's row.
+    a = by_pitch[..., 1:] - by_pitch[..., :1]
+    g = gap[..., 1:] - gap[..., :1]
+    determinant = a[..., 0] * by_bogie[..., 1] - a[..., 1] * by_bogie[..., 0]
+    turn = (g[..., 1] * by_bogie[..., 0] - g[..., 0] * by_bogie[..., 1]) / determinant
+    bend = (a[..., 1] * g[..., 0] - a[..., 0] * g[..., 1]) / determinant
+    lift = -gap[..., 0] - by_pitch[..., 0] * turn
+    return height + lift, pitch + turn, bogie + bend
+
+
+def balance_matrix(rover: Rover, pose: Pose) -> Tensor:
+    """Balances of the rover as functions of the wheels' N, T, M: shape [batch, 4, axles, 3].
+
+    Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre of mass [N m], moment
+    of the bogie about its pivot [N m]. All wheels of an axle are counted. The bogie has no mass, so its row sums to zero;
+    the ground acts on an axle with N, T and, by way of the motor's mount, with the moment M of the shear stresses.
+    """
+    sine, cosine = torch.sin(pose.contact_angle), torch.cos(pose.contact_angle)
+    zero, one = torch.zeros_like(sine), torch.ones_like(sine)
+    along = torch.stack([-sine, cosine, zero], dim=-1)
+    up = torch.stack([cosine, sine, zero], dim=-1)
+    turn = torch.stack([zero, zero, one], dim=-1)
+
+    def moment(x: float, z: float) -> Tensor:
+        return (pose.axle[..., 0:1] - x) * up - (pose.axle[..., 1:2] - z) * along + turn
+
+    whole = moment(rover.centre_of_mass_x, rover.centre_of_mass_height)
+    bogie = moment(rover.bogie_pivot_x, rover.bogie_pivot_height) * torch.tensor([[0.0], [1.0], [1.0]], dtype=sine.dtype)
+    return torch.stack([along, up, whole, bogie], dim=-3) * float(rover.wheels_per_axle)
+
+
+def balance_target(rover: Rover, pitch: Tensor, acceleration: Tensor) -> Tensor:
+    """What the balances of :func:`balance_matrix` sum to, [batch, 4]: m (dv/dt + g sin ab), m g cos ab, 0, 0."""
+    zero = torch.zeros_like(pitch)
+    along = rover.mass * acceleration + rover.weight * torch.sin(pitch)
+    return torch.stack([along, rover.weight * torch.cos(pitch), zero, zero], dim=-1)
+
+
+def wheel_loads(rover: Rover, pose: Pose, traction: Tensor, torque: Tensor) -> Tensor:
+    """Normal force N [batch, axles] [N] of one wheel of each axle, for given traction [N] and torque [N m] of one wheel.
+
+    Solves the vertical balance, the moment of the whole rover and the moment of the bogie. A negative load means that
+    the rover would lift that wheel.
+    """
+    matrix = balance_matrix(rover, pose)[..., 1:, :, :]
+    known = (matrix[..., 1] * traction.unsqueeze(-2) + matrix[..., 2] * torque.unsqueeze(-2)).sum(-1)
+    target = balance_target(rover, pose.pitch, torch.zeros_like(pose.pitch))[..., 1:]
+    loads: Tensor = torch.linalg.solve(matrix[..., 0], target - known)
+    return loads
