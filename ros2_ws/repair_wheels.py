@@ -16,7 +16,7 @@ import numpy as np
 
 # The wheels were built in a container: their CMake files name its interpreter's headers and its numpy's.
 BAKED_PYTHON = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
-BAKED_NUMPY = re.compile(r'[^;"\s]*/numpy/_?core/include')
+BAKED_NUMPY = re.compile(r'/opt/python/[^;"\s]*/numpy/_?core/include')
 
 HEADER = """\
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors

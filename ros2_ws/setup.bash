@@ -9,6 +9,8 @@ if [ -f "$_te_here/install/.built" ]; then
     # Built on the wheels (by ros2_ws/compile): another ROS that this shell has sourced would be imported before them.
     [ -z "${AMENT_PREFIX_PATH:-}" ] || unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH
     . "$(dirname "$_te_here")/.venv/setup.bash"
+    # colcon's script starts its interpreter unquoted, which fails where .venv lies in a folder with a space
+    COLCON_PYTHON_EXECUTABLE=$(readlink -f "$VIRTUAL_ENV/bin/python")
 fi
 if [ -f "$_te_here/install/setup.bash" ]; then
     # colcon's scripts read variables that may be unset
@@ -16,7 +18,7 @@ if [ -f "$_te_here/install/setup.bash" ]; then
     set +u
     . "$_te_here/install/setup.bash"
     [ -z "$_te_nounset" ] || set -u
-    unset _te_nounset
+    unset _te_nounset COLCON_PYTHON_EXECUTABLE
 else
     echo "The workspace is not built yet: run make test, or colcon build in $_te_here" >&2
 fi
