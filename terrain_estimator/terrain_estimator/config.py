@@ -11,22 +11,27 @@ from terrain_estimator.parameters import ParameterError, effective, fingerprint,
 class CoreConfig:
     """What :class:`terrain_estimator.estimator.Estimator` takes: nothing of topics, stamps or frames."""
 
-    use_torque: bool = parameter("use_torque", default=True, description="use the measured wheel torques (topic joint_states)")
-    use_imu: bool = parameter("use_imu", default=True, description="use pitch and acceleration of the topic imu; else pitch comes from odom")
+    use_torque: bool = parameter("use_torque", default=True, description="use the wheel torques of joint_states")
+    use_imu: bool = parameter("use_imu", default=True, description="use pitch and acceleration of imu; else pitch of odom")
     prior_cohesion_mean_pa: float = parameter(
-        "prior.cohesion_mean", 0.0, "site knowledge: mean of the cohesion; used where prior.cohesion_sd is above 0", unit="Pa", minimum=0.0, maximum=1e6
+        "prior.cohesion_mean", 0.0, "site knowledge: mean of the cohesion (with prior.cohesion_sd)", unit="Pa", minimum=0.0, maximum=1e6
     )
     prior_cohesion_sd_pa: float = parameter(
-        "prior.cohesion_sd", 0.0, "site knowledge: standard deviation of the cohesion; 0 takes the model's prior", unit="Pa", minimum=0.0, maximum=1e6
+        "prior.cohesion_sd", 0.0, "site knowledge: its standard deviation; 0 takes the model's prior", unit="Pa", minimum=0.0, maximum=1e6
     )
     prior_tan_phi_mean: float = parameter(
-        "prior.tan_phi_mean", 0.0, "site knowledge: mean of the tangent of the friction angle; used where prior.tan_phi_sd is above 0", minimum=0.0, maximum=5.0
+        "prior.tan_phi_mean", 0.0, "site knowledge: mean of tan phi (with prior.tan_phi_sd)", minimum=0.0, maximum=5.0
     )
     prior_tan_phi_sd: float = parameter(
-        "prior.tan_phi_sd", 0.0, "site knowledge: standard deviation of tan phi; 0 takes the model's prior", minimum=0.0, maximum=5.0
+        "prior.tan_phi_sd", 0.0, "site knowledge: its standard deviation; 0 takes the model's prior", minimum=0.0, maximum=5.0
     )
     standstill_speed: float = parameter(
-        "standstill_speed", 0.01, "below this speed of every wheel's rim (of the rover where no wheel rate is measured) it stands", unit="m/s", minimum=0.0, maximum=1.0
+        "standstill_speed",
+        0.01,
+        "the rover stands where no wheel's rim is faster (the rover itself, where no wheel rate is measured)",
+        unit="m/s",
+        minimum=0.0,
+        maximum=1.0,
     )
     slip_minimum: float = parameter("slip_minimum", -1.0, "a wheel with less slip is left out", minimum=-10.0, maximum=0.0)
     slip_maximum: float = parameter("slip_maximum", 1.0, "a wheel with this slip or more is left out", minimum=0.0, maximum=1.0)
@@ -38,14 +43,14 @@ class CoreConfig:
             ("tan_phi", self.prior_tan_phi_mean, self.prior_tan_phi_sd),
         ):
             if mean > 0.0 and sd == 0.0:
-                raise ParameterError(f"parameter prior.{name}_mean: {mean:g} has no effect without prior.{name}_sd above 0, give both or none")
+                raise ParameterError(f"parameter prior.{name}_mean: {mean:g} has no effect without prior.{name}_sd: give both or none")
 
 
 @dataclass(frozen=True, slots=True)
 class ConversionConfig:
     """How messages become an observation."""
 
-    body_frame: str = parameter("body_frame", default="base_link", description="frame_id that the measurements must have; empty accepts any")
+    body_frame: str = parameter("body_frame", default="base_link", description="frame_id of the measurements; empty accepts any")
     torque_relative_sd: float = parameter(
         "torque_noise.relative", 0.03, "standard deviation of a measured wheel torque, as a fraction of it", minimum=0.0, maximum=1.0
     )
@@ -58,13 +63,18 @@ class ConversionConfig:
         maximum=1e6,
     )
     default_velocity_sd: float = parameter(
-        "default_sd.velocity", 0.0, "used where odom gives no twist variance (0); 0 refuses such an observation", unit="m/s", minimum=0.0, maximum=10.0
+        "default_sd.velocity",
+        0.0,
+        "for odom without a twist variance; 0 refuses such an observation",
+        unit="m/s",
+        minimum=0.0,
+        maximum=10.0,
     )
     default_pitch_sd: float = parameter(
-        "default_sd.pitch", 0.0, "used where no pitch variance is given (0); 0 refuses such an observation", unit="rad", minimum=0.0, maximum=1.0
+        "default_sd.pitch", 0.0, "for a pitch without a variance; 0 refuses such an observation", unit="rad", minimum=0.0, maximum=1.0
     )
     default_acceleration_sd: float = parameter(
-        "default_sd.acceleration", 0.0, "used where imu gives no acceleration variance (0); 0 leaves the acceleration out", unit="m/s^2", minimum=0.0, maximum=10.0
+        "default_sd.acceleration", 0.0, "for imu without an acceleration variance; 0 leaves it out", unit="m/s^2", minimum=0.0, maximum=10.0
     )
 
 
@@ -73,10 +83,20 @@ class PairingConfig:
     """How messages of several topics are paired by stamp."""
 
     tolerance_s: float = parameter(
-        "pairing_tolerance", 0.0, "largest difference of stamps within one observation; 0 pairs equal stamps", unit="s", minimum=0.0, maximum=1.0
+        "pairing_tolerance",
+        0.0,
+        "largest difference of stamps in one observation; 0 pairs equal stamps",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
     )
     timeout_s: float = parameter(
-        "pairing_timeout", 0.5, "an observation waits for its messages until the stamps of the other topics are this much later", unit="s", minimum=0.0, maximum=60.0
+        "pairing_timeout",
+        0.5,
+        "an observation waits for a missing message until other topics' stamps are this much later",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
     )
 
 
@@ -84,7 +104,7 @@ class PairingConfig:
 class EstimatorConfig:
     """All parameters of the estimator node and of replay."""
 
-    model: str = parameter("model", default="", description="path of the model file; empty takes the one that is installed with the package")
+    model: str = parameter("model", default="", description="path of the model file; empty takes the installed one")
     rover: str = parameter("rover", default="", description="name or file of the rover; empty takes the model's")
     core: CoreConfig = field(default_factory=CoreConfig)
     conversion: ConversionConfig = field(default_factory=ConversionConfig)

@@ -9,7 +9,8 @@ There is no clock here: time-outs are measured in stamps, so a bag replayed at f
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
+
+from terrain_estimator.ros_types import Message
 
 CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
 RESTART_AFTER = 10  # so many messages in a row before the last stamp: the publisher's clock was set back
@@ -39,7 +40,7 @@ class MessageSet:
     """The messages of one instant, in the order of the topics; None where an optional one is missing."""
 
     stamp_ns: int
-    messages: tuple[Any, ...]
+    messages: tuple[Message, ...]
 
 
 @dataclass(slots=True)
@@ -48,7 +49,7 @@ class _Input:
 
     topic: Topic
     counters: Counters = field(default_factory=Counters)
-    waiting: deque[tuple[int, Any]] = field(default_factory=deque)
+    waiting: deque[tuple[int, Message]] = field(default_factory=deque)
     latest_ns: int = -1  # stamp of the last message taken
     sequence: int = -1
     backwards: int = 0  # messages in a row that were not after latest_ns
@@ -76,7 +77,7 @@ class Synchronizer:
         """The live counters, by topic."""
         return {entry.topic.name: entry.counters for entry in self._inputs}
 
-    def add(self, index: int, stamp_ns: int, message: Any, sequence: int | None = None) -> list[MessageSet]:
+    def add(self, index: int, stamp_ns: int, message: Message, sequence: int | None = None) -> list[MessageSet]:
         """Take one message of ``topics[index]``; return the sets that it completes, usually none or one."""
         entry = self._inputs[index]
         entry.counters.received += 1
@@ -166,7 +167,7 @@ class Synchronizer:
         return best
 
 
-def _consume(entry: _Input, at: int) -> Any:
+def _consume(entry: _Input, at: int) -> Message:
     for _ in range(at):
         entry.waiting.popleft()
         entry.counters.unpaired += 1

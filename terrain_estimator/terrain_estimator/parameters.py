@@ -52,11 +52,12 @@ class Parameter:
         if type(value) is not wanted:
             raise ParameterError(f"parameter {self.name}: {value!r} is a {type(value).__name__}, give a {wanted.__name__}")
         if isinstance(value, int | float) and not self.minimum <= value <= self.maximum:
-            raise ParameterError(f"parameter {self.name}: {value!r} is out of range, give {self.constraints or 'a finite number'} {self.unit}".rstrip())
-        return cast("Value", value)
+            allowed = f"{self.constraints or 'a finite number'} {self.unit}".rstrip()
+            raise ParameterError(f"parameter {self.name}: {value!r} is out of range, give {allowed}")
+        return value
 
 
-def parameter(name: str, default: Value, description: str, *, unit: str = "", minimum: float = -math.inf, maximum: float = math.inf) -> Any:
+def parameter(name: str, default: Value, description: str, *, unit: str = "", minimum: float = -math.inf, maximum: float = math.inf) -> Any:  # noqa: ANN401 - stands for the field's own type, as dataclasses.field does
     """A dataclass field that is a parameter. ``name`` is its flat, public name."""
     bounds = {"minimum": minimum, "maximum": maximum}
     return dataclasses.field(default=default, metadata={"parameter": Parameter(name, default, description, unit, **bounds)})

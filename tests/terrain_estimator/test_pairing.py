@@ -8,7 +8,8 @@ import pytest
 
 from terrain_estimator.pairing import CAPACITY, RESTART_AFTER, MessageSet, Synchronizer, Topic
 
-TOPICS = (Topic("slip", required=True), Topic("sinkage", required=True), Topic("odom", required=True), Topic("joints", required=False), Topic("imu", required=False))
+REQUIRED, OPTIONAL = ("slip", "sinkage", "odom"), ("joints", "imu")
+TOPICS = (*(Topic(name, required=True) for name in REQUIRED), *(Topic(name, required=False) for name in OPTIONAL))
 STEP = 100_000_000
 NEVER = 10**18
 Event = tuple[int, int]  # topic, stamp [ns]
@@ -24,7 +25,11 @@ def play(events: list[Event], tolerance_ns: int = 0, timeout_ns: int = 5 * STEP)
 def streams(seed: int, steps: int, jitter_ns: int = 0, loss: float = 0.1) -> list[list[Event]]:
     """Five streams with missing messages, and with stamps that jitter."""
     draw = random.Random(seed)
-    return [[(topic, (k + 1) * STEP + draw.randint(-jitter_ns, jitter_ns)) for k in range(steps) if draw.random() > loss] for topic in range(len(TOPICS))]
+
+    def stream(topic: int) -> list[Event]:
+        return [(topic, step * STEP + draw.randint(-jitter_ns, jitter_ns)) for step in range(1, steps + 1) if draw.random() > loss]
+
+    return [stream(topic) for topic in range(len(TOPICS))]
 
 
 def interleave(all_streams: list[list[Event]], draw: random.Random, skew_ns: int) -> list[Event]:
@@ -83,8 +88,8 @@ def test_a_missing_optional_message_leaves_a_gap_and_a_missing_required_one_drop
 
 def test_a_topic_that_never_speaks_is_waited_for_until_the_time_out_in_stamps() -> None:
     synchronizer = Synchronizer(TOPICS, timeout_ns=5 * STEP)
-    released = [each.stamp_ns // STEP for step in range(1, 10) for topic in range(4) for each in synchronizer.add(topic, step * STEP, topic)]
-    assert released == [1, 2, 3, 4]
+    events = [(topic, step * STEP) for step in range(1, 10) for topic in range(4)]
+    assert [each.stamp_ns // STEP for event in events for each in synchronizer.add(*event, None)] == [1, 2, 3, 4]
 
 
 def test_one_topic_far_in_the_future_times_out_nothing() -> None:

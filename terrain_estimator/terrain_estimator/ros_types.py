@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names of the message types and topics, and the type of a message, without importing any ROS."""
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+Message: TypeAlias = Any
+"""A ROS message, duck-typed: an instance of rclpy's class, or of the equal one that is read from a bag."""
+
+Make: TypeAlias = Callable[..., Message]
+"""A factory ``make(type_name, **fields)``: rclpy's classes live, those of the bags offline."""
+
+INPUT_TYPES = {
+    "wheel_slip": "msg_defs/msg/WheelSlip",
+    "wheel_sinkage": "msg_defs/msg/WheelSinkage",
+    "odom": "nav_msgs/msg/Odometry",
+    "joint_states": "sensor_msgs/msg/JointState",
+    "imu": "sensor_msgs/msg/Imu",
+}
+"""Types of the estimator's input topics."""
+
+REQUIRED_INPUTS = ("wheel_slip", "wheel_sinkage", "odom")
+"""Without one of these there is no observation; the first gives the stamps."""
+
+ESTIMATE = "msg_defs/msg/TerrainEstimate"
+PREDICTION = "msg_defs/msg/MotionPrediction"
+HEALTH = "msg_defs/msg/EstimatorHealth"
+DECISION = "msg_defs/msg/MeasurementDecision"
+
+OUTPUT_TYPES = {"terrain_estimate": ESTIMATE, "motion_prediction": PREDICTION}
+"""Types of the output topics that depend on the stamped inputs alone: replay writes them too."""
+
+
+def stamp_ns(message: Message) -> int:
+    """Time of a message with a header [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

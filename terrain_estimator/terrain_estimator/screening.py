@@ -1,0 +1,158 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Decides whether an observation may enter the posterior, before any of its numbers is used.
+
+A wheel outside the model's range is masked (NaN) and the rest is used; what is refused keeps its reason. Only values
+that the model cannot take are masked: a threshold inside the model's range, applied to a noisy value, would bias
+what is left. So a sinkage that noise makes slightly negative costs its wheel this sample and is no sensor error.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.outcome import Outcome
+
+NOISE_BOUND = 4.0
+"""[standard deviations] what noise explains: further outside the possible range a value is a sensor error."""
+
+_STANDSTILL_BOUND = 3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """The verdict: ACCEPTED, ACCEPTED_PARTIALLY (some wheels are masked), or why the observation is refused."""
+
+    outcome: Outcome
+    observation: Observation  # unusable wheels and sensors are NaN
+    detail: str = ""  # names what was masked or refused, and its value
+
+
+def screen(observation: Observation, previous_stamp_ns: int | None, wheel_radius_m: float, config: CoreConfig) -> Screening:
+    """Screen one observation; ``previous_stamp_ns`` is the stamp of the one before, None at the start."""
+    refusal = (
+        _refuse_time(observation.stamp_ns, previous_stamp_ns)
+        or _refuse_standstill(observation, wheel_radius_m, config.standstill_speed)
+        or _refuse_scalars(observation)
+    )
+    if refusal is not None:
+        return Screening(refusal[0], observation, refusal[1])
+    return _mask(observation, wheel_radius_m, config)
+
+
+_Refusal = tuple[Outcome, str] | None
+
+
+def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> _Refusal:
+    if previous_stamp_ns is None or stamp_ns > previous_stamp_ns:
+        return None
+    if stamp_ns == previous_stamp_ns:
+        return Outcome.DUPLICATE, f"stamp {stamp_ns / 1e9:.9f} s was used already"
+    return Outcome.TIME_BACKWARDS, f"stamp {stamp_ns / 1e9:.9f} s is {(previous_stamp_ns - stamp_ns) / 1e9:.9f} s before the last one"
+
+
+def _refuse_standstill(observation: Observation, radius: float, threshold: float) -> _Refusal:
+    """Standing is told by the wheels' rims, which are exact; by the velocity only where no wheel rate is measured.
+
+    A rover that is stuck with its wheels turning (slip near 1) does not stand.
+    """
+    rims = [abs(rate) * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
+    if rims:
+        return (Outcome.STANDSTILL, f"no wheel's rim is faster than {threshold:g} m/s") if max(rims) < threshold else None
+    defined = any(not math.isnan(slip) for slip in observation.slip.tolist())
+    noise = observation.velocity_sd if math.isfinite(observation.velocity_sd) else 0.0
+    bound = threshold if defined else threshold + _STANDSTILL_BOUND * noise
+    if abs(observation.velocity) < bound:
+        return Outcome.STANDSTILL, f"the velocity {observation.velocity:.4g} m/s is below {bound:.3g} m/s"
+    return None
+
+
+def _refuse_scalars(observation: Observation) -> _Refusal:
+    required = (("velocity", observation.velocity, observation.velocity_sd), ("pitch", observation.pitch, observation.pitch_sd))
+    for name, value, _ in required:
+        if not math.isfinite(value):
+            return Outcome.NOT_FINITE, f"{name} is {value}"
+    for name, _, deviation in required:
+        if not _is_deviation(deviation):
+            return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
+    return None
+
+
+def _is_deviation(value: float) -> bool:
+    return 0.0 < value < math.inf
+
+
+def _mask(observation: Observation, radius: float, config: CoreConfig) -> Screening:
+    """Mask wheels and optional sensors that cannot be used; refuse when no wheel is left."""
+    faults = [_wheel_fault(wheel, radius, config) for wheel in _wheels(observation)]
+    changes: dict[str, Floats | float] = {}
+    if any(faults):
+        kept = np.array([fault is None for fault in faults])
+        for name in ("slip", "sinkage", "contact_angle", "torque"):
+            changes[name] = np.where(kept, getattr(observation, name), np.nan)
+    details = [f"axle {axle}: {fault[1]}" for axle, fault in enumerate(faults) if fault is not None]
+    details += _mask_optional(observation, changes)
+    if not details:
+        return Screening(Outcome.ACCEPTED, observation)
+    masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
+    outcome = Outcome.ACCEPTED_PARTIALLY if None in faults else _worst(fault[0] for fault in faults if fault is not None)
+    return Screening(outcome, masked, "; ".join(details))
+
+
+def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
+    """Per axle: slip, its deviation, sinkage, its deviation, contact angle, its deviation."""
+    return zip(
+        observation.slip.tolist(),
+        observation.slip_sd.tolist(),
+        observation.sinkage.tolist(),
+        observation.sinkage_sd.tolist(),
+        observation.contact_angle.tolist(),
+        observation.contact_angle_sd.tolist(),
+        strict=True,
+    )
+
+
+def _wheel_fault(wheel: tuple[float, ...], radius: float, config: CoreConfig) -> tuple[Outcome, str] | None:
+    """Why one wheel cannot be used; None where it can."""
+    slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd = wheel
+    for name, value in (("slip", slip), ("sinkage", sinkage), ("contact angle", angle)):
+        if not math.isfinite(value):
+            return Outcome.NOT_FINITE, f"{name} is {value}"
+    for name, deviation in (("slip", slip_sd), ("sinkage", sinkage_sd), ("contact angle", angle_sd)):
+        if not _is_deviation(deviation):
+            return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
+    if not config.slip_minimum <= slip < config.slip_maximum:
+        return Outcome.OUT_OF_RANGE, f"slip {slip:.3g} is outside {config.slip_minimum:g} to {config.slip_maximum:g}"
+    if 0.0 < sinkage < radius:
+        return None
+    if sinkage >= radius:
+        return Outcome.OUT_OF_RANGE, f"sinkage {sinkage:.3g} m is not below the wheel radius {radius:g} m"
+    explained = "within its noise" if sinkage > -NOISE_BOUND * sinkage_sd else "a sensor error"
+    return Outcome.OUT_OF_RANGE, f"sinkage {sinkage:.3g} m is not above zero, {explained}"
+
+
+def _mask_optional(observation: Observation, changes: dict[str, Floats | float]) -> list[str]:
+    """Mask torque and acceleration that are given but unusable. NaN is a sensor that is not there, and no fault."""
+    details = []
+    torque, acceleration = observation.torque, observation.acceleration
+    if not math.isnan(acceleration) and not (math.isfinite(acceleration) and _is_deviation(observation.acceleration_sd)):
+        changes["acceleration"] = math.nan
+        details.append(f"acceleration {acceleration:g} m/s^2 with standard deviation {observation.acceleration_sd:g}")
+    pairs = zip(torque.tolist(), observation.torque_sd.tolist(), strict=True)
+    faulty = [not math.isnan(value) and not (math.isfinite(value) and _is_deviation(deviation)) for value, deviation in pairs]
+    if any(faulty):
+        changes["torque"] = np.where(faulty, np.nan, changes.get("torque", torque))
+        words = "axle {}: torque {:g} N m with standard deviation {:g}"
+        details += [words.format(axle, torque[axle], observation.torque_sd[axle]) for axle in np.flatnonzero(faulty)]
+    return details
+
+
+def _worst(outcomes: Iterable[Outcome]) -> Outcome:
+    """One outcome for wheels that all failed: the range where any wheel had usable numbers, else the first reason."""
+    all_outcomes = list(outcomes)
+    return Outcome.OUT_OF_RANGE if Outcome.OUT_OF_RANGE in all_outcomes else all_outcomes[0]

@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The screening refuses what no model can take, masks single wheels, and lets noise pass."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.observation import Observation
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.screening import Screening, screen
+
+RADIUS = 0.13
+CONFIG = CoreConfig()
+BAD = [math.nan, math.inf, -math.inf]
+NOT_MEASURED = np.full(3, np.nan)
+
+
+def observe(**changes: Any) -> Observation:
+    """A rover that drives: three axles, all sensors."""
+    good = Observation(
+        stamp_ns=10**9,
+        slip=np.array([0.2, 0.25, 0.3]),
+        slip_sd=np.full(3, 0.01),
+        sinkage=np.array([0.018, 0.019, 0.017]),
+        sinkage_sd=np.full(3, 0.001),
+        contact_angle=np.zeros(3),
+        contact_angle_sd=np.full(3, 0.005),
+        wheel_rate=np.full(3, 1.5),
+        torque=np.full(3, 12.0),
+        torque_sd=np.full(3, 0.4),
+        velocity=0.15,
+        velocity_sd=0.01,
+        pitch=0.05,
+        pitch_sd=0.005,
+        acceleration=0.2,
+        acceleration_sd=0.02,
+    )
+    return dataclasses.replace(good, **changes)
+
+
+def verdict(previous_ns: int | None = None, **changes: Any) -> Screening:
+    return screen(observe(**changes), previous_ns, RADIUS, CONFIG)
+
+
+def at(axle: int, value: float, others: float) -> Any:
+    """Three axles, one of which has its own value."""
+    values = np.full(3, others)
+    values[axle] = value
+    return values
+
+
+def test_a_good_observation_passes_unchanged() -> None:
+    good = observe()
+    result = screen(good, good.stamp_ns - 1, RADIUS, CONFIG)
+    assert result.outcome is Outcome.ACCEPTED
+    assert result.observation is good
+
+
+def test_without_torque_imu_and_wheel_rates_it_is_still_accepted() -> None:
+    bare = verdict(torque=NOT_MEASURED, torque_sd=NOT_MEASURED, wheel_rate=NOT_MEASURED, acceleration=math.nan, acceleration_sd=math.nan)
+    assert bare.outcome is Outcome.ACCEPTED
+
+
+@pytest.mark.parametrize(("previous_ns", "outcome"), [(10**9, Outcome.DUPLICATE), (10**9 + 1, Outcome.TIME_BACKWARDS)])
+def test_a_stamp_that_does_not_increase_is_refused(previous_ns: int, outcome: Outcome) -> None:
+    assert verdict(previous_ns).outcome is outcome
+
+
+@pytest.mark.parametrize("value", BAD)
+@pytest.mark.parametrize("name", ["velocity", "pitch"])
+def test_a_required_value_that_is_not_finite_is_named(name: str, value: float) -> None:
+    result = verdict(**{name: value})
+    assert result.outcome is Outcome.NOT_FINITE
+    assert name in result.detail
+
+
+@pytest.mark.parametrize("value", [*BAD, 0.0, -0.01])
+@pytest.mark.parametrize("name", ["velocity", "pitch"])
+def test_a_bad_deviation_of_a_required_value_is_named(name: str, value: float) -> None:
+    result = verdict(**{f"{name}_sd": value})
+    assert result.outcome is Outcome.BAD_DEVIATION
+    assert name in result.detail
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("slip", value) for value in [*BAD, 1.0, 1.5, -1.1]),
+        *(("sinkage", value) for value in [*BAD, -0.05, 0.0, RADIUS, 1.0]),
+        *(("contact_angle", value) for value in BAD),
+        *(("slip_sd", value) for value in [*BAD, 0.0, -1.0]),
+        *(("sinkage_sd", value) for value in [*BAD, 0.0, -1.0]),
+        *(("contact_angle_sd", value) for value in [*BAD, 0.0, -1.0]),
+    ],
+)
+def test_one_unusable_wheel_is_masked_and_three_are_refused(name: str, value: float) -> None:
+    others = float(getattr(observe(), name)[0])
+    one = verdict(**{name: at(1, value, others)})
+    assert one.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert "axle 1" in one.detail
+    for masked in (one.observation.slip, one.observation.sinkage, one.observation.contact_angle, one.observation.torque):
+        assert np.isnan(masked).tolist() == [False, True, False]
+    refused = verdict(**{name: np.full(3, value)})
+    expected = Outcome.BAD_DEVIATION if name.endswith("_sd") else Outcome.OUT_OF_RANGE if math.isfinite(value) else Outcome.NOT_FINITE
+    assert refused.outcome is expected
+    assert not refused.outcome.used
+
+
+def test_a_sinkage_that_noise_makes_negative_is_told_from_a_sensor_error() -> None:
+    noisy = verdict(sinkage=at(2, -0.0001, 0.018), sinkage_sd=np.full(3, 0.00006))
+    broken = verdict(sinkage=at(2, -0.0003, 0.018), sinkage_sd=np.full(3, 0.00006))
+    assert noisy.outcome is broken.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert "within its noise" in noisy.detail
+    assert "sensor error" in broken.detail
+
+
+def test_the_screening_masks_only_what_no_model_can_take() -> None:
+    """A threshold inside the range would cut the noise on one side only, and bias the mean of what is left."""
+    draw = np.random.default_rng(1)
+    true, sd = 0.00014, 0.00006
+    kept = []
+    for value in true + sd * draw.standard_normal(2000):
+        result = verdict(sinkage=np.array([value, 0.018, 0.018]), sinkage_sd=np.full(3, sd))
+        assert np.isnan(result.observation.sinkage[0]) == (value <= 0.0)
+        kept.append(value > 0.0)
+    assert np.mean(kept) == pytest.approx(0.990, abs=0.01)
+
+
+def test_standing_wheels_are_a_standstill_even_where_slip_is_undefined() -> None:
+    assert verdict(wheel_rate=np.full(3, 0.01), slip=np.full(3, np.nan), velocity=0.0).outcome is Outcome.STANDSTILL
+
+
+def test_a_stuck_rover_with_turning_wheels_does_not_stand() -> None:
+    assert verdict(slip=np.full(3, 0.97), velocity=0.004).outcome is Outcome.ACCEPTED
+
+
+def test_without_wheel_rates_the_velocity_tells_a_standstill() -> None:
+    assert verdict(wheel_rate=NOT_MEASURED, velocity=0.004).outcome is Outcome.STANDSTILL
+    assert verdict(wheel_rate=NOT_MEASURED, velocity=0.025, slip=NOT_MEASURED).outcome is Outcome.STANDSTILL
+    assert verdict(wheel_rate=NOT_MEASURED, velocity=0.025).outcome is Outcome.ACCEPTED
+
+
+def test_an_optional_sensor_that_is_not_finite_is_masked_and_named() -> None:
+    result = verdict(torque=at(0, math.inf, 12.0), acceleration=-math.inf)
+    assert result.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert math.isnan(result.observation.torque[0])
+    assert math.isnan(result.observation.acceleration)
+    assert "torque" in result.detail
+    assert "acceleration" in result.detail
+
+
+def test_the_mean_sd_of_a_bad_optional_deviation_masks_it() -> None:
+    result = verdict(torque_sd=at(2, 0.0, 0.4), acceleration_sd=-1.0)
+    assert np.isnan(result.observation.torque).tolist() == [False, False, True]
+    assert math.isnan(result.observation.acceleration)
