@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -103,7 +104,13 @@ def imu(make: Make, **changes: Any) -> Any:
 
 
 def messages(make: Make = OFFLINE) -> dict[str, Any]:
-    makers = {"wheel_slip": wheel_slip, "wheel_sinkage": wheel_sinkage, "odom": odom, "joint_states": joint_states, "imu": imu}
+    makers: dict[str, Callable[[Make], Any]] = {
+        "wheel_slip": wheel_slip,
+        "wheel_sinkage": wheel_sinkage,
+        "odom": odom,
+        "joint_states": joint_states,
+        "imu": imu,
+    }
     return {name: build(make) for name, build in makers.items()}
 
 
@@ -130,7 +137,7 @@ def test_a_complete_set_becomes_an_observation(make: Make) -> None:
     np.testing.assert_allclose(result.wheel_rate, [1.5, 1.6, 1.7])
     np.testing.assert_allclose(result.torque, [10.0, 12.0, 14.0])
     assert (result.velocity, result.velocity_sd) == (0.17, 0.01)
-    assert (result.pitch, result.pitch_sd) == (pytest.approx(0.05), pytest.approx(0.005))
+    assert (result.pitch, result.pitch_sd) == pytest.approx((0.05, 0.005))
     assert (result.acceleration, result.acceleration_sd) == (0.25, 0.02)
 
 
@@ -274,14 +281,14 @@ def test_sensors_that_are_switched_off_are_not_used() -> None:
     assert np.isnan(result.torque).all()
     assert math.isnan(result.acceleration)
     np.testing.assert_allclose(result.wheel_rate, [1.5, 1.6, 1.7])
-    assert (result.pitch, result.pitch_sd) == (pytest.approx(0.03), pytest.approx(0.02))
+    assert (result.pitch, result.pitch_sd) == pytest.approx((0.03, 0.02))
 
 
 def test_the_pitch_comes_from_odom_where_imu_has_no_orientation() -> None:
     without = imu(OFFLINE, orientation_covariance=covariance(9, _0=-1.0))
     for changes in ({"imu": without}, {"imu": None}):
         result = observed(convert(**changes))
-        assert (result.pitch, result.pitch_sd) == (pytest.approx(0.03), pytest.approx(0.02))
+        assert (result.pitch, result.pitch_sd) == pytest.approx((0.03, 0.02))
 
 
 def test_an_imu_without_acceleration_is_accepted() -> None:

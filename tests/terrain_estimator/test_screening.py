@@ -43,7 +43,7 @@ def observe(**changes: Any) -> Observation:
     return dataclasses.replace(good, **changes)
 
 
-def verdict(previous_ns: int | None = None, **changes: Any) -> Screening:
+def verdict(previous_ns: int | None = None, /, **changes: Any) -> Screening:
     return screen(observe(**changes), previous_ns, RADIUS, CONFIG)
 
 
