@@ -1,0 +1,9 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of every test. What starts processes has its fixtures in tests/system."""
+
+import hypothesis
+
+# The same examples in every run, and no time limit for one example: a busy machine is no failure.
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+hypothesis.settings.load_profile("repeatable")

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures of the tests that start real processes: a ROS domain of their own, a starter, a listener."""
+
+import itertools
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from domain_coordinator import domain_id as reserve_domain_id
+
+from tests.system.listening import Listener
+from tests.system.processes import Starter
+
+# Never the domain of the test before: a killed process haunts its domain for some seconds.
+_candidates = itertools.count(os.getpid() * 17)
+
+
+@pytest.fixture
+def domain_id() -> Iterator[int]:
+    """A ROS domain that no other test uses, not even one of another run on this machine."""
+    with reserve_domain_id(lambda: next(_candidates) % 100 + 1) as reserved:
+        yield reserved
+
+
+@pytest.fixture
+def start(tmp_path: Path, domain_id: int) -> Iterator[Starter]:
+    """start("rover_sim_node", "simulator", "--ros-args", "-p", "seed:=1") returns a Process."""
+    with Starter(tmp_path, domain_id) as starter:
+        yield starter
+
+
+@pytest.fixture
+def listener(domain_id: int) -> Iterator[Listener]:
+    """A node of the test itself, in the same domain as what `start` starts."""
+    with Listener(domain_id) as node:
+        yield node

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Real processes of installed packages: started, watched, signalled, and never left behind."""
+
+import os
+import re
+import signal
+import subprocess
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ament_index_python.packages import get_package_prefix
+
+from tests.system.waiting import wait_until
+
+
+class Process:
+    """One process of a package's executable. Its stdout and stderr go to one file, in the order of writing."""
+
+    def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
+        self.log = log
+        self.name = Path(command[0]).name
+        with log.open("wb") as stream:
+            # A session of its own: a signal meant for the tests does not reach it, and its children can be ended with it.
+            self._process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=environment, start_new_session=True)
+
+    @property
+    def pid(self) -> int:
+        """Process number."""
+        return self._process.pid
+
+    @property
+    def output(self) -> str:
+        """Everything that it has written so far."""
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended yet."""
+        return self._process.poll() is None
+
+    def wait_for_output(self, pattern: str, timeout: float = 20.0) -> re.Match[str]:
+        """Returns the first match of a regular expression in the output; fails at once where the process ends without it."""
+
+        def found() -> re.Match[str] | None:
+            running = self.running
+            match = re.search(pattern, self.output, re.MULTILINE)
+            assert match or running, f"{self.name} ended with {self._process.returncode} without writing {pattern!r}:\n{self.output}"
+            return match
+
+        match = wait_until(found, f"{self.name} writes {pattern!r}", timeout, lambda: f"Its output:\n{self.output}")
+        assert match is not None
+        return match
+
+    def signal(self, number: signal.Signals) -> None:
+        """Sends a signal to the process."""
+        self._process.send_signal(number)
+
+    def wait(self, timeout: float = 20.0) -> int:
+        """Waits for the end; returns the exit code, minus the signal's number where a signal ended it."""
+        try:
+            return self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"{self.name} did not end within {timeout:g} s. Its output:\n{self.output}") from None
+
+    def interrupt(self, timeout: float = 20.0) -> int:
+        """Does what Ctrl-C does; returns the exit code."""
+        self.signal(signal.SIGINT)
+        return self.wait(timeout)
+
+    def terminate(self, timeout: float = 20.0) -> int:
+        """Does what a service manager does; returns the exit code."""
+        self.signal(signal.SIGTERM)
+        return self.wait(timeout)
+
+    def kill(self) -> int:
+        """Ends it without giving it a chance to tidy up, its children too; returns the exit code."""
+        if self.running:
+            os.killpg(self.pid, signal.SIGKILL)
+        return self.wait()
+
+
+class Starter:
+    """Starts executables in one ROS domain; ends what is left of them when the test is over."""
+
+    def __init__(self, folder: Path, domain_id: int) -> None:
+        self.folder = folder
+        self.environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain_id),
+            "ROS_LOG_DIR": str(folder / "ros_log"),
+            "PYTHONUNBUFFERED": "1",
+            "PYTHONWARNINGS": "",
+        }
+        self._processes: list[Process] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        killed = [process for process in self._processes if process.running]
+        for process in killed:
+            process.kill()
+        if any(process.wait() < 0 for process in self._processes):
+            # A killed process leaves its shared-memory files behind.
+            subprocess.run(["fastdds", "shm", "clean"], check=True, capture_output=True)
+
+    def __call__(self, package: str, executable: str, *arguments: str) -> Process:
+        """Starts an executable of an installed package."""
+        return self.command(str(Path(get_package_prefix(package), "lib", package, executable)), *arguments)
+
+    def command(self, program: str, *arguments: str) -> Process:
+        """Starts any program."""
+        log = self.folder / f"{len(self._processes)}_{Path(program).name}.log"
+        process = Process([program, *arguments], log, self.environment)
+        self._processes.append(process)
+        return process
