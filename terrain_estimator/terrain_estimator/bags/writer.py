@@ -17,6 +17,7 @@ from terrain_estimator.bags.definitions import Definition, installed_definition
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.metadata import ROSBAG2_RECORD, Span, TopicCount, dump, information, sync_folder, write_metadata
 from terrain_estimator.bags.qos import Qos, qos_text
+from terrain_estimator.bags.syncing import Syncer
 from terrain_estimator.bags.types import Message, Types
 
 CHUNK_BYTES = 1024 * 1024
@@ -41,12 +42,20 @@ class BagWriter:
         BagError: the folder exists already or cannot be made.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], *, recording: bool = False, custom: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        recording: bool = False,
+        sync_interval_s: float = 1.0,
+        custom: Mapping[str, str] | None = None,
+    ) -> None:
         """Make the folder and start its file.
 
         Args:
             folder: the bag; must not exist.
             recording: survive a kill.
+            sync_interval_s: [s] when recording, what a power cut may cost (time between two fsync).
             custom: goes to ``custom_data`` of metadata.yaml.
         """
         self.folder = Path(folder).absolute()
@@ -64,6 +73,7 @@ class BagWriter:
         if recording:
             self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": dump(self._information())})
             self._file.flush()
+        self._syncer = Syncer(self._file, sync_interval_s) if recording else None
 
     @property
     def topics(self) -> Mapping[str, TopicCount]:
@@ -100,13 +110,17 @@ class BagWriter:
             data: CDR with its encapsulation header.
             log_time_ns: time of reception [ns]; players go by it.
             publish_time_ns: time of publication [ns], by default the time of reception.
+
+        Raises:
+            OSError: the disk is full or broken.
         """
         published = log_time_ns if publish_time_ns is None else publish_time_ns
         self._writer.add_message(topic.channel_id, log_time_ns, data, published, topic.count.count)
         topic.count.count += 1
         self.span.add(log_time_ns)
-        if self._recording:
+        if self._syncer:
             self._file.flush()
+            self._syncer.check()
 
     def write_message(self, topic: Topic, message: Message, log_time_ns: int, publish_time_ns: int | None = None) -> None:
         """Serialise and append a message made by ``types.make``."""
@@ -118,12 +132,6 @@ class BagWriter:
         if self._recording:
             self._file.flush()
 
-    def sync(self) -> None:
-        """Bring what was written to the disk (fsync): a power cut then loses only what came later."""
-        if not self._file.closed:
-            self._file.flush()
-            os.fsync(self._file.fileno())
-
     def close(self) -> None:
         """Finish the file, write metadata.yaml and, when recording, compact.
 
@@ -134,14 +142,21 @@ class BagWriter:
         fields = self._information()
         self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": dump(fields)})
         self._writer.finish()
-        self.sync()
-        self._file.close()
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self.abandon()
         write_metadata(self.folder, fields)
-        if self._recording:
+        if self._recording:  # the bag is whole already
             try:
                 compact(self.path)
             except OSError as error:
                 self.compaction_error = f"{self.path} stays uncompressed: {error}"
+
+    def abandon(self) -> None:
+        """Close the file as it is, without footer and metadata.yaml, as a kill would leave it."""
+        if self._syncer:
+            self._syncer.stop()
+        self._file.close()
 
     def __enter__(self) -> Self:
         """Return the writer itself."""
@@ -152,7 +167,7 @@ class BagWriter:
         if kind is None:
             self.close()
         else:
-            self._file.close()
+            self.abandon()
 
     def _open(self) -> BinaryIO:
         try:

@@ -42,7 +42,7 @@ def killed_recording(folder: Path, steps: int = 20) -> Path:
     """Write a recording and never close it, as kill -9 does; return its file."""
     writer = BagWriter(folder, recording=True)
     fill(writer, steps)
-    writer._file.close()
+    writer.abandon()
     return writer.path
 
 

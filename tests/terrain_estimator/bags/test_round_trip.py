@@ -232,7 +232,7 @@ def test_messages_out_of_order_come_back_by_log_time(tmp_path: Path) -> None:
         for time in times:
             writer.write(topic, data, int(time))
         if recording:
-            writer._file.close()
+            writer.abandon()
         else:
             writer.close()
         with BagReader(folder) as reader:
@@ -289,7 +289,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
         data = writer.types.serialize(writer.types.make(TYPES[SLIP], wheel=["x" * 1000]))
         for step in range(steps):
             writer.write(topic, data, step)
-        writer._file.close()
+        writer.abandon()
         with BagReader(folder) as reader:
             tracemalloc.start()
             count = sum(1 for _ in reader.messages())
