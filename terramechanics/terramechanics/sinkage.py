@@ -16,6 +16,8 @@ SHALLOWEST = 1e-7
 DEEPEST = 0.95
 """[1] Deepest sinkage that is looked for, in wheel radii."""
 Excess = Callable[[Tensor], Tensor]
+FEW = 200
+"""Number of wheels below which it does not pay to treat braked wheels apart."""
 ITERATIONS = 60
 """Bisections of a safeguarded search: more than float64 can tell apart."""
 
@@ -37,12 +39,25 @@ class WheelGround:
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
         """N, T [N] and M [N m] of one wheel, shape [..., 3]."""
-        coefficients = wheel_forces(slip, sinkage, self.constants, self.radius, self.width, self.nodes)
-        return (coefficients[..., :2] * self.strength.unsqueeze(-2)).sum(-1) + coefficients[..., 2]
+        braked = slip < 0.0
+        if slip.numel() < FEW or not bool(braked.any()):
+            return _forces(self, slip, sinkage, self.constants, self.strength)
+        # Braked wheels need twice the nodes: do not let a few of them make all the others pay.
+        constants = self.constants.expand(*slip.shape, 6)
+        strength = self.strength.expand(*slip.shape, 2)
+        forces = slip.new_empty(*slip.shape, 3)
+        for part in (braked, ~braked):
+            forces[part] = _forces(self, slip[part], sinkage[part], constants[part], strength[part])
+        return forces
 
     def rows(self, index: Tensor) -> "WheelGround":
         """The same for some of the episodes."""
         return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes)
+
+
+def _forces(wheel: WheelGround, slip: Tensor, sinkage: Tensor, constants: Tensor, strength: Tensor) -> Tensor:
+    coefficients = wheel_forces(slip, sinkage, constants, wheel.radius, wheel.width, wheel.nodes)
+    return torch.matmul(coefficients[..., :2], strength.unsqueeze(-1)).squeeze(-1) + coefficients[..., 2]
 
 
 def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor) -> Tensor:
@@ -62,10 +77,11 @@ def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor) -> Tenso
         gap = normal[0] - target
         low, high = torch.where(gap < 0.0, depth, low), torch.where(gap < 0.0, high, depth)
         newton = depth - gap * small / (normal[1] - normal[0])
-        inside = (newton > low) & (newton < high)
-        depth = torch.where(inside, newton, (low + high) / 2.0)
-        if bool((gap.abs() < 1e-12).logical_or(high - low < 1e-13).all()):
+        done = (gap.abs() < 1e-12) | (high - low < 1e-13)
+        if bool(done.all()):
             break
+        inside = (newton > low) & (newton < high)
+        depth = torch.where(done, depth, torch.where(inside, newton, (low + high) / 2.0))
     return depth.exp()
 
 
