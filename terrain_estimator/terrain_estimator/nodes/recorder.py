@@ -26,8 +26,8 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from terrain_estimator.bags import BagError, BagWriter, Qos, Topic
 from terrain_estimator.bags.qos import INFINITE_NS
+from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.nodes.parameters import declare
 from terrain_estimator.parameters import ParameterError, parameter
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 
@@ -80,7 +80,6 @@ class Recorder:
         """
         self._node = node
         self._log = node.get_logger()
-        _join_words(node, "topics")
         config = declare(node, RecorderConfig)
         output = config.output or f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
         self._topics = self._resolve(config.topics)
@@ -239,14 +238,6 @@ def _drain(executor: SingleThreadedExecutor, recorder: Recorder) -> None:
         before = recorder.received
         for _ in range(BURST):
             executor.spin_once(timeout_sec=0)
-
-
-def _join_words(node: Node, name: str) -> None:
-    """Turn a parameter given as a list of strings into words separated by spaces."""
-    value = node.get_parameter(name).value if node.has_parameter(name) else None
-    if isinstance(value, list) and all(isinstance(word, str) for word in value):
-        node.undeclare_parameter(name)
-        node.declare_parameter(name, " ".join(value), ignore_override=True)
 
 
 def _offered(publisher: TopicEndpointInfo) -> Qos:
