@@ -5,7 +5,7 @@
 .PHONY: help demo test lint train bench workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
-PYTHON := .venv/bin/python
+VENV_PYTHON := .venv/bin/python
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile
@@ -17,9 +17,9 @@ test: workspace  ## all tests
 	ros2_ws/with python -m pytest $(ARGS)
 
 lint: environment  ## ruff, mypy and the import contract
-	$(PYTHON) -m ruff check
-	$(PYTHON) -m ruff format --check
-	$(PYTHON) -m mypy
+	$(VENV_PYTHON) -m ruff check
+	$(VENV_PYTHON) -m ruff format --check
+	$(VENV_PYTHON) -m mypy
 	PYTHONPATH=$(LIBRARIES) .venv/bin/lint-imports
 
 train: workspace  ## train the tracked model anew

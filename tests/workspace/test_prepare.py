@@ -112,3 +112,15 @@ def test_the_lists_pin_every_package_to_one_version() -> None:
     assert all(pin.count("==") == 1 for pin in pins)
     assert len(set(names)) == len(names)
     assert not {"lark", "launch", "rclpy"} & set(names)
+
+
+def test_make_hands_the_users_interpreter_on() -> None:
+    result = subprocess.run(
+        ["make", "--dry-run", "--print-data-base", "environment"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHON": "mine"},
+    )
+    assert "\nPYTHON = mine\n" in result.stdout
