@@ -18,8 +18,8 @@ NOT_OURS = {".git", ".venv", "build", "install", "log", "out", "__pycache__"}
 def sources() -> Iterator[Path]:
     for folder, names, files in os.walk(ROOT):
         names[:] = [name for name in names if name not in NOT_OURS and not name.endswith(("_cache", ".egg-info"))]
-        if Path(folder) == ROOT:
-            names.remove("bags")  # recordings
+        if Path(folder) == ROOT and "bags" in names:
+            names.remove("bags")  # recordings, where there are any
         for name in sorted(files):
             if Path(name).suffix in SUFFIXES or name in NAMES:
                 yield Path(folder, name).relative_to(ROOT)
