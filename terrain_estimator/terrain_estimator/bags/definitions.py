@@ -47,10 +47,18 @@ def installed_definition(type_name: str) -> Definition:
 
 
 def type_hash(type_name: str, text: str) -> str:
-    """Compute the RIHS01 type hash (REP-2016) of a definition's text."""
+    """Compute the RIHS01 type hash (REP-2016) of a definition's text.
+
+    Raises:
+        BagError: the text is not a valid message definition, or lacks a type that it uses.
+    """
     store = Typestore()
-    store.register(parse(type_name, text))
-    return store.hash_rihs01(type_name)
+    try:
+        store.register(parse(type_name, text))
+        return store.hash_rihs01(type_name)
+    except (TypesysError, KeyError) as error:
+        msg = f"the definition of {type_name} is not complete ({error}): record the bag again, or repair the .msg file"
+        raise BagError(msg) from error
 
 
 def parse(type_name: str, text: str) -> Typesdict:
@@ -62,7 +70,8 @@ def parse(type_name: str, text: str) -> Typesdict:
     try:
         return get_types_from_msg(text, type_name)
     except TypesysError as error:
-        msg = f"the definition of {type_name} does not parse ({error}): record the bag again, or repair the .msg file"
+        reason = " ".join(str(error).split())[:80]
+        msg = f"the definition of {type_name} does not parse ({reason} ...): record the bag again, or repair the .msg file"
         raise BagError(msg) from error
 
 

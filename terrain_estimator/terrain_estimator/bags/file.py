@@ -145,11 +145,9 @@ class McapFile:
         return True
 
     def _read_metadata(self, index: MetadataIndex) -> None:
-        position = self._file.tell()
         record = next(scan(self._file, index.offset, index.offset + index.length), None)
         if record is not None and record.whole and record.opcode == Opcode.METADATA:
             self.metadata.append(parse(Metadata, record.payload))
-        self._file.seek(position)
 
     def _note(self, record: Record) -> None:
         """Take note of a record of the data section: schemas, channels, metadata, counts of messages."""

@@ -150,7 +150,7 @@ class BagReader:
         return [
             f"{self.path}: {name} was recorded with another definition than the installed one; fields may be missing"
             for name, definition in definitions.items()
-            if definition and (installed := _installed_hash(name)) and installed != type_hash(name, definition.text)
+            if definition and (installed := _installed_hash(name)) and installed != _hash(definition)
         ]
 
     def close(self) -> None:
@@ -171,7 +171,11 @@ class BagReader:
         if definition is None:
             msg = f"{self.path}: topic {name} is not CDR with .msg source, it cannot be decoded; convert the bag with `ros2 bag convert`"
             raise BagError(msg)
-        self.types.add(definition)
+        try:
+            self.types.add(definition)
+        except BagError as error:
+            msg = f"{self.path}: topic {name}: {error}"
+            raise BagError(msg) from error
         self._prepared.add(name)
 
     def _unfinished_note(self, file: McapFile) -> str:
@@ -223,7 +227,7 @@ def _merge_topics(files: list[McapFile]) -> dict[str, TopicInfo]:
             counts[channel.topic] += file.counts[channel.id]
             definition = None
             if schema and schema.encoding == SchemaEncoding.ROS2 and channel.message_encoding == MessageEncoding.CDR:
-                definition = Definition(type_name, schema.data.decode(), channel.metadata.get("topic_type_hash", ""))
+                definition = Definition(type_name, schema.data.decode(errors="replace"), channel.metadata.get("topic_type_hash", ""))
             topics[channel.topic] = TopicInfo(
                 channel.topic, type_name, counts[channel.topic], definition, channel.metadata.get("offered_qos_profiles", "")
             )
@@ -247,7 +251,16 @@ def _overlap(files: list[McapFile]) -> bool:
 
 
 def _installed_hash(type_name: str) -> str:
+    """Return the hash of the installed type, empty where it is not installed."""
     try:
         return installed_definition(type_name).type_hash
+    except BagError:
+        return ""
+
+
+def _hash(definition: Definition) -> str:
+    """Return the hash of a definition of the bag, empty where it is damaged."""
+    try:
+        return type_hash(definition.type_name, definition.text)
     except BagError:
         return ""

@@ -62,9 +62,9 @@ def scan(file: BinaryIO, start: int, end: int) -> Iterator[Record]:
 
     Stops at opcode 0 too: after a power cut a file may end in zeros.
     """
-    file.seek(start)
     offset = start
     while offset + HEAD.size <= end:
+        file.seek(offset)  # every time: several scans may share the file
         opcode, length = HEAD.unpack(file.read(HEAD.size))
         if opcode == 0:
             return
@@ -73,7 +73,6 @@ def scan(file: BinaryIO, start: int, end: int) -> Iterator[Record]:
         useful = length if whole else min(room, LARGEST_RECORD) if opcode == Opcode.CHUNK else 0
         yield Record(opcode, file.read(useful), offset, whole)
         offset += HEAD.size + length
-        file.seek(offset)
 
 
 def parse(kind: Parsed[T_co], payload: bytes) -> T_co:

@@ -35,10 +35,14 @@ class Types:
         """Add a type and those that it uses.
 
         Raises:
-            BagError: it does not parse, or another definition of the same name is there already.
+            BagError: it does not parse, lacks a type that it uses, or another definition of the same name is there already.
         """
         try:
             self._store.register(parse(definition.type_name, definition.text))
+            self._store.get_msgdef(definition.type_name)
+        except KeyError as error:
+            msg = f"the definition of {definition.type_name} lacks {error}, which it uses; record the bag again"
+            raise BagError(msg) from error
         except TypesysError as error:
             msg = f"{definition.type_name}: two different definitions in one bag ({error}); record with one version of the messages"
             raise BagError(msg) from error

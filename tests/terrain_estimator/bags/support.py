@@ -47,9 +47,9 @@ def killed_recording(folder: Path, steps: int = 20) -> Path:
 
 
 def records(path: Path) -> list[Record]:
-    """Return all records of a file in order."""
+    """Return all whole records of a file in order."""
     with path.open("rb") as file:
-        return list(scan(file, len(MAGIC), path.stat().st_size - len(MAGIC)))
+        return [record for record in scan(file, len(MAGIC), path.stat().st_size) if record.whole]
 
 
 def corrupt(path: Path, opcode: Opcode, which: int = 0, at: int = 40) -> None:
