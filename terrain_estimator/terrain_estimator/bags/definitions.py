@@ -61,8 +61,9 @@ def type_hash(type_name: str, text: str) -> str:
         raise BagError(msg) from error
 
 
+@cache
 def parse(type_name: str, text: str) -> Typesdict:
-    """Parse a definition's text into the fields of all its types.
+    """Parse a definition's text into the fields of all its types. Kept: a parse takes 10 ms, and a bag asks several times.
 
     Raises:
         BagError: the text is not a valid message definition.
