@@ -33,6 +33,13 @@ class CoreConfig:
         minimum=0.0,
         maximum=1.0,
     )
+    gate_probability: float = parameter(
+        "gate_probability",
+        1e-9,
+        "share of good observations that the gates may reject; 0 switches them off",
+        minimum=0.0,
+        maximum=0.1,
+    )
     slip_minimum: float = parameter("slip_minimum", -1.0, "a wheel with less slip is left out", minimum=-10.0, maximum=0.0)
     slip_maximum: float = parameter("slip_maximum", 1.0, "a wheel with this slip or more is left out", minimum=0.0, maximum=1.0)
 

@@ -113,8 +113,8 @@ def wheel_forces(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float
     stress = torch.stack([mobilised, normal * mobilised, normal * step], dim=-1)
     integral = torch.matmul(torch.stack([sine, cosine, torch.ones_like(sine)], dim=-2), stress)
     constant = torch.stack([integral[..., 1, 2], -integral[..., 0, 2], torch.zeros_like(integral[..., 2, 2])], dim=-1)
-    scale = torch.tensor([1.0, 1.0, radius], dtype=slip.dtype, device=slip.device).unsqueeze(-1) * (radius * width)
-    return torch.cat([integral[..., :2], constant.unsqueeze(-1)], dim=-1) * scale
+    forces = torch.cat([integral[..., :2], constant.unsqueeze(-1)], dim=-1) * (radius * width)
+    return torch.cat([forces[..., :2, :], radius * forces[..., 2:, :]], dim=-2)
 
 
 def wheel_forces_linear_stress(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float) -> Tensor:

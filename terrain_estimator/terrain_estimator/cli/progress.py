@@ -20,19 +20,26 @@ class ProgressReport:
     def __init__(self, title: str) -> None:
         """``title`` stands before the percentage."""
         self._title = title
-        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn("time left"), TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TextColumn("time left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[note]}"),
+        )
         self._bar = Progress(*columns, console=Console(stderr=True), transient=True) if sys.stderr.isatty() else None
-        self._task = self._bar.add_task(title, total=1.0) if self._bar else None
+        self._task = self._bar.add_task(title, total=1.0, note="") if self._bar else None
         self._started_s = self._said_s = time.monotonic()
 
-    def at(self, share: float) -> None:
-        """The job is done to this share, 0 to 1."""
+    def at(self, share: float, note: str = "") -> None:
+        """The job is done to this share, 0 to 1; ``note`` stands behind it."""
         if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, completed=share)
+            self._bar.update(self._task, completed=share, note=note)
         elif time.monotonic() - self._said_s > LINE_PERIOD_S and share > 0.0:
             self._said_s = time.monotonic()
             left_s = (self._said_s - self._started_s) * (1.0 - share) / share
-            sys.stderr.write(f"{self._title}: {share:.0%}, {left_s:.0f} s left\n")
+            sys.stderr.write(f"{self._title}: {share:.0%}, {left_s:.0f} s left {note}".rstrip() + "\n")
 
     def __enter__(self) -> Self:
         """Show the bar."""

@@ -1,0 +1,221 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator: one observation in, one update out. No clock, no logging, no files: stamps decide everything."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import torch
+from scipy.stats import chi2
+
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.model_file import LoadedModel
+from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.packing import pack
+from terrain_estimator.palpaca import State
+from terrain_estimator.screening import Screening, screen
+from terrain_estimator.summary import Beliefs, summarise
+from terrain_estimator.update import Decision, Estimate, Prediction, Update
+
+_NAN = math.nan
+_LONGEST_GAP = 2.5
+"""[steps] A longer time between two observations breaks the link between their velocities."""
+_PATIENCE = 3
+"""Blocks in a row that may contradict the posterior; the next one is believed."""
+
+
+class Estimator:
+    """Recursive estimate of cohesion and friction angle, and prediction of the velocity."""
+
+    def __init__(self, model: LoadedModel, config: CoreConfig) -> None:
+        """Take a checked model and the core's parameters."""
+        self._module = model.module
+        self._rover = model.rover
+        self._rows = model.rows
+        self._config = config
+        self._step_s = model.metadata.step_s
+        self._beliefs = Beliefs.of(model.metadata, config)
+        self._gate = _threshold(config.gate_probability, 1)
+        self._sequence = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the sequence number."""
+        prior = (torch.from_numpy(self._beliefs.prior_mean), torch.from_numpy(self._beliefs.prior_sd))
+        with torch.no_grad():
+            self._state: State = self._module.initial_with_prior(*prior)
+        self._last: Observation | None = None  # the last one that entered
+        self._last_stamp: int | None = None  # the last one that came
+        self._used = 0
+        self._time_used_s = 0.0
+        self._contradictions = 0
+        self._forecast = (_NAN, _NAN)  # of the velocity at the next observation: mean and variance
+        self._estimate = self._summarise()
+
+    def update(self, observation: Observation) -> Update:
+        """Take one observation; never raises for its content, the decision says what was done with it."""
+        observation = self._without_unused(observation)
+        screening = screen(observation, self._last_stamp, self._rover.wheel_radius, self._config)
+        if screening.outcome not in (Outcome.TIME_BACKWARDS, Outcome.DUPLICATE):
+            self._last_stamp = observation.stamp_ns
+        if screening.outcome.used:
+            return self._learn(screening)
+        return self._answer(observation.stamp_ns, Decision(screening.outcome, (), _NAN, _NAN, 0, screening.detail))
+
+    def reject(self, stamp_ns: int, outcome: Outcome, detail: str) -> Update:
+        """Answer for an observation that could not even be formed."""
+        return self._answer(stamp_ns, Decision(outcome, (), _NAN, _NAN, 0, detail))
+
+    def _without_unused(self, observation: Observation) -> Observation:
+        changes: dict[str, Floats | float] = {}
+        if not self._config.use_torque:
+            changes["torque"] = np.full_like(observation.torque, np.nan)
+        if not self._config.use_imu:
+            changes["acceleration"] = math.nan
+        return dataclasses.replace(observation, **changes) if changes else observation  # type: ignore[arg-type]
+
+    def _learn(self, screening: Screening) -> Update:
+        observation = screening.observation
+        step_s, linked = self._link(observation)
+        packed = pack(self._without_inertia(observation, step_s, linked=linked), step_s, linked=linked)
+        with torch.no_grad():
+            state: State = self._module.update(self._state, packed)
+        refusal = self._refuse(observation, state)
+        if refusal is not None:
+            return self._answer(observation.stamp_ns, refusal)
+        closed = state["block"].shape[0] == 0
+        if closed and (refusal := self._refuse_block(state)) is not None:
+            with torch.no_grad():
+                self._state = self._module.discard(self._state)
+            self._last = None
+            return self._answer(observation.stamp_ns, refusal)
+        self._keep(observation, state)
+        if closed or self._used == 1:
+            self._estimate = self._summarise()
+        decision, prediction = self._accepted(screening, state), self._predict(observation, state)
+        return self._answer(observation.stamp_ns, decision, prediction)
+
+    def _link(self, observation: Observation) -> tuple[float, bool]:
+        """Time since the last observation that entered, and whether its velocity carries over."""
+        if self._last is None:
+            return self._step_s, False
+        step_s = (observation.stamp_ns - self._last.stamp_ns) * 1e-9
+        return step_s, step_s <= _LONGEST_GAP * self._step_s
+
+    def _without_inertia(self, observation: Observation, step_s: float, *, linked: bool) -> Observation:
+        """Motor torque less I dw/dt, which is the torque on the ground (Banerjee et al. eq. 6)."""
+        if not linked or self._last is None or self._rover.wheel_inertia == 0.0:
+            return observation
+        change = (observation.wheel_rate - self._last.wheel_rate) * (self._rover.wheel_inertia / step_s)
+        return dataclasses.replace(observation, torque=observation.torque - change)
+
+    def _refuse(self, observation: Observation, state: State) -> Decision | None:
+        """Why the new state must not replace the old one; None where it may."""
+        if not _finite(state):
+            detail = "the posterior became non-finite, the one of before is kept"
+            return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
+        if not bool(state["usable"].any()):
+            return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, "no axle has slip and sinkage in the model's range")
+        innovation, variance = state["innovation"].tolist()
+        distance = innovation**2 / variance
+        if distance > self._gate:
+            detail = f"velocity {observation.velocity:.4g} m/s, expected {observation.velocity - innovation:.4g} m/s"
+            return Decision(Outcome.GATED, (), distance, self._gate, 1, detail)
+        return None
+
+    def _refuse_block(self, state: State) -> Decision | None:
+        """Why the block that this state closed is left out; a contradiction that lasts is believed."""
+        misfit, degrees = state["misfit"].tolist()
+        threshold = _threshold(self._config.gate_probability, int(degrees))
+        if misfit <= threshold or self._contradictions >= _PATIENCE:
+            self._contradictions = 0
+            return None
+        self._contradictions += 1
+        detail = "the last block of observations contradicts the posterior and is left out"
+        return Decision(Outcome.GATED, (), misfit, threshold, int(degrees), detail)
+
+    def _keep(self, observation: Observation, state: State) -> None:
+        if self._last is not None:
+            self._time_used_s += min((observation.stamp_ns - self._last.stamp_ns) * 1e-9, _LONGEST_GAP * self._step_s)
+        self._state, self._last = state, observation
+        self._used += 1
+
+    def _accepted(self, screening: Screening, state: State) -> Decision:
+        usable = state["usable"].tolist()
+        observation, detail = screening.observation, screening.detail
+        measured = np.isfinite(observation.torque).tolist()
+        rows = [f"torque_{k}" for k, (good, known) in enumerate(zip(usable, measured, strict=True)) if good and known]
+        if all(usable):
+            rows = ["velocity", "load", *rows] + (["acceleration"] if math.isfinite(observation.acceleration) else [])
+        elif not detail:
+            detail = f"axles {[k for k, good in enumerate(usable) if not good]} are outside the model's range"
+        outcome = screening.outcome if all(usable) else Outcome.ACCEPTED_PARTIALLY
+        innovation, variance = state["innovation"].tolist()
+        distance = innovation**2 / variance
+        return Decision(outcome, tuple(rows), distance, self._gate, 0 if math.isnan(distance) else 1, detail)
+
+    def _predict(self, observation: Observation, state: State) -> Prediction:
+        with torch.no_grad():
+            velocity, variance = self._module.forecast(state, self._step_s).tolist()
+        innovation, innovation_variance = self._expected(observation)
+        self._forecast = (velocity, variance)
+        return Prediction(
+            valid=True,
+            horizon_s=self._step_s,
+            velocity=velocity,
+            variance=variance + observation.velocity_sd**2,
+            measured=observation.velocity,
+            innovation=innovation,
+            innovation_variance=innovation_variance,
+        )
+
+    def _expected(self, observation: Observation) -> tuple[float, float]:
+        """Innovation of the prediction that the update before published, and its variance."""
+        velocity, variance = self._forecast
+        return observation.velocity - velocity, variance + observation.velocity_sd**2
+
+    def _summarise(self) -> Estimate:
+        with torch.no_grad():
+            values = self._module.estimate(self._state).numpy()
+        self._condition = _condition(values[1:])
+        return summarise(values[0], values[1:], self._beliefs, self._used, self._time_used_s)
+
+    def _answer(self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None) -> Update:
+        if prediction is None:
+            self._forecast = (_NAN, _NAN)
+        estimate = dataclasses.replace(self._estimate, observations_used=self._used, time_used_s=self._time_used_s)
+        update = Update(
+            stamp_ns=stamp_ns,
+            sequence=self._sequence,
+            estimate=estimate,
+            prediction=prediction or _NOTHING_PREDICTED,
+            decision=decision,
+            condition_number=self._condition,
+        )
+        self._sequence += 1
+        return update
+
+
+_NOTHING_PREDICTED = Prediction(
+    valid=False, horizon_s=_NAN, velocity=_NAN, variance=_NAN, measured=_NAN, innovation=_NAN, innovation_variance=_NAN
+)
+
+
+def _condition(covariance: Floats) -> float:
+    """Condition number of the 2 x 2 covariance scaled to unit diagonal, from its correlation."""
+    correlation = abs(covariance[0, 1]) / math.sqrt(covariance[0, 0] * covariance[1, 1])
+    return float((1.0 + correlation) / max(1.0 - correlation, np.finfo(np.float64).eps))
+
+
+def _finite(state: State) -> bool:
+    """Whether every number that is ever published from the state is finite."""
+    return math.isfinite(float(torch.cat([state[name].flatten() for name in ("expected", "covariance", "velocity", "drive")]).sum()))
+
+
+@functools.lru_cache
+def _threshold(probability: float, degrees: int) -> float:
+    """chi-square threshold that good data exceed with this probability; infinite where the gate is off."""
+    return float(chi2.isf(probability, degrees)) if probability > 0.0 else math.inf

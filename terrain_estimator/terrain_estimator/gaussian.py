@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Gaussians in information form, batched over hypotheses; every function can be scripted.
+
+``mean`` [H, D] and ``precision`` [H, D, D] describe H Gaussians. Nothing is ever inverted: Cholesky throughout.
+"""
+
+import torch
+from torch import Tensor
+
+
+def symmetrize(matrix: Tensor) -> Tensor:
+    """The symmetric part of [..., D, D]."""
+    return 0.5 * (matrix + matrix.transpose(-1, -2))
+
+
+def cholesky(matrix: Tensor) -> Tensor:
+    """Lower Cholesky factor of [..., D, D]; where rounding made it indefinite, 1e-12 to 1e-6 of its diagonal is added.
+
+    A matrix that is not finite, or stays indefinite, gives NaN: scripted code has no exceptions to offer, so callers
+    check their result with ``isfinite``.
+    """
+    factor, failed = torch.linalg.cholesky_ex(matrix)
+    jitter = 1e-12
+    while bool(failed.any()) and jitter < 1e-5:
+        lifted = matrix + torch.diag_embed(jitter * torch.abs(torch.diagonal(matrix, dim1=-2, dim2=-1)))
+        factor, failed = torch.linalg.cholesky_ex(lifted)
+        jitter *= 100.0
+    if bool(failed.any()):
+        return torch.full_like(matrix, float("nan"))
+    return factor
+
+
+def log_determinant(factor: Tensor) -> Tensor:
+    """log det of L L' from its Cholesky factor [..., D, D]."""
+    return 2.0 * torch.log(torch.diagonal(factor, dim1=-2, dim2=-1)).sum(-1)
+
+
+def project(mean: Tensor, precision: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+    """Means [H, K] and covariances [H, K, K] of K linear functions ``directions`` [K, D] of the parameters."""
+    columns = directions.T.expand(mean.shape[0], -1, -1)
+    covariance = directions @ torch.cholesky_solve(columns, cholesky(precision))
+    return mean @ directions.T, symmetrize(covariance)
+
+
+def mixture(log_weight: Tensor, mean: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean [K] and covariance [K, K] of the mixture with weights softmax(log_weight [H])."""
+    weight = torch.softmax(log_weight, 0)
+    centre = weight @ mean
+    spread = mean - centre
+    return centre, (weight.view(-1, 1, 1) * covariance).sum(0) + spread.T @ (weight.unsqueeze(-1) * spread)
+
+
+def drop(mean: Tensor, precision: Tensor, index: int) -> tuple[Tensor, Tensor]:
+    """Marginalise parameter ``index`` out (Schur complement); returns [H, D - 1] and [H, D - 1, D - 1]."""
+    size = mean.shape[-1]
+    keep = torch.cat([torch.arange(index), torch.arange(index + 1, size)])
+    cross = precision[:, keep, index]
+    rest = precision[:, keep][:, :, keep]
+    pivot = precision[:, index, index].view(-1, 1, 1)
+    return mean[:, keep], rest - cross.unsqueeze(-1) * cross.unsqueeze(-2) / pivot

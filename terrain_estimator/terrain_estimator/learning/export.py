@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Exports a trained model as TorchScript with its metadata, and checks that the file gives the same numbers."""
+
+import warnings
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.learning.training import PRIOR
+from terrain_estimator.model_file import FORMAT, Metadata, ModelFileError, Training, fingerprint, load_model, write_metadata
+from terrain_estimator.packing import AXLE_FIELDS, SCALAR_FIELDS
+from terrain_estimator.palpaca import BLOCK, PAlpaca
+from terrain_estimator.rows import row_names
+from terramechanics.rover import Rover
+from terramechanics.simulation import TIME_STEP
+from terramechanics.soil import Soil
+
+VERSION = "1"
+"""Of the model's structure and training, part of the model's id."""
+
+
+def export(model: PAlpaca, rover: Rover, soil: Soil, training: Training, path: Path) -> Metadata:
+    """Write ``path`` (.pt) and the .json beside it; returns the metadata."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"`torch.jit.\w+` is deprecated", DeprecationWarning)
+        torch.jit.save(torch.jit.script(model.eval()), str(path))
+    sha256, size = fingerprint(path)
+    weights = tuple(f"net_{index}" for index in range(model.net.columns))
+    metadata = Metadata(
+        format=FORMAT,
+        model_id=f"{rover.name}-{soil.name}-{VERSION}",
+        sha256=sha256,
+        size=size,
+        observation_axle_fields=AXLE_FIELDS,
+        observation_scalar_fields=SCALAR_FIELDS,
+        rows=row_names(model.axles),
+        parameters=("cohesion_kpa", "tan_phi", *weights, "acceleration_bias", "velocity"),
+        block=BLOCK,
+        step_s=TIME_STEP,
+        prior_mean=(PRIOR.cohesion_pa, PRIOR.tan_phi),
+        prior_sd=(PRIOR.cohesion_sd_pa, PRIOR.tan_phi_sd),
+        rover=rover,
+        soil=soil,
+        training=training,
+    )
+    write_metadata(path.with_suffix(".json"), metadata)
+    return metadata
+
+
+def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:
+    """The exported file gives the Python model's numbers for packed ``observations`` [n, 8 A + 8].
+
+    Raises ModelFileError with the largest difference where it does not.
+    """
+    loaded = load_model(str(path))
+    with torch.no_grad():
+        here, there = model.initial(), loaded.module.initial()
+        for observation in observations:
+            here, there = model.update(here, observation), loaded.module.update(there, observation)
+        difference = float(torch.max(torch.abs(model.estimate(here) - loaded.module.estimate(there)) / torch.abs(model.estimate(here))))
+    if not difference < 1e-9:
+        raise ModelFileError(f"{path}: differs from the trained model by {difference:g} of its estimate")

@@ -1,0 +1,40 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The meta-learnt features Phi_net: a small network from one observation to columns of the regression rows."""
+
+import torch
+from torch import Tensor, nn
+
+
+class NetFeatures(nn.Module):
+    """tanh network from slip, sinkage, contact angles and pitch to ``width`` columns in every row.
+
+    The rows are those of ``terrain_estimator.rows``; the imu row sees the columns of the velocity row, because both
+    are the same force. Columns come out in units of ``row_scale`` [A + 2], the size that an effect may have there.
+    """
+
+    input_scale: Tensor
+    row_scale: Tensor
+
+    def __init__(self, axles: int, columns: int, hidden: int, sinkage_scale: float, row_scale: Tensor) -> None:
+        """``sinkage_scale`` [m] makes the sinkage of order one; ``row_scale`` [A + 2] in the units of the rows."""
+        super().__init__()
+        self.columns = columns
+        self.rows = axles + 2
+        scale = torch.cat([torch.full((axles,), 0.3), torch.full((axles,), sinkage_scale), torch.full((axles + 1,), 0.1)])
+        self.register_buffer("input_scale", scale.to(torch.float64))
+        self.register_buffer("row_scale", row_scale)
+        self.layers = nn.Sequential(
+            nn.Linear(3 * axles + 1, hidden, dtype=torch.float64),
+            nn.Tanh(),
+            nn.Linear(hidden, hidden, dtype=torch.float64),
+            nn.Tanh(),
+            nn.Linear(hidden, self.rows * columns, dtype=torch.float64),
+        )
+
+    def forward(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:
+        """Inputs [..., A] and pitch [..., 1]; returns [..., A + 3, columns]: velocity, load, torques, acceleration."""
+        x = torch.cat([slip, sinkage, angle, pitch], dim=-1) / self.input_scale
+        out = self.layers(x)
+        columns = out.unflatten(-1, [self.rows, self.columns]) * self.row_scale.unsqueeze(-1)
+        return torch.cat([columns, columns[..., :1, :]], dim=-2)

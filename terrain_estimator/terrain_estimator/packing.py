@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""One observation as one flat tensor: what the exported model takes.
+
+With A axles the layout is eight groups of A values, then eight scalars, all SI and float64, NaN for "not measured".
+One tensor instead of sixteen keeps the call of the exported model cheap, and its layout is part of the model file.
+"""
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.observation import Observation
+
+AXLE_FIELDS = (
+    "slip",
+    "slip_sd",
+    "sinkage",
+    "sinkage_sd",
+    "contact_angle",
+    "contact_angle_sd",
+    "torque",
+    "torque_sd",
+)
+"""Groups of one value per axle, front to rear; units as in Observation."""
+
+SCALAR_FIELDS = (
+    "velocity",
+    "velocity_sd",
+    "pitch",
+    "pitch_sd",
+    "acceleration",
+    "acceleration_sd",
+    "step",
+    "linked",
+)
+"""``step`` [s]: time since the observation before. ``linked``: 1 where that one was used and the step is short."""
+
+
+def packed_size(axles: int) -> int:
+    """Length of the packed observation."""
+    return len(AXLE_FIELDS) * axles + len(SCALAR_FIELDS)
+
+
+def pack(observation: Observation, step_s: float, *, linked: bool) -> Tensor:
+    """The observation as a float64 tensor of shape [packed_size(axles)].
+
+    ``observation.torque`` has to be free of the wheel's own inertia already (see rows of MODEL: M_k).
+    """
+    values = [value for name in AXLE_FIELDS for value in getattr(observation, name).tolist()]
+    values += (
+        observation.velocity,
+        observation.velocity_sd,
+        observation.pitch,
+        observation.pitch_sd,
+        observation.acceleration,
+        observation.acceleration_sd,
+        step_s,
+        1.0 if linked else 0.0,
+    )
+    return torch.tensor(values, dtype=torch.float64)

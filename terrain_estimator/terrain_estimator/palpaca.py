@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""P-ALPaCA as one TorchScript module: features, rows, noise, prior and the recursive posterior.
+
+Parameters k = [c (kPa), tan phi, net weights, acceleration bias, velocity]; the rows are affine in k,
+
+    y = [Phi_nom Phi_net] k + phi_nom + eps                                   (Banerjee et al. eq. 19)
+
+with k ~ N(mean, precision^-1) in information form (eqs. 20 and 21). Two things differ from the paper, both because
+its recursion is biased by noise in the regressors (slip and sinkage are measured to 5 %):
+
+- Ten observations make a block, whose rows are their averages. The velocity is part of k and carried through the
+  block by a row of its own, so that no noisy velocity is ever differenced.
+- A block's posterior minimises r' S(theta)^-1 r with S moving with theta: orthogonal distance regression (Boggs, Byrd
+  and Schnabel 1987), a few Gauss-Newton steps a block.
+
+As that sum is not convex far from its minimum, a small bank of posteriors starts from a grid over the prior (a
+Gaussian sum: Alspach and Sorenson 1972). All run as one batch, and the published posterior is their mixture. Between
+blocks each observation moves a scalar Kalman filter of the velocity, driven by the force that the posterior predicts.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.block import LINK_VARIANCE, Posterior, block_rows, fixed_columns, solve_block
+from terrain_estimator.gaussian import drop, mixture, project
+from terrain_estimator.net import NetFeatures
+from terrain_estimator.rows import PA_PER_UNIT, Contact, drive_row, regression_rows, usable_wheels
+from terramechanics.contact import quadrature
+
+OPEN = 1e-2
+"""[(m/s)^-2] Precision of a velocity that nothing is known of."""
+BLOCK = 10
+"""Observations in a block: one second at 10 Hz."""
+
+
+class Body(NamedTuple):
+    """What the rows need of a rover."""
+
+    axles: int
+    wheels_per_axle: int
+    mass_kg: float
+    gravity: float  # [m/s^2]
+    radius_m: float
+    width_m: float
+
+
+class Prior(NamedTuple):
+    """Means and standard deviations before anything was measured."""
+
+    cohesion_pa: float
+    cohesion_sd_pa: float
+    tan_phi: float
+    tan_phi_sd: float
+    acceleration_bias_sd: float  # [m/s^2] of the imu
+
+
+State = dict[str, Tensor]
+"""All that the model remembers, of constant size but for the n < 10 observations of the open block:
+
+- ``mean`` [H, D], ``precision`` [H, D, D], ``log_weight`` [H]: the bank at the start of the open block
+- ``block`` [n, 8 A + 8]: packed observations
+- ``expected`` [D], ``covariance`` [D, D]: of the bank's mixture
+- ``velocity`` [2]: mean [m/s] and variance, now
+- ``drive`` [3]: last acceleration [m/s^2], variance of the noise of its features, mean square change a step
+- ``innovation`` [2]: measured minus predicted velocity, and its variance; NaN where there was none
+- ``usable`` [A] bool: axles of the last observation that are measured and in the model's range
+- ``misfit`` [2]: squared Mahalanobis distance of the last block, and its degrees of freedom; NaN where there was none
+"""
+
+
+class PAlpaca(nn.Module):
+    """The model behind ``initial``, ``update`` and ``predict`` on a state of tensors.
+
+    Scripted and saved, it needs nothing but torch. All tensors are float64; an observation is the flat tensor of
+    ``terrain_estimator.packing``. Nothing raises on numbers: a caller checks that the state is finite and keeps the one
+    of before where it is not.
+    """
+
+    offsets: Tensor
+    offset_log_weight: Tensor
+    offset_spread: Tensor
+    other_precision: Tensor
+    stand_in: Tensor
+    constants: Tensor
+    nodes: Tensor
+    prior_mean: Tensor
+    prior_sd: Tensor
+    net_precision: Tensor
+    body_scale: Tensor
+    fixed_columns: Tensor
+    longest_step: Tensor
+    unit: Tensor
+    column_unit: Tensor
+
+    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
+        """``constants`` [6] are the soil's, in the order of terramechanics.contact.CONSTANTS."""
+        super().__init__()
+        self.axles, self.gravity, self.radius, self.width = body.axles, body.gravity, body.radius_m, body.width_m
+        self.size = 2 + net.columns + 2
+        self.open_precision, self.link_variance, self.block_size = OPEN, LINK_VARIANCE, BLOCK
+        self.net = net
+        prior_mean = [prior.cohesion_pa, prior.tan_phi]
+        prior_sd = [prior.cohesion_sd_pa, prior.tan_phi_sd]
+        scale = [[body.wheels_per_axle / body.mass_kg], [body.wheels_per_axle / (body.mass_kg * body.gravity)]]
+        # Buffers, not literals in the methods: TorchScript rounds the numbers of torch.tensor([...]) to float32.
+        place, weight = torch.tensor([-1.2, 0.0, 1.2], dtype=torch.float64), torch.tensor([0.2, 0.6, 0.2], dtype=torch.float64)
+        self.register_buffer("offsets", torch.cartesian_prod(place, place))
+        self.register_buffer("offset_log_weight", torch.cartesian_prod(weight, weight).log().sum(1))
+        # with this spread, mean and variance of the mixture are exactly those of the prior
+        self.register_buffer("offset_spread", (1.0 - (weight * place**2).sum()).sqrt())
+        self.register_buffer("other_precision", torch.tensor([prior.acceleration_bias_sd**-2, OPEN], dtype=torch.float64))
+        wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
+        self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
+        self.register_buffer("constants", constants)
+        self.register_buffer("nodes", quadrature())
+        self.register_buffer("prior_mean", torch.tensor(prior_mean, dtype=torch.float64))
+        self.register_buffer("prior_sd", torch.tensor(prior_sd, dtype=torch.float64))
+        self.register_buffer("net_precision", torch.ones(net.columns, dtype=torch.float64))
+        self.register_buffer("body_scale", torch.tensor(scale, dtype=torch.float64))
+        self.register_buffer("fixed_columns", fixed_columns(body.axles + 3))
+        self.register_buffer("longest_step", torch.tensor([1.0, 0.25], dtype=torch.float64))
+        self.register_buffer("unit", torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64))
+        self.register_buffer("column_unit", torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64))
+
+    def forward(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
+        """The same as ``update``."""
+        return self.update(state, observation)
+
+    @torch.jit.export
+    def initial(self) -> dict[str, Tensor]:
+        """The state before the first observation, with the model's own prior."""
+        return self.initial_with_prior(self.prior_mean, self.prior_sd)
+
+    @torch.jit.export
+    def initial_with_prior(self, mean: Tensor, sd: Tensor) -> dict[str, Tensor]:
+        """The same with a user's prior: ``mean`` [2] and ``sd`` [2] of (c [Pa], tan phi)."""
+        start = torch.zeros(self.offsets.shape[0], self.size, dtype=torch.float64)
+        start[:, :2] = (mean + self.offsets * sd) / self.unit
+        theta_precision = (self.offset_spread * sd / self.unit) ** -2.0
+        precision = torch.diag(torch.cat([theta_precision, self.net_precision, self.other_precision]))
+        nothing = torch.full((2,), float("nan"), dtype=torch.float64)
+        state = {
+            "block": torch.zeros(0, 8 * self.axles + 8, dtype=torch.float64),
+            "velocity": torch.stack([start[0, -1], 1.0 / self.other_precision[1]]),
+            "drive": torch.zeros(3, dtype=torch.float64),
+            "innovation": nothing,
+            "usable": torch.zeros(self.axles, dtype=torch.bool),
+            "misfit": nothing,
+        }
+        return self.commit(state, Posterior(start, precision.expand(start.shape[0], -1, -1), self.offset_log_weight))
+
+    @torch.jit.export
+    def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
+        """Take one packed observation [8 A + 8] into the state; every tenth closes a block and moves the posterior."""
+        measured = observation[8 * self.axles :]
+        usable = usable_wheels(observation[: 8 * self.axles].view(1, 8, self.axles), self.contact())[0]
+        linked = bool((measured[7] > 0.0) & (state["velocity"][1] * self.open_precision < 0.5) & usable.all())
+        if linked:
+            state = self.track(state, observation)
+        else:
+            state = self.unlink(self.close(state) if state["block"].shape[0] > 0 else state, measured[0], measured[1] ** 2)
+            observation = torch.cat([observation[:-2], torch.zeros_like(observation[:2])])  # it covers no time
+        state["usable"] = usable
+        state["block"] = torch.cat([state["block"], observation.unsqueeze(0)])
+        return self.close(state) if state["block"].shape[0] == self.block_size else state
+
+    @torch.jit.export
+    def discard(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Drop the open block: the posterior stays as it was before it, the velocity is opened."""
+        state = self.unlink(state, state["velocity"][0], 1.0 / self.other_precision[1])
+        state["block"] = state["block"][:0]
+        return state
+
+    @torch.jit.export
+    def predict(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
+        """Posterior predictive of the velocity that ``observation`` measures: mean [m/s] and variance, shape [2]."""
+        predicted = self.foresee(state, observation)
+        return torch.stack([predicted[0], predicted[1] + observation[8 * self.axles + 1] ** 2])
+
+    @torch.jit.export
+    def forecast(self, state: dict[str, Tensor], horizon_s: float) -> Tensor:
+        """The true velocity ``horizon_s`` after the last observation if slip persists: mean [m/s] and variance, shape [2]."""
+        velocity, drive = state["velocity"], state["drive"]
+        return torch.stack([velocity[0] + horizon_s * drive[0], velocity[1] + horizon_s**2 * (drive[1] + drive[2])])
+
+    @torch.jit.export
+    def estimate(self, state: dict[str, Tensor]) -> Tensor:
+        """Marginal posterior of (c, tan phi) as [3, 2]: the mean [Pa, 1], then the rows of the covariance."""
+        covariance = state["covariance"][:2, :2] * self.unit * self.unit.unsqueeze(-1)
+        return torch.cat([(state["expected"][:2] * self.unit).unsqueeze(0), covariance])
+
+    def contact(self) -> Contact:
+        """The physics that the rows need."""
+        return Contact(self.constants, self.nodes, self.column_unit, self.body_scale, self.stand_in, self.gravity, self.radius, self.width)
+
+    def learnt(self, packed: Tensor) -> Tensor:
+        """Net features [n, R, net] of packed observations [n, 8 A + 8]."""
+        a = self.axles
+        wheels = packed[:, : 8 * a].view(-1, 8, a)
+        return self.net(wheels[:, 0], wheels[:, 2], wheels[:, 4], packed[:, 8 * a + 2 : 8 * a + 3])
+
+    def foresee(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
+        """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration [3]."""
+        a = self.axles
+        packed = observation.unsqueeze(0)
+        row = drive_row(packed[:, : 8 * a].view(1, 8, a), self.contact())[0]
+        direction = torch.cat([row[:2], self.learnt(packed)[0, 0]])
+        known = direction.shape[0]
+        acceleration = torch.dot(direction, state["expected"][:known]) + row[2] - self.gravity * torch.sin(observation[8 * a + 2])
+        step = observation[8 * a + 6]
+        spread = torch.dot(direction, torch.mv(state["covariance"][:known, :known], direction)) + state["drive"][1]
+        velocity = state["velocity"]
+        return torch.stack([velocity[0] + step * acceleration, velocity[1] + step**2 * spread, acceleration])
+
+    def track(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
+        """Kalman step of the velocity."""
+        mean, variance, acceleration = self.foresee(state, observation).unbind(0)
+        noise = observation[8 * self.axles + 1] ** 2
+        innovation, total = observation[8 * self.axles] - mean, variance + noise
+        drive = state["drive"]
+        change = 0.95 * drive[2] + 0.05 * (acceleration - drive[0]) ** 2
+        state = state.copy()
+        state["velocity"] = torch.stack([mean + variance / total * innovation, variance / total * noise])
+        state["drive"] = torch.stack([acceleration, drive[1], change])
+        state["innovation"] = torch.stack([innovation, total])
+        return state
+
+    def commit(self, state: dict[str, Tensor], posterior: Posterior) -> dict[str, Tensor]:
+        """The state with another bank, and its mixture."""
+        directions = torch.eye(self.size, dtype=torch.float64)
+        mean, covariance = project(posterior.mean, posterior.precision, directions)
+        state = state.copy()
+        state["mean"], state["precision"], state["log_weight"] = posterior.mean, posterior.precision, posterior.log_weight
+        state["expected"], state["covariance"] = mixture(posterior.log_weight, mean, covariance)
+        return state
+
+    def close(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Solve the open block and commit it; of its two velocities the newest goes on."""
+        packed = state["block"]
+        measured = packed[:, 8 * self.axles :]
+        rows = regression_rows(packed, self.contact())
+        velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
+        columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0)  # needs every wheel
+        step = measured[:, 6] * rows.used[:, 0]
+        averaged = block_rows(rows, columns, step, velocity, self.fixed_columns, self.link_variance)
+        before = Posterior(state["mean"], state["precision"], state["log_weight"])
+        solution = solve_block(before, averaged, self.longest_step)
+        best = solution.posterior
+        mean, precision = drop(best.mean, best.precision, self.size - 1)
+        state = self.commit(state, Posterior(mean, precision, best.log_weight))
+        expected = state["expected"]
+        noise = rows.noise[:, 0] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
+        state["velocity"] = torch.stack([expected[-1], state["covariance"][-1, -1]])
+        state["drive"] = torch.stack([state["drive"][0], noise.square().sum(1).mean(), state["drive"][2]])
+        state["misfit"] = torch.stack([torch.dot(torch.softmax(best.log_weight, 0), solution.misfit), averaged.present.sum() - 1.0])
+        state["block"] = packed[:0]
+        return state
+
+    def unlink(self, state: dict[str, Tensor], velocity: Tensor, variance: Tensor) -> dict[str, Tensor]:
+        """Open the velocity again: what was known of it says nothing about the one that ``velocity`` measures."""
+        mean, precision = drop(state["mean"], state["precision"], self.size - 1)
+        opened = nn.functional.pad(precision, [0, 1, 0, 1])
+        opened[:, -1, -1] = self.open_precision
+        state = state.copy()
+        state["mean"] = torch.cat([mean, velocity.expand(mean.shape[0], 1)], 1)
+        state["precision"] = opened
+        state["velocity"] = torch.stack([velocity, variance])
+        state["innovation"] = torch.full_like(state["innovation"], float("nan"))
+        return state

@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the posterior says about the ground: intervals, and whether the data or the prior set them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.model_file import Metadata
+from terrain_estimator.observation import Floats
+from terrain_estimator.update import Estimate
+
+HALF_WIDTH_95 = 1.959963984540054
+"""[standard deviations] half width of the 95 % interval of a Gaussian."""
+IDENTIFIED_VARIANCE = 0.1
+"""[1] A parameter counts as identified when the data left this share of its prior variance, or less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beliefs:
+    """The prior of (c [Pa], tan phi), each of shape [2]: the user's where given, else the model's."""
+
+    prior_mean: Floats
+    prior_sd: Floats
+
+    @classmethod
+    def of(cls, metadata: Metadata, config: CoreConfig) -> "Beliefs":
+        """Site knowledge of the configuration over the model's own prior, for each parameter."""
+        given_mean = (config.prior_cohesion_mean_pa, config.prior_tan_phi_mean)
+        given_sd = (config.prior_cohesion_sd_pa, config.prior_tan_phi_sd)
+        mean = np.where(np.array(given_sd) > 0.0, given_mean, metadata.prior_mean)
+        sd = np.where(np.array(given_sd) > 0.0, given_sd, metadata.prior_sd)
+        return cls(mean.astype(np.float64), sd.astype(np.float64))
+
+
+def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, observations_used: int, time_used_s: float) -> Estimate:
+    """The record of a marginal posterior: ``mean`` [2] and ``covariance`` [2, 2] of (c [Pa], tan phi)."""
+    sd = np.sqrt(np.diagonal(covariance))
+    below = [0.5 * math.erfc(m / (s * math.sqrt(2.0))) for m, s in zip(mean.tolist(), sd.tolist(), strict=True)]
+    cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
+    return Estimate(
+        mean=mean,
+        covariance=covariance,
+        lower_95=np.maximum(mean - HALF_WIDTH_95 * sd, 0.0),
+        upper_95=np.maximum(mean + HALF_WIDTH_95 * sd, 0.0),
+        identified=(cohesion_known, friction_known),
+        mass_below_zero=min(sum(below), 1.0),
+        change_probability=math.nan,
+        effects=(),
+        observations_used=observations_used,
+        time_used_s=time_used_s,
+    )
