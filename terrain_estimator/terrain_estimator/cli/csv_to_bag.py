@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""csv_to_bag DATA.csv --mapping MAP.yaml --out BAG: a run that did not come from our simulator, as the estimator's input.
+
+Exit codes: 0 done; 2 wrong arguments, mapping or data. See docs/bring_your_own_data.md.
+"""
+
+import argparse
+import hashlib
+import sys
+from collections import deque
+from pathlib import Path
+
+from terrain_estimator.bags import BagError, BagWriter
+from terrain_estimator.csv_import.mapping import Mapping, Noise, read_mapping
+from terrain_estimator.csv_import.messages import SampleWriter
+from terrain_estimator.csv_import.samples import CsvError, read_samples
+from terrain_estimator.csv_import.units import factor
+from terramechanics.loading import ConfigError
+
+WRONG = 2
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Convert the file that the command line names; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        mapping = read_mapping(options.mapping)
+        rows, hints = convert(options.data, mapping, options.mapping.read_text(encoding="utf-8"), options.out)
+    except (ConfigError, CsvError, BagError) as error:
+        print(f"csv_to_bag: {error}", file=sys.stderr)
+        return WRONG
+    print(f"{options.out}: {rows} rows of {options.data}")
+    for hint in hints:
+        print(f"note: {hint}")
+    return 0
+
+
+def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple[int, list[str]]:
+    """Write a bag from a CSV file; return the number of rows, and what the user should know.
+
+    Raises:
+        CsvError: the file is wrong; no bag is left behind then.
+        BagError: the bag exists already or cannot be written.
+    """
+    deque(read_samples(data, mapping), maxlen=0)  # all rows are checked before the bag is begun
+    with BagWriter(out) as writer:
+        with data.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        writer.add_metadata("csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text})
+        rows = SampleWriter(writer, mapping).write_all(read_samples(data, mapping))
+    return rows, _hints(mapping)
+
+
+def _hints(mapping: Mapping) -> list[str]:
+    hints = []
+    absent = [signal for signal in ("slip", "sinkage", "velocity", "torque", "acceleration") if not mapping.measures(signal)]
+    if absent:
+        hints.append(f"not in the data: {', '.join(absent)}; the status of the estimates will say what that costs")
+    if not mapping.measures("pitch") and not mapping.constant_pitch.unit:
+        hints.append("no pitch: give a column, or constant_pitch if the ground was level; without it every observation is refused")
+    if not mapping.measures("contact_angle") and not mapping.constant_contact_angle.unit:
+        hints.append("no contact_angle: give columns, or constant_contact_angle if the ground was even; without it no wheel is used")
+    if mapping.measures("torque") and mapping.torque.noise != Noise():
+        relative, absolute = mapping.torque.noise.relative, mapping.torque.noise.absolute * factor("torque", mapping.torque.unit)
+        options = f"-p torque_noise.relative:={relative:g} -p torque_noise.absolute:={absolute:g}"
+        hints.append(f"joint_states carries no noise; give the torque's to replay: {options}")
+    return hints
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="csv_to_bag", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, metavar="DATA.csv", help="one row a sample, the first row names the columns")
+    parser.add_argument("--mapping", type=Path, required=True, metavar="MAP.yaml", help="what the columns mean")
+    parser.add_argument("--out", type=Path, required=True, metavar="BAG", help="folder of the bag, must not exist")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
