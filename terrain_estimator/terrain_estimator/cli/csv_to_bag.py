@@ -12,10 +12,10 @@ from collections import deque
 from pathlib import Path
 
 from terrain_estimator.bags import BagError, BagWriter
-from terrain_estimator.csv_import.mapping import Mapping, Noise, read_mapping
-from terrain_estimator.csv_import.messages import SampleWriter
-from terrain_estimator.csv_import.samples import CsvError, read_samples
-from terrain_estimator.csv_import.units import factor
+from terrain_estimator.cli.csv_import.mapping import Mapping, Noise, read_mapping
+from terrain_estimator.cli.csv_import.messages import SampleWriter
+from terrain_estimator.cli.csv_import.samples import CsvError, read_samples
+from terrain_estimator.cli.csv_import.units import factor
 from terramechanics.loading import ConfigError
 
 WRONG = 2

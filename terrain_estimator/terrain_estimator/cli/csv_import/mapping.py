@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from terrain_estimator.csv_import.units import factor
+from terrain_estimator.cli.csv_import.units import factor
 from terramechanics.loading import ConfigError, load, number
 
 SLIP_DEFINITIONS = ("one_minus_v_over_rw", "max_normalised")

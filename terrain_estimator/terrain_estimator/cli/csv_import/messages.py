@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from terrain_estimator.bags import BagWriter, Message, Topic
-from terrain_estimator.csv_import.mapping import Mapping
-from terrain_estimator.csv_import.samples import Measured, Sample
+from terrain_estimator.cli.csv_import.mapping import Mapping
+from terrain_estimator.cli.csv_import.samples import Measured, Sample
 from terrain_estimator.ros_types import INPUT_TYPES
 
 UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: there is no such measurement

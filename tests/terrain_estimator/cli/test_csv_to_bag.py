@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_estimator.bags import BagReader
+from terrain_estimator.cli.csv_import.samples import Measured, slip_from_max_normalised
 from terrain_estimator.cli.csv_to_bag import main
 from terrain_estimator.conversion import nose_up_pitch
-from terrain_estimator.csv_import.samples import Measured, slip_from_max_normalised
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 

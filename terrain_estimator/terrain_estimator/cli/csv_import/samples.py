@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from terrain_estimator.csv_import.mapping import Mapping, Noise
-from terrain_estimator.csv_import.units import factor
+from terrain_estimator.cli.csv_import.mapping import Mapping, Noise
+from terrain_estimator.cli.csv_import.units import factor
 
 LATEST_NS = (2**31 - 1) * 1_000_000_000  # what builtin_interfaces/Time holds
 
