@@ -151,4 +151,4 @@ def _normalized_innovation(update: Update) -> float:
         return decision.mahalanobis_squared / decision.degrees_of_freedom
     if not prediction.innovation_variance > 0.0:
         return math.nan
-    return prediction.innovation**2 / prediction.innovation_variance
+    return prediction.innovation * prediction.innovation / prediction.innovation_variance  # not **, which raises on overflow

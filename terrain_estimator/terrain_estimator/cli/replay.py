@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""replay BAG...: estimate from recordings, without ROS running, by the same code as the live node.
+
+Exit codes: 0 done; 1 the comparison with the live estimates found a difference; 2 wrong arguments, parameters, model or
+bag; 3 a bag gave no estimate.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from terrain_estimator.bags import BagError
+from terrain_estimator.cli.params_file import parse_assignment, read_parameters
+from terrain_estimator.cli.replaying import Replay, compare_with_live, replay
+from terrain_estimator.cli.summary import print_table, summary, write_summary
+from terrain_estimator.cli.topics import TopicError, bag_topics
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
+from terrain_estimator.parameters import ParameterError, build
+from terrain_estimator.pipeline import rover_of
+from terramechanics.loading import ConfigError
+
+DIFFERENT, WRONG, NOTHING = 1, 2, 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Replay the bags that the command line names; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    torch.set_num_threads(1)  # the live node has one, and a sum's order is part of its result
+    try:
+        config = build(EstimatorConfig, _parameters(options))
+        model = load_model(config.model)
+        names = bag_topics(options.remap, options.namespace)
+        rover_of(model, config)
+    except (ParameterError, ModelFileError, ConfigError, TopicError) as error:
+        return _refuse(str(error))
+    return _replay_all(options, model, config, names)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="replay", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file, finished or not")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/replay"), help="folder for estimates bags and summary.json (default: %(default)s)"
+    )
+    parser.add_argument("--model", default="", help="model file (default: the installed one)")
+    parser.add_argument("--params-file", type=Path, action="append", default=[], help="parameters as the node takes them; later files win")
+    parser.add_argument("-p", "--param", action="append", default=[], metavar="NAME:=VALUE", help="one parameter; wins over the files")
+    parser.add_argument("--namespace", default="", help="namespace of the topics in the bag, such as /rover1")
+    parser.add_argument(
+        "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic, such as wheel_slip:=/slip"
+    )
+    parser.add_argument("--compare", action="store_true", help="compare with the estimates that the bag has from the live node")
+    parser.add_argument("--overwrite", action="store_true", help="replace estimates bags of an earlier replay")
+    return parser
+
+
+def _parameters(options: argparse.Namespace) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for path in options.params_file:
+        values |= read_parameters(path)
+    values |= dict(parse_assignment(text) for text in options.param)
+    return values | ({"model": options.model} if options.model else {})
+
+
+def _replay_all(options: argparse.Namespace, model: LoadedModel, config: EstimatorConfig, names: dict[str, str]) -> int:
+    """Replay one bag after the other, each from the prior; a bag that fails does not stop the others."""
+    replays: list[Replay] = []
+    failed = False
+    for bag in options.bags:
+        try:
+            output = _output(options.out, bag, overwrite=options.overwrite)
+            replays.append(replay(bag, output, model, config, names))
+            if options.compare:
+                compare_with_live(replays[-1], names)
+        except (BagError, TopicError, OSError) as error:
+            failed = True
+            _refuse(str(error))
+    if replays:
+        print_table(replays)
+        write_summary(options.out / "summary.json", summary(replays, model, config))
+        print(f"summary: {options.out / 'summary.json'}")
+    if failed:
+        return WRONG
+    if any(each.differences and any(each.differences.values()) for each in replays):
+        return DIFFERENT
+    return NOTHING if any(each.estimates == 0 for each in replays) else 0
+
+
+def _output(folder: Path, bag: Path, *, overwrite: bool) -> Path:
+    """Folder of the estimates bag; an earlier one is removed where the user says so."""
+    output = folder / f"{bag.resolve().stem}_estimates"
+    if overwrite and output.is_dir():
+        for file in (*output.glob("*.mcap"), output / "metadata.yaml"):
+            file.unlink(missing_ok=True)
+        output.rmdir()
+    return output
+
+
+def _refuse(text: str) -> int:
+    print(f"replay: {text}", file=sys.stderr)
+    return WRONG
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a replay found, as a table for people and as JSON for programs."""
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from terrain_estimator.cli.replaying import Replay
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.model_file import LoadedModel
+from terrain_estimator.parameters import effective
+
+WIDTH = 150
+"""[characters] of the table where stdout is no terminal."""
+
+
+def summary(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> dict[str, Any]:
+    """Everything about the runs: plain types, no NaN (null instead), so that any JSON reader takes it."""
+    return {
+        "model_id": model.model_id,
+        "model_sha256": model.sha256,
+        "configuration": effective(config),
+        "configuration_sha256": config.sha256(),
+        "bags": [_run_summary(each) for each in replays],
+    }
+
+
+def _run_summary(replay: Replay) -> dict[str, Any]:
+    return {
+        "bag": str(replay.bag),
+        "estimates_bag": str(replay.estimates_bag),
+        "span_s": replay.span_s,
+        "missing_s": replay.missing_s,
+        "notes": replay.notes,
+        "estimates": replay.estimates,
+        "outcomes": {outcome.name: count for outcome, count in sorted(replay.outcomes.items())},
+        "inputs": {topic: dataclasses.asdict(counters) for topic, counters in replay.inputs.items()},
+        "status": replay.status,
+        "estimate": estimate_summary(replay),
+        "wall_s": replay.wall_s,
+        "times_real_time": _finite(replay.times_real_time),
+        "identical_to_live": None if replay.differences is None else not any(replay.differences.values()),
+        "differences": replay.differences,
+    }
+
+
+def estimate_summary(replay: Replay) -> dict[str, Any]:
+    """The last estimate beside the truth, where the bag has it."""
+    if replay.last is None:
+        return {}
+    estimate, truth = replay.last.update.estimate, replay.truth
+    result = {}
+    for index, (name, attribute) in enumerate((("cohesion_pa", "cohesion"), ("tan_phi", "tan_phi"))):
+        result[name] = {
+            "mean": _finite(float(estimate.mean[index])),
+            "sd": _finite(math.sqrt(float(estimate.covariance[index, index]))),
+            "lower_95": _finite(float(estimate.lower_95[index])),
+            "upper_95": _finite(float(estimate.upper_95[index])),
+            "identified": bool(estimate.identified[index]),
+            "truth": None if truth is None else float(getattr(truth, attribute)),
+        }
+    return result
+
+
+def print_table(replays: Sequence[Replay]) -> None:
+    """One line a bag, then what a user should know about it."""
+    table = Table("bag", "time", "estimates", "refused", "c in kPa (95 %)", "tan phi (95 %)", "status", "x real time")
+    for each in replays:
+        refused = sum(count for outcome, count in each.outcomes.items() if not outcome.used)
+        values = estimate_summary(each)
+        table.add_row(
+            each.bag.name,
+            f"{each.span_s:.1f} s",
+            str(each.estimates),
+            str(refused),
+            _interval(values.get("cohesion_pa"), 1e-3),
+            _interval(values.get("tan_phi"), 1.0),
+            each.status,
+            f"{each.times_real_time:.0f}",
+        )
+    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
+    console.print(table)
+    for line in (line for each in replays for line in _remarks(each)):
+        console.print(line, markup=False)
+
+
+def write_summary(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON, atomically: a reader never sees half of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.new")
+    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    temporary.replace(path)
+
+
+def _interval(value: dict[str, Any] | None, scale: float) -> str:
+    if not value or value["mean"] is None:
+        return "-"
+    mean, lower, upper = (value[key] * scale for key in ("mean", "lower_95", "upper_95"))
+    truth = "" if value["truth"] is None else f", truth {value['truth'] * scale:.3g}"
+    return f"{mean:.3g} ({lower:.3g} to {upper:.3g}{truth})"
+
+
+def _remarks(replay: Replay) -> list[str]:
+    lines = list(replay.notes)
+    if replay.missing_s:
+        lines.append(f"{replay.bag}: {replay.missing_s:.1f} s are missing at the end")
+    lines += [
+        f"{replay.bag.name}: {count} x {outcome.name}: {outcome.advice}"
+        for outcome, count in sorted(replay.outcomes.items())
+        if outcome.advice
+    ]
+    for topic, counters in replay.inputs.items():
+        troubles = {"unpaired": counters.unpaired, "out of order": counters.out_of_order, "lost": counters.lost}
+        if any(troubles.values()):
+            lines.append(f"{replay.bag.name}: {topic}: {', '.join(f'{count} {what}' for what, count in troubles.items() if count)}")
+    for topic, difference in (replay.differences or {}).items():
+        lines.append(f"{replay.bag.name}: {topic} {f'differs from live: {difference}' if difference else 'is identical to live'}")
+    return lines
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""From messages to updates: pairing, conversion, estimator. The node and replay run this one object."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.conversion import Converter
+from terrain_estimator.estimator import Estimator
+from terrain_estimator.messages import Meta, estimate_message, prediction_message
+from terrain_estimator.model_file import LoadedModel, ModelFileError
+from terrain_estimator.pairing import Counters, MessageSet, Synchronizer, Topic
+from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, Make, Message, stamp_ns
+from terrain_estimator.update import Update
+from terramechanics.rover import Rover, load_rover
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What follows from one set of messages."""
+
+    update: Update
+    notes: tuple[str, ...]  # wheels and sensors that the conversion left out
+
+    def messages(self, make: Make, meta: Meta) -> dict[str, Message]:
+        """The outgoing messages, by topic."""
+        return {
+            "terrain_estimate": estimate_message(self.update, make, meta, self.notes),
+            "motion_prediction": prediction_message(self.update, make, meta),
+        }
+
+
+class Pipeline:
+    """Takes the input messages one by one and answers each complete set. No clock, no I/O: stamps decide."""
+
+    def __init__(self, model: LoadedModel, config: EstimatorConfig) -> None:
+        """Build the parts from the configuration."""
+        self.inputs = tuple(name for name in INPUT_TYPES if name != "imu" or config.core.use_imu)
+        topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.inputs)
+        self._index = {name: index for index, name in enumerate(self.inputs)}
+        self._synchronizer = Synchronizer(topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9))
+        self._converter = Converter(rover_of(model, config), config.conversion, config.core)
+        self._estimator = Estimator(model, config.core)
+        self.meta = Meta(
+            model_id=model.model_id,
+            model_sha256=model.sha256,
+            configuration_sha256=config.sha256(),
+            rows=model.rows,
+            body_frame=config.conversion.body_frame or "base_link",
+        )
+
+    @property
+    def counters(self) -> Mapping[str, Counters]:
+        """What happened to the messages of each input."""
+        return self._synchronizer.counters
+
+    def add(self, topic: str, message: Message) -> list[Answer]:
+        """Take one message of an input topic; answer the sets that it completes, usually none or one."""
+        sets = self._synchronizer.add(self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None))
+        return [self._answer(complete) for complete in sets]
+
+    def flush(self) -> list[Answer]:
+        """At the end of the input: answer the sets that still waited for an optional message."""
+        return [self._answer(complete) for complete in self._synchronizer.flush()]
+
+    def reset(self) -> None:
+        """Forget the ground and the waiting messages; counters and sequence numbers go on."""
+        self._synchronizer.reset()
+        self._estimator.reset()
+
+    def _answer(self, complete: MessageSet) -> Answer:
+        messages = complete.messages if len(self.inputs) == len(INPUT_TYPES) else (*complete.messages, None)
+        conversion = self._converter.convert(complete.stamp_ns, messages)
+        if conversion.observation is None:
+            return Answer(self._estimator.reject(complete.stamp_ns, conversion.outcome, conversion.detail), conversion.notes)
+        return Answer(self._estimator.update(conversion.observation), conversion.notes)
+
+
+def rover_of(model: LoadedModel, config: EstimatorConfig) -> Rover:
+    """The rover of the configuration, else the model's. Names of rover and wheels may differ from the model's rover.
+
+    Raises:
+        ConfigError: the rover file is wrong.
+        ModelFileError: the model was made for another rover.
+    """
+    if not config.rover:
+        return model.rover
+    rover = load_rover(config.rover)
+    for entry in dataclasses.fields(rover):
+        value, wanted = getattr(rover, entry.name), getattr(model.rover, entry.name)
+        if entry.name == "wheels":
+            value, wanted = sorted(rover.wheel_axle), sorted(model.rover.wheel_axle)
+        if entry.name != "name" and value != wanted:
+            raise ModelFileError(
+                f"rover {config.rover}: {entry.name} is {value}, the model {model.model_id} is for {wanted}: train a model for this rover"
+            )
+    return rover
