@@ -35,6 +35,8 @@ setup(
             "csv_to_bag = terrain_estimator.cli.csv_to_bag:main",
             "train = terrain_estimator.cli.train:main",
             "demo = terrain_estimator.cli.demo:main",
+            "rate_check = terrain_estimator.cli.rate_check:main",
+            "watch = terrain_estimator.nodes.watch:main",
         ],
     },
 )

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Draws a recorded run: the estimates with their intervals against the truth, slip and sinkage below."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from terrain_estimator.bags import BagReader, Message
+from terrain_estimator.ros_types import stamp_ns
+
+mpl.use("Agg")  # no display: before pyplot is imported
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+_ESTIMATE, _TRUTH = "#1f5fa8", "#c0392b"
+_AXLES = ("#1b7837", "#762a83", "#b35806")  # front, middle, rear: told apart by colour-blind readers too
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """What is drawn. Times in seconds from the first estimate."""
+
+    time_s: Floats  # [estimates]
+    cohesion_kpa: Floats  # [estimates, 3] mean, lower, upper
+    tan_phi: Floats  # [estimates, 3]
+    truth: list[tuple[float, float, float]]  # time from which it holds, c [kPa], tan phi
+    wheels: list[str]
+    slip_time_s: Floats
+    slip: Floats  # [samples, wheels]
+    sinkage_time_s: Floats
+    sinkage_mm: Floats  # [samples, wheels]
+
+
+def read_curves(bag: Path) -> Curves:
+    """Read what is drawn. Raises BagError where the bag cannot be read or has no estimates."""
+    with BagReader(bag) as reader:
+        estimates, slips, sinkages, truths = (
+            list(_decoded(reader, topic)) for topic in ("/terrain_estimate", "/wheel_slip", "/wheel_sinkage", "/ground_truth/terrain")
+        )
+    start_ns = stamp_ns(estimates[0])
+
+    def times(messages: list[Message]) -> Floats:
+        return np.array([(stamp_ns(message) - start_ns) * 1e-9 for message in messages])
+
+    cohesion = [(each.cohesion, each.cohesion_lower_95, each.cohesion_upper_95) for each in estimates]
+    tan_phi = [(each.tan_phi, each.tan_phi_lower_95, each.tan_phi_upper_95) for each in estimates]
+    return Curves(
+        time_s=times(estimates),
+        cohesion_kpa=np.array(cohesion) * 1e-3,
+        tan_phi=np.array(tan_phi),
+        truth=[(max(0.0, (stamp_ns(each) - start_ns) * 1e-9), each.cohesion * 1e-3, each.tan_phi) for each in truths],
+        wheels=list(slips[0].wheel),
+        slip_time_s=times(slips),
+        slip=np.array([each.slip for each in slips]),
+        sinkage_time_s=times(sinkages),
+        sinkage_mm=np.array([each.sinkage for each in sinkages]) * 1e3,
+    )
+
+
+def _decoded(reader: BagReader, topic: str) -> Iterator[Message]:
+    return (reader.decode(raw) for raw in reader.messages([topic]))
+
+
+def draw(curves: Curves, path: Path, title: str) -> None:
+    """Draw to an image file; its suffix says which kind."""
+    figure, ((cohesion, tan_phi), (slip, sinkage)) = plt.subplots(2, 2, figsize=(11.0, 6.5), sharex=True, layout="constrained")
+    figure.suptitle(title)
+    end_s = float(curves.time_s[-1])
+    _draw_estimate(cohesion, curves.time_s, curves.cohesion_kpa, [(time, value) for time, value, _ in curves.truth], end_s)
+    _draw_estimate(tan_phi, curves.time_s, curves.tan_phi, [(time, value) for time, _, value in curves.truth], end_s)
+    _draw_wheels(slip, curves.slip_time_s, curves.slip, curves.wheels)
+    _draw_wheels(sinkage, curves.sinkage_time_s, curves.sinkage_mm, curves.wheels)
+    for axes, label in (
+        (cohesion, "cohesion c [kPa]"),
+        (tan_phi, "tan(friction angle) [1]"),
+        (slip, "slip [1]"),
+        (sinkage, "sinkage [mm]"),
+    ):
+        axes.set_ylabel(label)
+        axes.grid(visible=True, alpha=0.3)
+    for axes in (slip, sinkage):
+        axes.set_xlabel("time [s]")
+    slip.set_xlim(0.0, end_s)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def _draw_estimate(axes: Axes, time_s: Floats, values: Floats, truth: list[tuple[float, float]], end_s: float) -> None:
+    axes.fill_between(time_s, values[:, 1], values[:, 2], color=_ESTIMATE, alpha=0.22, linewidth=0.0, label="95 % interval")
+    axes.plot(time_s, values[:, 0], color=_ESTIMATE, label="estimate")
+    if truth:
+        axes.step(
+            [*(time for time, _ in truth), end_s], [*(value for _, value in truth), truth[-1][1]], _TRUTH, where="post", label="truth"
+        )
+        axes.set_ylim(0.0, _upper_limit(values, max(value for _, value in truth)))
+    axes.legend(loc="upper right")
+
+
+def _upper_limit(values: Floats, truth: float) -> float:
+    """Enough for the truth and the interval after the first seconds; the prior's interval may run out of the picture."""
+    settled = values[len(values) // 10 :, 2]
+    return float(1.15 * max(truth, np.max(settled)))
+
+
+def _draw_wheels(axes: Axes, time_s: Floats, values: Floats, wheels: list[str]) -> None:
+    """One colour an axle: by the first word of the wheels' names, in their order."""
+    axles = list(dict.fromkeys(name.split("_")[0] for name in wheels))
+    for column, name in enumerate(wheels):
+        axle = axles.index(name.split("_")[0])
+        label = axles[axle] if column == wheels.index(next(each for each in wheels if each.startswith(axles[axle]))) else None
+        axes.plot(time_s, values[:, column], color=_AXLES[axle % len(_AXLES)], linewidth=0.6, alpha=0.8, label=label)
+    axes.legend(loc="upper right", ncols=len(axles))

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Starts the executables of installed packages as processes, waits for what they say, and never leaves one behind."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ament_index_python.packages import get_package_prefix
+
+POLL_S = 0.02
+STOP_TIMEOUT_S = 15.0
+
+
+class FleetError(RuntimeError):
+    """A process ended early, or did not do in time what was waited for; the message ends with its last words."""
+
+
+def executable(package: str, name: str) -> str:
+    """Path of a package's executable, as ``ros2 run`` finds it."""
+    return str(Path(get_package_prefix(package), "lib", package, name))
+
+
+class Program:
+    """One process; what it writes goes to a file."""
+
+    def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
+        """Start it in a session of its own, so that Ctrl-C reaches it through us only."""
+        self.name = Path(command[0]).name
+        self.log = log
+        with log.open("wb") as stream:
+            self._process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=environment, start_new_session=True)  # noqa: S603
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
+
+    @property
+    def output(self) -> str:
+        """What it has written so far."""
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+    def wait_for(self, pattern: str, timeout_s: float) -> None:
+        """Wait until it has written the regular expression. Raises FleetError where it ends first or time runs out."""
+        self.wait_until(lambda: re.search(pattern, self.output) is not None, f"wrote {pattern!r}", timeout_s)
+
+    def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
+        """Wait for a condition while the process runs. Raises FleetError where it ends first or time runs out."""
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            if not self.running and not condition():
+                raise FleetError(f"{self.name} ended with code {self._process.returncode} before it {what}:\n{self._last_words()}")
+            if time.monotonic() > end_s:
+                raise FleetError(f"{self.name} has not {what} within {timeout_s:g} s:\n{self._last_words()}")
+            time.sleep(POLL_S)
+
+    def wait(self, timeout_s: float) -> int:
+        """Wait for its end; return the exit code. Raises FleetError where time runs out."""
+        try:
+            return self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            raise FleetError(f"{self.name} did not end within {timeout_s:g} s:\n{self._last_words()}") from None
+
+    def stop(self) -> int:
+        """Ask it to end as Ctrl-C does; return the exit code."""
+        self._process.send_signal(signal.SIGINT)
+        return self.wait(STOP_TIMEOUT_S)
+
+    def kill(self) -> None:
+        """End it without asking."""
+        if self.running:
+            os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.wait()
+
+    def _last_words(self) -> str:
+        return "\n".join(self.output.splitlines()[-15:])
+
+
+class Fleet:
+    """Processes in one ROS domain. Leaving the context ends those that still run."""
+
+    def __init__(self, log_folder: Path, domain_id: int) -> None:
+        """Logs go to ``log_folder``."""
+        log_folder.mkdir(parents=True, exist_ok=True)
+        self._log_folder = log_folder
+        self._environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain_id),
+            "ROS_LOG_DIR": str(log_folder / "ros"),
+            "PYTHONUNBUFFERED": "1",
+        }
+        self._programs: list[Program] = []
+
+    def start(self, package: str, name: str, parameters: dict[str, object] | None = None) -> Program:
+        """Start an executable with ROS parameters."""
+        arguments = [f for key, value in (parameters or {}).items() for f in ("-p", f"{key}:={_yaml(value)}")]
+        command = [executable(package, name), *(["--ros-args", *arguments] if arguments else [])]
+        program = Program(command, self._log_folder / f"{name}.log", self._environment)
+        self._programs.append(program)
+        return program
+
+    def __enter__(self) -> Self:
+        """Nothing runs yet."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Interrupt what still runs, then kill what does not listen."""
+        for program in self._programs:
+            try:
+                if program.running:
+                    program.stop()
+            except FleetError:
+                program.kill()
+
+
+def _yaml(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Watches a running estimator: a line a second on stdout, and at the end the rates at which everything arrived."""
+
+import json
+import math
+import signal
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+from terrain_estimator.nodes.declare import declare
+from terrain_estimator.nodes.factory import message_class
+from terrain_estimator.parameters import ParameterError, parameter
+from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message, stamp_ns
+from terrain_estimator.timing import timing
+
+TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
+SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")
+TRUTH = "ground_truth/terrain"
+DEPTH = 1000
+POLL_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class WatchConfig:
+    """What a user may set."""
+
+    period_s: float = parameter("period", 1.0, "time between two lines, by the wall clock", unit="s", minimum=0.1, maximum=3600.0)
+    report: str = parameter("report", "", "file for rates and jitter at the end, as JSON; empty: none")
+    real_time_factor: float = parameter(
+        "real_time_factor", 1.0, "of the simulation, so that rates are those of simulated time", minimum=0.01, maximum=1000.0
+    )
+
+
+class Watch(Node):
+    """Keeps the last message of what it shows and the arrival times of everything, by the clock of the receiving DDS."""
+
+    def __init__(self) -> None:
+        """Read the parameters and subscribe.
+
+        Raises:
+            ParameterError: a parameter is unknown or wrong.
+        """
+        super().__init__("watch", automatically_declare_parameters_from_overrides=True)
+        self._config = declare(self, WatchConfig)
+        self._arrivals_ns: dict[str, list[int]] = {topic: [] for topic in TOPICS}
+        self._last: dict[str, Message] = {}
+        self._matched: set[str] = set()
+        for topic in TOPICS:
+            self._subscribe(topic)
+        latched = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        truth = message_class("msg_defs/msg/TerrainTruth")
+        self.create_subscription(truth, TRUTH, lambda message: self._last.update({TRUTH: message}), latched)
+        self.create_timer(self._config.period_s, self._show, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._say("ready")
+
+    def finish(self) -> None:
+        """Write the report."""
+        if not self._config.report:
+            return
+        results = {topic: timing(arrivals, self._config.real_time_factor) for topic, arrivals in self._arrivals_ns.items()}
+        content = {
+            "messages": {topic: result.messages for topic, result in results.items()},
+            "rate_hz": {topic: result.rate_hz for topic, result in results.items() if math.isfinite(result.rate_hz)},
+            "jitter_ms_p99": {topic: result.jitter_ms_p99 for topic, result in results.items() if math.isfinite(result.jitter_ms_p99)},
+        }
+        Path(self._config.report).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+    def _subscribe(self, topic: str) -> None:
+        """Messages that are not shown are not decoded: watching must not disturb what is watched."""
+
+        def receive(message: Message, info: dict[str, int]) -> None:
+            self._arrivals_ns[topic].append(info["received_timestamp"])
+            if topic in SHOWN:
+                self._last[topic] = message
+
+        def match(_: object) -> None:
+            self._matched.add(topic)
+            if self._matched == set(TOPICS):
+                self._say("matched all topics")
+
+        events = SubscriptionEventCallbacks(matched=match)
+        kind, qos = message_class(TOPICS[topic]), QoSProfile(depth=DEPTH)
+        self.create_subscription(kind, topic, receive, qos, event_callbacks=events, raw=topic not in SHOWN)
+
+    def _show(self) -> None:
+        if all(topic in self._last for topic in SHOWN):
+            self._say(live_line(self._last))
+
+    def _say(self, text: str) -> None:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+
+
+def live_line(last: dict[str, Message]) -> str:
+    """Time, both parameters with their 95 % intervals, the truth where there is one, mean slip and sinkage."""
+    estimate, truth = last["terrain_estimate"], last.get(TRUTH)
+    cohesion = (estimate.cohesion, estimate.cohesion_lower_95, estimate.cohesion_upper_95)
+    tan_phi = (estimate.tan_phi, estimate.tan_phi_lower_95, estimate.tan_phi_upper_95)
+    slip, sinkage = (_mean(last[topic], name) for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage")))
+    parts = [
+        f"{stamp_ns(estimate) * 1e-9:6.1f} s",
+        f"c {_interval(cohesion, 1e-3, '.2f')} kPa{'' if truth is None else f', truth {truth.cohesion * 1e-3:.2f}'}",
+        f"tan phi {_interval(tan_phi, 1.0, '.3f')}{'' if truth is None else f', truth {truth.tan_phi:.3f}'}",
+        f"slip {slip:5.2f}",
+        f"sinkage {sinkage * 1e3:5.1f} mm",
+        estimate.decision.outcome_name.lower(),
+    ]
+    return " | ".join(parts)
+
+
+def _interval(values: tuple[float, float, float], scale: float, form: str) -> str:
+    mean, lower, upper = (format(value * scale, form) for value in values)
+    return f"{mean} ({lower} to {upper})"
+
+
+def _mean(message: Message, name: str) -> float:
+    values = np.asarray(getattr(message, name), dtype=np.float64)
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else math.nan
+
+
+def main() -> int:
+    """Watch until SIGINT or SIGTERM. Returns 0 after a signal, 2 where parameters are wrong."""
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = Watch()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=POLL_S)
+        node.finish()
+        node.destroy_node()
+    except ParameterError as error:
+        print(f"watch: {error}", file=sys.stderr)  # noqa: T201 - there is no node, hence no logger
+        return 2
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
