@@ -8,23 +8,21 @@ velocity, so the step is implicit: forces hold over the step and belong to its e
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from terramechanics.contact import MAX_SLIP, MIN_SLIP
+from terramechanics.roots import bracketed_root, quasi_newton
 from terramechanics.rover import Rover
 from terramechanics.sinkage import DEEPEST, SHALLOWEST, WheelGround, equilibrium_sinkage, slip_under_torque
 from terramechanics.suspension import Pose, balance_matrix, balance_target, wheel_loads
 
-TOLERANCE = 1e-10
-"""[1] Largest imbalance, in units of the weight (of weight times wheelbase for moments)."""
-Function = Callable[[Tensor, Tensor], Tensor]
-MAX_ITERATIONS = 24
-REFRESH = 5
-"""Iterations between two Jacobians by differences; Broyden's update serves in between."""
+NEARLY = 1e-6
+"""[1] Imbalance that is accepted from a search; Newton's solutions are exact to roots.TOLERANCE."""
+SEARCHES = 20
+"""Velocities that a search tries."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +34,7 @@ class Contacts:
     forces: Tensor  # [batch, axles, 3] N, T [N], M [N m] of one wheel
     velocity: Tensor  # [batch] at the end of the step [m/s]
     solved: Tensor
+    obeyed: Tensor  # [batch, axles] the command holds: the slip that it asks for is in the range of the model
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,13 +112,14 @@ def solve_rates(step: Step, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> 
         by_velocity = by_velocity - inertia.unsqueeze(-1) * torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
         return torch.cat([by_depth, by_velocity.unsqueeze(-1)], dim=-1)
 
-    unknown, solved = _newton(residual, jacobian, unknown, _depth_limits(step, (-3.0, 3.0), 1))
+    unknown, solved = quasi_newton(residual, jacobian, unknown, _depth_limits(step, (-3.0, 3.0), 1))
     depth, end = unknown[:, :-1].exp(), unknown[:, -1] * unit
     left = (~solved).nonzero().squeeze(-1)
     if left.numel() > 0:
-        depth[left], end[left], solved[left] = _search_rates(step.rows(left), rate[left])
-    slip = _clamped(slip_at(step.rover, end, rate))
-    return Contacts(slip, depth, step.wheel.forces(slip, depth), end, solved)
+        depth[left], end[left], solved[left] = _search_rates(step.rows(left), rate[left], sinkage[left])
+    wanted = slip_at(step.rover, end, rate)
+    slip = _clamped(wanted)
+    return Contacts(slip, depth, step.wheel.forces(slip, depth), end, solved, slip == wanted)
 
 
 def solve_torques(step: Step, torque: Tensor, sinkage: Tensor, slip: Tensor) -> Contacts:
@@ -127,10 +127,16 @@ def solve_torques(step: Step, torque: Tensor, sinkage: Tensor, slip: Tensor) -> 
     unit = step.rover.weight * step.rover.wheel_radius / len(step.rover.wheels)
     axles = step.rover.axles
 
+    def saturated(slips: Tensor, missing: Tensor) -> Tensor:
+        """Wheels at the end of the range of slip that would have to go on: their slip stays, the torque is not reached."""
+        return ((slips >= MAX_SLIP) & (missing < 0.0)) | ((slips <= MIN_SLIP) & (missing > 0.0))
+
     def residual(u: Tensor, index: Tensor) -> Tensor:
-        part = step.rows(index)
-        forces = part.wheel.forces(u[:, axles:], u[:, :axles].exp())
-        return torch.cat([part.imbalance(forces, part.velocity)[:, 1:], (forces[..., 2] - torque[index]) / unit], dim=-1)
+        part, slips = step.rows(index), u[:, axles:]
+        forces = part.wheel.forces(slips, u[:, :axles].exp())
+        missing = (forces[..., 2] - torque[index]) / unit
+        missing = torch.where(saturated(slips, missing), 0.0, missing)
+        return torch.cat([part.imbalance(forces, part.velocity)[:, 1:], missing], dim=-1)
 
     def jacobian(u: Tensor, index: Tensor) -> Tensor:
         part, slips, depth = step.rows(index), u[:, axles:], u[:, :axles].exp()
@@ -142,15 +148,16 @@ def solve_torques(step: Step, torque: Tensor, sinkage: Tensor, slip: Tensor) -> 
         return torch.cat([balance, torch.cat([change[0].diag_embed(), change[1].diag_embed()], dim=-1)], dim=-2)
 
     start = torch.cat([sinkage.log(), _clamped(slip)], dim=-1)
-    unknown, solved = _newton(residual, jacobian, start, _depth_limits(step, (MIN_SLIP, MAX_SLIP), axles))
+    unknown, solved = quasi_newton(residual, jacobian, start, _depth_limits(step, (MIN_SLIP, MAX_SLIP), axles))
     depth, slips = unknown[:, :axles].exp(), unknown[:, axles:].clone()
     left = (~solved).nonzero().squeeze(-1)
     if left.numel() > 0:
-        depth[left], slips[left], solved[left] = _search_torques(step.rows(left), torque[left])
+        depth[left], slips[left], solved[left] = _search_torques(step.rows(left), torque[left], sinkage[left])
     forces = step.wheel.forces(slips, depth)
     along = torch.einsum("...af,...af->...", step.matrix[:, 0], forces)
     acceleration = (along - step.rover.weight * torch.sin(step.pose.pitch)) / step.rover.mass
-    return Contacts(slips, depth, forces, step.velocity + step.duration * acceleration, solved)
+    obeyed = (forces[..., 2] - torque).abs() < NEARLY * unit
+    return Contacts(slips, depth, forces, step.velocity + step.duration * acceleration, solved, obeyed)
 
 
 def _clamped(slip: Tensor) -> Tensor:
@@ -166,76 +173,46 @@ def _depth_limits(step: Step, others: tuple[float, float], count: int) -> tuple[
     return torch.tensor(low, dtype=torch.float64), torch.tensor(high, dtype=torch.float64)
 
 
-def _newton(residual: Function, jacobian: Function, start: Tensor, limits: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-    """Batched Newton with Broyden's update of the Jacobian; episodes drop out as they converge.
+def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """What quasi_newton could not solve: search for the end velocity, with the quasi-static sinkages of each trial.
 
-    Returns the unknowns [batch, m] and where they are solved [batch].
-    """
-    answer, solved = start.clamp(*limits), torch.zeros(start.shape[0], dtype=torch.bool)
-    index = torch.arange(start.shape[0])
-    u = answer
-    value, slope = residual(u, index), jacobian(u, index)
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        done = value.abs().amax(-1) < TOLERANCE
-        if bool(done.any()):
-            answer[index[done]], solved[index[done]] = u[done], True
-            index, u, value, slope = index[~done], u[~done], value[~done], slope[~done]
-        if index.numel() == 0:
-            break
-        move, broken = torch.linalg.solve_ex(slope, -value.unsqueeze(-1))
-        move = torch.where((broken != 0)[:, None] | ~move.squeeze(-1).isfinite(), 0.0, move.squeeze(-1)).clamp(-0.5, 0.5)
-        moved = (u + move).clamp(*limits)
-        move = moved - u
-        after = residual(moved, index)
-        if iteration % REFRESH == 0:
-            slope = jacobian(moved, index)
-        else:
-            missed = after - value - torch.einsum("...ij,...j->...i", slope, move)
-            slope = slope + missed.unsqueeze(-1) * (move / (move**2).sum(-1, keepdim=True).clamp(min=1e-30)).unsqueeze(-2)
-        u, value = moved, after
-    answer[index] = u
-    return answer, solved
-
-
-def _search_rates(step: Step, rate: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """What _newton could not solve: bisection for the end velocity, with the quasi-static sinkages of each trial.
-
-    The net force falls with velocity, the inertial force rises, so there is one root.
+    The net force falls with velocity, the inertial force rises, so there is one root. A wheel that would have to be
+    pulled down has no solution.
     """
     top = step.rover.wheel_radius * rate.amax(-1)
-    low, high = torch.minimum(step.velocity, torch.zeros_like(top)) - top, torch.maximum(step.velocity, 2.0 * top)
-    for _ in range(60):
-        end = (low + high) / 2.0
+    depth = start
+
+    def braking(end: Tensor) -> Tensor:
+        nonlocal depth
+        depth = _carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=3)
         slip = _clamped(slip_at(step.rover, end, rate))
-        depth = _carried(step, slip, steps=8)
-        pushes = step.imbalance(step.wheel.forces(slip, depth), end)[:, 0] > 0.0
-        low, high = torch.where(pushes, end, low), torch.where(pushes, high, end)
-    end = (low + high) / 2.0
+        return -step.imbalance(step.wheel.forces(slip, depth), end)[:, 0]
+
+    low, high = torch.minimum(step.velocity, torch.zeros_like(top)) - top, torch.maximum(step.velocity, 2.0 * top)
+    end = bracketed_root(braking, low, high, tolerance=1e-9, evaluations=SEARCHES)
     slip = _clamped(slip_at(step.rover, end, rate))
-    depth = _carried(step, slip, steps=40)
+    depth = _carried(step, slip, depth, rounds=8)
     miss = step.imbalance(step.wheel.forces(slip, depth), end).abs().amax(-1)
-    return depth, end, miss < 1e-6
+    return depth, end, miss < NEARLY
 
 
-def _search_torques(step: Step, torque: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """What _newton could not solve, wheel by wheel: loads from the statics, slip from the torque, until they agree."""
-    traction = torch.zeros_like(torque)
-    for _ in range(20):
+def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """What quasi_newton could not solve, wheel by wheel: loads from the statics, slip from the torque, in turn."""
+    traction, slip, depth = torch.zeros_like(torque), torch.zeros_like(torque), start
+    for _ in range(4):
         load = wheel_loads(step.rover, step.pose, traction, torque)
-        slip, depth = slip_under_torque(step.wheel, torque, load)
-        forces = step.wheel.forces(slip, depth)
-        traction = (traction + forces[..., 1]) / 2.0
-    balanced = step.imbalance(forces, step.velocity)[:, 1:].abs().amax(-1) < 1e-4
-    driven = ((forces[..., 2] - torque).abs() < 1e-4 * step.rover.weight * step.rover.wheel_radius).all(-1)
-    return depth, slip, balanced & driven
+        slip, depth = slip_under_torque(step.wheel, torque, load, depth)
+        traction = step.wheel.forces(slip, depth)[..., 1]
+    forces = step.wheel.forces(slip, depth)
+    miss = step.imbalance(forces, step.velocity)[:, 1:].abs().amax(-1)
+    return depth, slip, miss < NEARLY
 
 
-def _carried(step: Step, slip: Tensor, steps: int) -> Tensor:
+def _carried(step: Step, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
     """Sinkages at which the wheels carry their loads at given slip: loads and tractions in turn."""
-    traction, torque = torch.zeros_like(slip), torch.zeros_like(slip)
-    depth = slip
-    for _ in range(steps):
-        depth = equilibrium_sinkage(step.wheel, slip, wheel_loads(step.rover, step.pose, traction, torque))
+    depth = start
+    for _ in range(rounds):
         forces = step.wheel.forces(slip, depth)
-        traction, torque = forces[..., 1], forces[..., 2]
+        load = wheel_loads(step.rover, step.pose, forces[..., 1], forces[..., 2])
+        depth = equilibrium_sinkage(step.wheel, slip, load, depth)
     return depth

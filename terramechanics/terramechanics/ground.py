@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -37,7 +38,7 @@ class Ground:
         """The first patch reaches back to the start of the track. Raises ValueError where the patches are out of order."""
         if not patches:
             raise ValueError("a ground needs at least one patch of soil")
-        for before, after in zip(patches, patches[1:], strict=False):
+        for before, after in pairwise(patches):
             if after.start < before.start + before.transition or after.transition < 0.0:
                 raise ValueError(f"the patch at {after.start:g} m must start behind the transition of the patch at {before.start:g} m")
         self.patches = tuple(patches)

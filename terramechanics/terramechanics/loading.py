@@ -45,6 +45,14 @@ def number(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def entry(description: str, default: Any = dataclasses.MISSING) -> Any:
+    """Dataclass field of anything but a number, with its meaning."""
+    metadata = {"description": description}
+    if default is dataclasses.MISSING:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
 def preset_path(kind: str, name: str | Path) -> Path:
     """File of the preset ``name``, or ``name`` itself where it is the path of a YAML file.
 
@@ -101,7 +109,9 @@ def _convert(hint: Any, value: object, field: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint):
         return build(hint, value, where)  # type: ignore[arg-type]
     if hint is str:
-        return _text(value, where)
+        return _text(value, where, empty=field.default == "")
+    if hint is bool:
+        return _boolean(value, where)
     converted = _integer(value, where) if hint is int else _real(value, where)
     _check_range(converted, field.metadata, where)
     return converted
@@ -117,9 +127,15 @@ def _convert_sequence(kinds: tuple[Any, ...], value: object, field: Any, where: 
     return tuple(_convert(kinds[0], item, field, f"{where}[{index}]") for index, item in enumerate(items))
 
 
-def _text(value: object, where: str) -> str:
-    if not isinstance(value, str) or not value:
+def _text(value: object, where: str, *, empty: bool) -> str:
+    if not isinstance(value, str) or not (value or empty):
         raise ConfigError(f"{where}: expected a text, got {_shown(value)}")
+    return value
+
+
+def _boolean(value: object, where: str) -> bool:
+    if not isinstance(value, bool):
+        raise ConfigError(f"{where}: expected true or false, got {_shown(value)}")
     return value
 
 
@@ -153,13 +169,11 @@ class _StrictLoader(yaml.SafeLoader):
     """SafeLoader that refuses a key given twice and reads 1e6 as a number (YAML 1.2; YAML 1.1 takes it for a text)."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         for key in keys:
             if keys.count(key) > 1:
                 raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", node.start_mark)
         return super().construct_mapping(node, deep)
 
 
-_StrictLoader.add_implicit_resolver(  # type: ignore[no-untyped-call]
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
+_StrictLoader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789"))

@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from terramechanics.loading import ConfigError, load, number, preset_names, preset_path
+from terramechanics.loading import ConfigError, entry, load, number, preset_names, preset_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Rover:
     bogie_pivot_height: float = number("height of the bogie's pivot", "m", 0.0)
     cruise_speed: tuple[float, float] = number("lowest and highest speed of the random drives", "m/s", 0.0, exclusive=True)
     sinkage_noise_floor: float = number("constant part of the sinkage measurement's standard deviation", "m", 0.0)
-    wheels: tuple[Wheel, ...]
+    wheels: tuple[Wheel, ...] = entry("every wheel by name")
 
     def __post_init__(self) -> None:
         front, middle, rear = self.axle_x

@@ -20,7 +20,7 @@ from terramechanics.contact import quadrature
 from terramechanics.ground import Ground
 from terramechanics.profile import Flat, Profile, random_hills
 from terramechanics.rover import Rover
-from terramechanics.sinkage import WheelGround, drawbar_capability, free_rolling
+from terramechanics.sinkage import WheelGround, drawbar_capability, equilibrium_sinkage, free_rolling
 
 SCHEDULES = ("S1", "S2", "S3", "S4")
 PROFILES = ("flat", "hills")
@@ -69,20 +69,20 @@ class SineRates:
 
 @dataclass(slots=True)
 class TorqueBands:
-    """S2: torques uniform in ``bands`` [2 bands, 2 ends] times ``unit`` [batch] [N m], redrawn every step."""
+    """S2: torques uniform between ``low`` and ``high`` [batch] [N m], redrawn every step; half of them in the second band."""
 
     start_velocity: Tensor
-    unit: Tensor
-    bands: Tensor
+    low: Tensor
+    high: Tensor
     axles: int
     generator: torch.Generator
     kind: Command = Command.TORQUE
 
     def command(self, time: float) -> Tensor:
         """See Schedule."""
-        low, high = self.bands[0 if time <= BAND_DURATION + 1e-6 else 1]
-        share = torch.rand(self.unit.shape[0], self.axles, generator=self.generator, dtype=torch.float64)
-        return self.unit.unsqueeze(-1) * (low + (high - low) * share)
+        part = 1.0 if time <= BAND_DURATION + 1e-6 else SECOND_BAND
+        share = torch.rand(self.low.shape[0], self.axles, generator=self.generator, dtype=torch.float64)
+        return part * torch.lerp(self.low.unsqueeze(-1), self.high.unsqueeze(-1), share)
 
 
 FREQUENCIES = (0.03, 0.12)
@@ -95,8 +95,12 @@ SQUARE_PERIOD = 2.0
 """[s] Its period."""
 BAND_DURATION = 20.0
 """[s] Time for which S2 stays in its first band."""
-BANDS = ((1.2, 1.6), (0.6, 0.8))
-"""Torques of S2 in units of the torque at which a wheel neither pulls nor holds back: the rover gains speed, then loses it."""
+SECOND_BAND = 0.5
+"""[1] Torques of the second band of S2, in units of the first: the rover gains speed in the first and loses it in the second."""
+HIGHEST_TORQUE = 1.6
+"""[1] Upper end of the first band, in units of the torque at which a wheel neither pulls nor holds back."""
+HIGHEST_SLIP = 0.6
+"""[1] Slip that no torque of S2 exceeds under an even load."""
 
 
 def make_schedule(name: str, rover: Rover, ground: Ground, batch: int, generator: torch.Generator) -> Schedule:
@@ -106,8 +110,7 @@ def make_schedule(name: str, rover: Rover, ground: Ground, batch: int, generator
     slowest, fastest = rover.cruise_speed
     cruise = slowest + (fastest - slowest) * torch.rand(batch, generator=generator, dtype=torch.float64)
     if name == "S2":
-        unit = _free_rolling_torque(rover, ground, batch)
-        return TorqueBands(cruise, unit, torch.tensor(BANDS, dtype=torch.float64), rover.axles, generator)
+        return TorqueBands(cruise, *_first_band(rover, ground, batch), rover.axles, generator)
     unit = torch.rand(2, 2, batch, rover.axles, generator=generator, dtype=torch.float64)
     frequency = FREQUENCIES[0] + (FREQUENCIES[1] - FREQUENCIES[0]) * unit[0]
     depth = 0.0 if name == "S3" else SWING
@@ -129,10 +132,17 @@ def make_profile(name: str, schedule: str, rover: Rover, ground: Ground, batch: 
     return random_hills(batch, capability, generator)
 
 
-def _free_rolling_torque(rover: Rover, ground: Ground, batch: int) -> Tensor:
-    """Torque [N m] of an evenly loaded free-rolling wheel on the first patch, [batch]."""
+def _first_band(rover: Rover, ground: Ground, batch: int) -> tuple[Tensor, Tensor]:
+    """Ends of the first band of S2 [N m], [batch] each: on the first patch and under an even load every torque in it pulls.
+
+    The upper end is HIGHEST_TORQUE times the free-rolling torque, on weak ground the torque at HIGHEST_SLIP.
+    """
     first = ground.patches[0]
     constants, strength = first.constants.expand(batch, 6), first.strength.expand(batch, 2)
     wheel = WheelGround(rover.wheel_radius, rover.wheel_width, constants, strength, quadrature(8))
-    slip, sinkage = free_rolling(wheel, torch.full((batch,), rover.weight / len(rover.wheels), dtype=torch.float64))
-    return wheel.forces(slip, sinkage)[..., 2]
+    load = torch.full((batch,), rover.weight / len(rover.wheels), dtype=torch.float64)
+    slip = torch.full_like(load, HIGHEST_SLIP)
+    most = wheel.forces(slip, equilibrium_sinkage(wheel, slip, load))[..., 2]
+    free = wheel.forces(*free_rolling(wheel, load))[..., 2]
+    high = torch.minimum(HIGHEST_TORQUE * free, most)
+    return torch.lerp(free, high, 1.0 / 3.0), high

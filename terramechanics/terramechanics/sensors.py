@@ -5,6 +5,7 @@
 Every deviation is computed from the MEASURED value, since a sensor does not know the true one.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -55,6 +56,14 @@ class Measurement:
 
 LEAST_FACTOR = 1e-3
 """[1] Published deviations are those of at least this factor: a deviation of zero would be no honest statement."""
+
+
+def per_wheel(rover: Rover, sample: Sample) -> Sample:
+    """The sample with one value for every named wheel instead of every axle, in the order of the rover file."""
+    axle = torch.tensor(rover.wheel_axle)
+    names = ("slip", "sinkage", "contact_angle", "wheel_rate", "torque", "normal", "traction", "ground_torque", "valid")
+    values = {name: getattr(sample, name)[..., axle] for name in names}
+    return dataclasses.replace(sample, constants=sample.constants[..., axle, :], strength=sample.strength[..., axle, :], **values)
 
 
 def acceleration_bias(noise: Noise, batch: int, generator: torch.Generator) -> Tensor:

@@ -18,7 +18,7 @@ from terramechanics.sinkage import DEEPEST, WheelGround, equilibrium_sinkage
 from terramechanics.suspension import Pose, level_pose, solve_pose, wheel_loads
 
 TIME_STEP = 0.1
-"""[s] Step of the simulation, the period of the samples."""
+"""[s] Step of the simulation, the period of the samples, unless another is asked for."""
 POINTS = 12
 """Quadrature points of the simulated forces: 2e-8 of the largest force."""
 COARSE_POINTS = 3
@@ -82,10 +82,10 @@ class Drive:
 class Simulation:
     """Steps a batch of rovers. The same inputs give the same samples; nothing here is random."""
 
-    def __init__(self, rover: Rover, ground: Ground, profile: Profile, start_velocity: Tensor) -> None:
-        """Rovers at x = 0 with ``start_velocity`` [batch] [m/s], wheels rolling without slip."""
+    def __init__(self, rover: Rover, ground: Ground, profile: Profile, start_velocity: Tensor, time_step: float = TIME_STEP) -> None:
+        """Rovers at x = 0 with ``start_velocity`` [batch] [m/s], wheels rolling without slip; steps of ``time_step`` [s]."""
         batch = start_velocity.shape[0]
-        self.rover, self.ground, self.profile = rover, ground, profile
+        self.rover, self.ground, self.profile, self.time_step = rover, ground, profile, time_step
         self.steps = 0
         self.velocity = start_velocity.clone()
         self.position = torch.zeros(batch, dtype=torch.float64)
@@ -105,11 +105,11 @@ class Simulation:
         self.rate = command.clone()
 
     def step(self, kind: Command, command: Tensor) -> Sample:
-        """One step of TIME_STEP under ``command`` [batch, axles], wheel rates or torques by ``kind``."""
-        self.position = self.position + TIME_STEP * self.velocity * torch.cos(self._pose.pitch)
+        """One step under ``command`` [batch, axles], wheel rates or torques by ``kind``."""
+        self.position = self.position + self.time_step * self.velocity * torch.cos(self._pose.pitch)
         self._pose = pose = solve_pose(self.rover, self.profile, self.position, self._pose)
         lowest = SLOWEST / self.rover.wheel_radius
-        contacts = self._contacts(pose, kind, command.clamp(min=lowest) if kind is Command.RATE else command, TIME_STEP)
+        contacts = self._contacts(pose, kind, command.clamp(min=lowest) if kind is Command.RATE else command, self.time_step)
         velocity = contacts.velocity
         rate = command
         if kind is Command.TORQUE:
@@ -159,14 +159,15 @@ class Simulation:
             torch.where(here.unsqueeze(-1), held, contacts.forces),
             contacts.velocity,
             contacts.solved | standing,
+            contacts.obeyed & ~here,
         )
 
     def _count_struggle(self, contacts: Contacts, velocity: Tensor, parked: Tensor) -> None:
         slipping = contacts.slip.mean(-1) > STUCK_SLIP
         buried = (contacts.sinkage > 0.99 * DEEPEST * self.rover.wheel_radius).any(-1)
         struggles = (slipping | buried | ~contacts.solved | (velocity <= 0.0)) & ~parked
-        self._struggling = torch.where(struggles, self._struggling + TIME_STEP, 0.0)
-        self._stuck = self._stuck | (self._struggling > STUCK_TIME - TIME_STEP / 2.0)
+        self._struggling = torch.where(struggles, self._struggling + self.time_step, 0.0)
+        self._stuck = self._stuck | (self._struggling > STUCK_TIME - self.time_step / 2.0)
 
     def _sample(self, pose: Pose, contacts: Contacts, velocity: Tensor, rate: Tensor, standing: Tensor) -> Sample:
         self.steps += 1
@@ -176,11 +177,11 @@ class Simulation:
         reach = in_range(contacts.slip, contacts.sinkage, wheel_constants, self.rover.wheel_radius)
         true_slip = 1.0 - velocity.unsqueeze(-1) / (self.rover.wheel_radius * rate)
         return Sample(
-            time=torch.full_like(velocity, self.steps * TIME_STEP),
+            time=torch.full_like(velocity, self.steps * self.time_step),
             position=self.position,
             height=pose.height,
             velocity=velocity,
-            acceleration=(velocity - self.velocity) / TIME_STEP,
+            acceleration=(velocity - self.velocity) / self.time_step,
             pitch=pose.pitch,
             bogie_angle=pose.bogie_angle,
             stuck=self._stuck,
@@ -189,17 +190,42 @@ class Simulation:
             sinkage=contacts.sinkage,
             contact_angle=pose.contact_angle,
             wheel_rate=rate,
-            torque=ground_torque + self.rover.wheel_inertia * (rate - self.rate) / TIME_STEP,
+            torque=ground_torque + self.rover.wheel_inertia * (rate - self.rate) / self.time_step,
             normal=normal,
             traction=traction,
             ground_torque=ground_torque,
-            valid=reach & ((true_slip - contacts.slip).abs() < 1e-9) & contacts.solved.unsqueeze(-1) & ~undefined,
+            valid=reach & contacts.obeyed & contacts.solved.unsqueeze(-1),
             constants=wheel_constants,
             strength=strength,
         )
 
 
-def simulate(  # noqa: PLR0913 (a run has this many independent choices)
+def start(
+    rover: Rover,
+    ground: Ground,
+    schedule: str | Schedule,
+    generator: torch.Generator,
+    batch: int,
+    profile: str | Profile = "",
+    time_step: float = TIME_STEP,
+) -> tuple[Simulation, Schedule]:
+    """A simulation that is ready for its first step, and the schedule that drives it.
+
+    ``schedule`` and ``profile`` are names or objects; without a profile the schedule's own is drawn. Named schedules of
+    wheel rates start in their steady state, those of torques with wheels rolling at the start velocity.
+    """
+    if isinstance(profile, str):
+        profile = make_profile(profile, schedule if isinstance(schedule, str) else "", rover, ground, batch, generator)
+    named = isinstance(schedule, str)
+    if isinstance(schedule, str):
+        schedule = make_schedule(schedule, rover, ground, batch, generator)
+    simulation = Simulation(rover, ground, profile, schedule.start_velocity, time_step)
+    if named and schedule.kind is Command.RATE:
+        simulation.settle(schedule.command(0.0))
+    return simulation, schedule
+
+
+def simulate(
     rover: Rover,
     ground: Ground,
     schedule: str | Schedule,
@@ -208,18 +234,8 @@ def simulate(  # noqa: PLR0913 (a run has this many independent choices)
     batch: int,
     profile: str | Profile = "",
 ) -> Drive:
-    """A batch of drives of ``duration_s``; the same state of the generator gives the same drives.
-
-    ``schedule`` and ``profile`` are names or objects; without a profile the schedule's own is drawn. Schedules of wheel
-    rates start in their steady state, those of torques with wheels rolling at the start velocity.
-    """
-    if isinstance(profile, str):
-        profile = make_profile(profile, schedule if isinstance(schedule, str) else "", rover, ground, batch, generator)
-    if isinstance(schedule, str):
-        schedule = make_schedule(schedule, rover, ground, batch, generator)
-    simulation = Simulation(rover, ground, profile, schedule.start_velocity)
-    if schedule.kind is Command.RATE:
-        simulation.settle(schedule.command(0.0))
+    """A batch of drives of ``duration_s``, begun as by :func:`start`; the same state of the generator gives the same drives."""
+    simulation, schedule = start(rover, ground, schedule, generator, batch, profile)
     start_velocity = simulation.velocity
     samples = [simulation.step(schedule.kind, schedule.command((j + 1) * TIME_STEP)) for j in range(round(duration_s / TIME_STEP))]
     series = Sample(*(torch.stack([getattr(sample, item.name) for sample in samples], dim=1) for item in fields(Sample)))

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact import MAX_SLIP, MIN_SLIP, quadrature, wheel_forces
+from terramechanics.roots import bracketed_root
 from terramechanics.rover import Rover
 
 SHALLOWEST = 1e-7
@@ -60,15 +61,16 @@ def _forces(wheel: WheelGround, slip: Tensor, sinkage: Tensor, constants: Tensor
     return torch.matmul(coefficients[..., :2], strength.unsqueeze(-1)).squeeze(-1) + coefficients[..., 2]
 
 
-def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor) -> Tensor:
+def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: Tensor | None = None) -> Tensor:
     """Sinkage [m] at which one wheel carries ``load`` [N] at ``slip``; all of the same shape [...].
 
     N rises with z nearly like a power of z, so this is Newton in logarithms, kept in a bracket by bisection. A load that
-    is not positive gives the shallowest, one that no depth carries the deepest sinkage of the search.
+    is not positive gives the shallowest, one that no depth carries the deepest sinkage of the search. ``start`` [m] is
+    where the search begins.
     """
     low = torch.full_like(load, SHALLOWEST * wheel.radius).log()
     high = torch.full_like(load, DEEPEST * wheel.radius).log()
-    depth = torch.full_like(load, 0.03 * wheel.radius).log()
+    depth = torch.full_like(load, 0.03 * wheel.radius).log() if start is None else start.log().clamp(low, high)
     target = load.clamp(min=1e-9).log()
     small = 1e-6
     for _ in range(ITERATIONS):
@@ -85,17 +87,17 @@ def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor) -> Tenso
     return depth.exp()
 
 
-def slip_under_torque(wheel: WheelGround, torque: Tensor, load: Tensor) -> tuple[Tensor, Tensor]:
+def slip_under_torque(wheel: WheelGround, torque: Tensor, load: Tensor, start: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Slip [1] and sinkage [m] at which one wheel carries ``load`` [N] and takes ``torque`` [N m]; shapes [...].
 
     M rises with slip at constant load. A torque beyond what the ground can take ends at MAX_SLIP, one below at MIN_SLIP.
     """
-    return _slip_search(wheel, load, lambda forces: forces[..., 2] - torque)
+    return _slip_search(wheel, load, start, lambda forces: forces[..., 2] - torque)
 
 
 def free_rolling(wheel: WheelGround, load: Tensor) -> tuple[Tensor, Tensor]:
     """Slip [1] and sinkage [m] at which a wheel under ``load`` [N] neither pulls nor holds back (T = 0)."""
-    return _slip_search(wheel, load, lambda forces: forces[..., 1])
+    return _slip_search(wheel, load, None, lambda forces: forces[..., 1])
 
 
 def drawbar_capability(rover: Rover, constants: Tensor, strength: Tensor) -> Tensor:
@@ -107,12 +109,14 @@ def drawbar_capability(rover: Rover, constants: Tensor, strength: Tensor) -> Ten
     return (forces[..., 1] / forces[..., 0]).amax(-1)
 
 
-def _slip_search(wheel: WheelGround, load: Tensor, excess: Excess) -> tuple[Tensor, Tensor]:
-    """Bisection for the slip at which ``excess``, which rises with slip, is zero while the wheel carries its load."""
-    low, high = torch.full_like(load, MIN_SLIP), torch.full_like(load, MAX_SLIP)
-    for _ in range(40):
-        slip = (low + high) / 2.0
-        above = excess(wheel.forces(slip, equilibrium_sinkage(wheel, slip, load))) > 0.0
-        low, high = torch.where(above, low, slip), torch.where(above, slip, high)
-    slip = (low + high) / 2.0
-    return slip, equilibrium_sinkage(wheel, slip, load)
+def _slip_search(wheel: WheelGround, load: Tensor, start: Tensor | None, excess: Excess) -> tuple[Tensor, Tensor]:
+    """The slip at which ``excess``, which rises with slip, is zero while the wheel carries its load."""
+    depth = start
+
+    def trial(slip: Tensor) -> Tensor:
+        nonlocal depth
+        depth = equilibrium_sinkage(wheel, slip, load, depth)
+        return excess(wheel.forces(slip, depth))
+
+    slip = bracketed_root(trial, torch.full_like(load, MIN_SLIP), torch.full_like(load, MAX_SLIP), tolerance=1e-11)
+    return slip, equilibrium_sinkage(wheel, slip, load, depth)
