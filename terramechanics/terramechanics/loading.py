@@ -92,7 +92,8 @@ def build(record: type[RecordT], content: object, where: str) -> RecordT:
     for key in content:
         if key not in fields:
             raise ConfigError(f"{where}: unknown key {key!r}; known keys are {', '.join(fields)}")
-    missing = [name for name, item in fields.items() if name not in content and item.default is dataclasses.MISSING]
+    needed = [name for name, item in fields.items() if item.default is item.default_factory is dataclasses.MISSING]
+    missing = [name for name in needed if name not in content]
     if missing:
         raise ConfigError(f"{where}: missing key {missing[0]!r}")
     hints = get_type_hints(record)

@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Readings as messages. Pitch is nose-up inside and nose-down in REP-103 axes (x forward, y left, z up): converted here."""
+
+import array
+import math
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Quaternion
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Header
+from torch import Tensor
+
+from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
+from rover_sim_node.config import SimulatorConfig
+from rover_sim_node.run import Reading, Truth
+from terramechanics.contact import CONSTANTS
+
+SECOND_NS = 1_000_000_000
+FIXED = 1e-12
+"""Variance of what a planar rover cannot do: not zero, which would mean unknown."""
+SUSPENSION_JOINTS = ("rocker", "bogie")
+TYPES: dict[str, type[Any]] = {
+    "wheel_slip": WheelSlip,
+    "wheel_sinkage": WheelSinkage,
+    "odom": Odometry,
+    "joint_states": JointState,
+    "imu": Imu,
+}
+"""Topics of every step."""
+
+_TRUTH_FIELDS = {
+    "n": "sinkage_exponent",
+    "k_c": "cohesive_modulus",
+    "k_phi": "frictional_modulus",
+    "shear_modulus": "shear_modulus",
+    "c1": "stress_angle_offset",
+    "c2": "stress_angle_slope",
+}
+
+
+def time_message(stamp_ns: int) -> Time:
+    """A time of ``stamp_ns`` nanoseconds."""
+    seconds, nanoseconds = divmod(stamp_ns, SECOND_NS)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def clock_message(stamp_ns: int) -> Clock:
+    """What /clock says at ``stamp_ns``."""
+    return Clock(clock=time_message(stamp_ns))
+
+
+def step_messages(reading: Reading, config: SimulatorConfig, stamp_ns: int, sequence: int) -> dict[str, Any]:
+    """The messages of one step, by topic, all with the same stamp."""
+    body = Header(stamp=time_message(stamp_ns), frame_id=config.body_frame)
+    track = Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame)
+    return {
+        "wheel_slip": _slip(reading, body, sequence),
+        "wheel_sinkage": _sinkage(reading, body, sequence),
+        "odom": _odometry(reading, track, config.body_frame),
+        "joint_states": _joint_states(reading, body),
+        "imu": _imu(reading, body),
+    }
+
+
+def truth_message(truth: Truth, config: SimulatorConfig, stamp_ns: int, sequence: int) -> TerrainTruth:
+    """The true ground."""
+    cohesion, tan_phi = truth.strength
+    constants = {_TRUTH_FIELDS[name]: value for name, value in zip(CONSTANTS, truth.constants, strict=True)}
+    return TerrainTruth(
+        header=Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame),
+        sequence=sequence,
+        soil=truth.soil,
+        position=truth.position,
+        cohesion=cohesion,
+        tan_phi=tan_phi,
+        friction_angle=math.atan(tan_phi),
+        **constants,
+    )
+
+
+def _slip(reading: Reading, header: Header, sequence: int) -> WheelSlip:
+    measured = reading.measured
+    names = list(reading.rover.wheel_names)
+    return WheelSlip(header=header, sequence=sequence, wheel=names, slip=_doubles(measured.slip), slip_stddev=_doubles(measured.slip_sd))
+
+
+def _sinkage(reading: Reading, header: Header, sequence: int) -> WheelSinkage:
+    measured = reading.measured
+    return WheelSinkage(
+        header=header,
+        sequence=sequence,
+        wheel=list(reading.rover.wheel_names),
+        sinkage=_doubles(measured.sinkage),
+        sinkage_stddev=_doubles(measured.sinkage_sd),
+        contact_angle=_doubles(measured.contact_angle),
+        contact_angle_stddev=_doubles(measured.contact_angle_sd),
+    )
+
+
+def _odometry(reading: Reading, header: Header, body_frame: str) -> Odometry:
+    message = Odometry(header=header, child_frame_id=body_frame)
+    measured = reading.measured
+    message.pose.pose.position.x, message.pose.pose.position.z = reading.odometry
+    message.pose.pose.orientation = _orientation(float(measured.pitch))
+    by_x, by_z = reading.odometry_variance
+    message.pose.covariance = _diagonal(by_x, FIXED, by_z, FIXED, float(measured.pitch_sd) ** 2, FIXED)
+    message.twist.twist.linear.x = float(measured.velocity)
+    message.twist.covariance = _diagonal(float(measured.velocity_sd) ** 2, *[FIXED] * 5)
+    # The rate of pitch is not measured.
+    message.twist.covariance[28] = 1.0
+    return message
+
+
+def _joint_states(reading: Reading, header: Header) -> JointState:
+    measured = reading.measured
+    rocker, unknown = 0.0, math.nan  # left and right move alike, so the rocker does not turn against the body
+    return JointState(
+        header=header,
+        name=[*reading.rover.wheel_names, *SUSPENSION_JOINTS],
+        position=_doubles(reading.wheel_angle, rocker, reading.bogie_angle),
+        velocity=_doubles(measured.wheel_rate, 0.0, reading.bogie_rate),
+        effort=_doubles(measured.torque, unknown, unknown),
+    )
+
+
+def _imu(reading: Reading, header: Header) -> Imu:
+    measured = reading.measured
+    pitch, spread = float(measured.pitch), float(measured.acceleration_sd)
+    message = Imu(header=header, orientation=_orientation(pitch))
+    message.orientation_covariance = _diagonal(FIXED, float(measured.pitch_sd) ** 2, FIXED)
+    message.angular_velocity_covariance = _diagonal(-1.0, 0.0, 0.0)  # not measured
+    message.linear_acceleration.x = float(measured.acceleration)
+    message.linear_acceleration.z = reading.rover.gravity * math.cos(pitch)
+    message.linear_acceleration_covariance = _diagonal(spread**2, spread**2, spread**2)
+    return message
+
+
+def _orientation(pitch: float) -> Quaternion:
+    """Nose-up ``pitch`` [rad]: a negative rotation about y, which points left."""
+    return Quaternion(x=0.0, y=-math.sin(pitch / 2.0), z=0.0, w=math.cos(pitch / 2.0))
+
+
+def _diagonal(*variances: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.diag(variances).reshape(-1)
+
+
+def _doubles(values: Tensor, *more: float) -> "array.array[float]":
+    return array.array("d", [*values.tolist(), *more])

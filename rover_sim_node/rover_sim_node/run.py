@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""One simulated drive, step by step, with its measurements: what the node publishes, without ROS."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from rover_sim_node.config import FOLLOW, SimulatorConfig
+from rover_sim_node.velocity_commands import VelocityCommands
+from terramechanics.ground import Ground, Patch
+from terramechanics.loading import ConfigError
+from terramechanics.profile import Profile, Ramp, Step
+from terramechanics.rover import Rover, load_rover
+from terramechanics.schedules import PROFILES, SCHEDULES
+from terramechanics.sensors import Measurement, Noise, acceleration_bias, measure, per_wheel
+from terramechanics.simulation import Sample, start
+from terramechanics.soil import load_soil
+
+MIDDLE = 1
+"""Axle whose ground is reported as the truth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The ground below the middle of the rover."""
+
+    soil: str
+    position: float  # [m]
+    constants: tuple[float, ...]  # in the order of CONSTANTS
+    strength: tuple[float, float]  # c [Pa], tan(phi)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Everything that is known after one step. Values of single rovers: tensors [wheels] and [1]."""
+
+    time: float  # [s] since the start
+    rover: Rover
+    measured: Measurement  # per wheel
+    wheel_angle: Tensor  # [wheels] [rad] turned since the start
+    bogie_angle: float  # [rad] nose-up
+    bogie_rate: float  # [rad/s]
+    odometry: tuple[float, float]  # [m] x and z, integrated from measured velocity and pitch
+    odometry_variance: tuple[float, float]  # [m^2]
+    truth: Truth
+    stuck: bool
+
+
+class Run:
+    """A drive of one rover. The same configuration gives the same readings; velocity commands aside."""
+
+    def __init__(self, config: SimulatorConfig) -> None:
+        """Raises ConfigError that names the parameter which is wrong."""
+        self.rover = load_rover(config.rover)
+        self.config = config
+        self._ground = _ground(config)
+        self._noise = Noise(factor=config.noise)
+        drive, self._sensing = torch.Generator(), torch.Generator()
+        # Sensors have a generator of their own, so that their noise does not depend on what the drive draws.
+        drive.manual_seed(2 * config.seed)
+        self._sensing.manual_seed(2 * config.seed + 1)
+        self.commands = VelocityCommands(self.rover, config) if config.schedule == FOLLOW else None
+        if self.commands is None and config.schedule not in SCHEDULES:
+            raise ConfigError(f"parameter schedule: {config.schedule!r} is unknown, give one of {', '.join(SCHEDULES)}, {FOLLOW}")
+        schedule = self.commands or config.schedule
+        self._step = 1.0 / config.rate
+        self._simulation, self._schedule = start(self.rover, self._ground, schedule, drive, 1, _profile(config), self._step)
+        self._bias = acceleration_bias(self._noise, 1, self._sensing)
+        self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
+        self._odometry, self._variance = (0.0, 0.0), (0.0, 0.0)
+        self._bogie_angle = math.nan
+
+    def step(self) -> Reading:
+        """The next reading."""
+        time = (self._simulation.steps + 1) * self._step
+        sample = self._simulation.step(self._schedule.kind, self._schedule.command(time))
+        measured = _first(measure(self.rover, per_wheel(self.rover, sample), self._noise, self._bias, self._sensing))
+        self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
+        self._integrate(measured)
+        angle = float(sample.bogie_angle)
+        rate = 0.0 if math.isnan(self._bogie_angle) else (angle - self._bogie_angle) / self._step
+        self._bogie_angle = angle
+        return Reading(
+            time=time,
+            rover=self.rover,
+            measured=measured,
+            wheel_angle=self._wheel_angle,
+            bogie_angle=angle,
+            bogie_rate=rate,
+            odometry=self._odometry,
+            odometry_variance=self._variance,
+            truth=self._truth(sample),
+            stuck=bool(sample.stuck),
+        )
+
+    def _integrate(self, measured: Measurement) -> None:
+        """Dead reckoning: errors of single steps are independent, so their variances add."""
+        velocity, pitch = float(measured.velocity), float(measured.pitch)
+        along, up = self._step * velocity * math.cos(pitch), self._step * velocity * math.sin(pitch)
+        spread, tilt = float(measured.velocity_sd), float(measured.pitch_sd)
+        self._odometry = (self._odometry[0] + along, self._odometry[1] + up)
+        by_x = (self._step * spread * math.cos(pitch)) ** 2 + (up * tilt) ** 2
+        by_z = (self._step * spread * math.sin(pitch)) ** 2 + (along * tilt) ** 2
+        self._variance = (self._variance[0] + by_x, self._variance[1] + by_z)
+
+    def _truth(self, sample: Sample) -> Truth:
+        position = float(sample.position)
+        constants, strength = sample.constants[0, MIDDLE].tolist(), sample.strength[0, MIDDLE].tolist()
+        name = self._ground.patches[self._ground.patch_at(position)].name
+        return Truth(name, position, tuple(constants), (strength[0], strength[1]))
+
+
+def _first(measured: Measurement) -> Measurement:
+    """The measurement of the one rover in a batch of one; scalars stay tensors of no dimension."""
+    return Measurement(*(getattr(measured, field.name)[0] for field in dataclasses.fields(Measurement)))
+
+
+def _ground(config: SimulatorConfig) -> Ground:
+    patches = [Patch.of(load_soil(config.soil).with_values(**config.soil_overrides.given()))]
+    if config.change.soil:
+        patches.append(Patch.of(load_soil(config.change.soil), config.change.position, config.change.transition))
+    return Ground(patches)
+
+
+def _profile(config: SimulatorConfig) -> str | Profile:
+    if config.profile == "ramp":
+        return Ramp(config.ramp_grade)
+    if config.profile == "step":
+        return Step(config.step_rise)
+    if config.profile not in ("", *PROFILES):
+        raise ConfigError(f"parameter profile: {config.profile!r} is unknown, give one of {', '.join(PROFILES)}, ramp, step or nothing")
+    return config.profile

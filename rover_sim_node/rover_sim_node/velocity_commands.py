@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A schedule that follows velocity commands: wheel rates of a rover that would not slip."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from rover_sim_node.config import SimulatorConfig
+from terramechanics.rover import Rover
+from terramechanics.schedules import Command
+
+
+class VelocityCommands:
+    """Turns the last velocity command into wheel rates, with bounded acceleration; a stale command stops the rover."""
+
+    kind = Command.RATE
+
+    def __init__(self, rover: Rover, config: SimulatorConfig) -> None:
+        """The rover starts at rest."""
+        self.start_velocity = torch.zeros(1, dtype=torch.float64)
+        self._rover, self._config = rover, config
+        self._wanted, self._speed = 0.0, 0.0
+        self._fresh_until, self._now = -math.inf, 0.0
+
+    def request(self, linear: tuple[float, float, float], angular: tuple[float, float, float]) -> str:
+        """Take a velocity command [m/s], [rad/s]. Returns why it is refused, an empty text where it is not."""
+        if not all(math.isfinite(value) for value in (*linear, *angular)):
+            return "it is not finite"
+        if any(angular):
+            return f"the simulated rover is planar and cannot turn: angular is {angular}, expected zeros"
+        if any(linear[1:]):
+            return f"the simulated rover moves along x alone: linear is {linear}"
+        if not 0.0 <= linear[0] <= self._config.cmd_vel_limit:
+            return f"linear.x is {linear[0]:g} m/s, outside 0 to {self._config.cmd_vel_limit:g}: the simulated rover drives forward"
+        self._wanted = linear[0]
+        self._fresh_until = self._now + self._config.cmd_vel_timeout
+        return ""
+
+    def command(self, time: float) -> Tensor:
+        """See Schedule: the same wheel rate for every axle [1, axles] [rad/s]."""
+        wanted = self._wanted if time <= self._fresh_until + 1e-9 else 0.0
+        most = self._config.cmd_vel_acceleration * (time - self._now)
+        self._speed += min(max(wanted - self._speed, -most), most)
+        self._now = time
+        return torch.full((1, self._rover.axles), self._speed / self._rover.wheel_radius, dtype=torch.float64)
