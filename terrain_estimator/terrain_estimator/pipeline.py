@@ -6,15 +6,21 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.conversion import Converter
 from terrain_estimator.estimator import Estimator
 from terrain_estimator.messages import Meta, estimate_message, prediction_message
 from terrain_estimator.model_file import LoadedModel, ModelFileError
+from terrain_estimator.observation import Observation
 from terrain_estimator.pairing import Counters, MessageSet, Synchronizer, Topic
 from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, Make, Message, stamp_ns
 from terrain_estimator.update import Update
 from terramechanics.rover import Rover, load_rover
+
+WARM_UP_STEPS = 35
+"""Observations that go through every path of the model: three blocks and a half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +48,7 @@ class Pipeline:
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = Synchronizer(topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9))
         self._converter = Converter(rover_of(model, config), config.conversion, config.core)
+        warm_up(model, config)
         self._estimator = Estimator(model, config.core)
         self.meta = Meta(
             model_id=model.model_id,
@@ -76,6 +83,37 @@ class Pipeline:
         if conversion.observation is None:
             return Answer(self._estimator.reject(complete.stamp_ns, conversion.outcome, conversion.detail), conversion.notes)
         return Answer(self._estimator.update(conversion.observation), conversion.notes)
+
+
+def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
+    """Run an estimator that is thrown away: torch compiles a scripted method at its first calls, which takes 0.1 s each.
+
+    Live and replay do the same, so that both are in the same state at the first observation.
+    """
+    estimator = Estimator(model, config.core)
+    axles = np.ones(model.rover.axles)
+    step_ns = round(model.metadata.step_s * 1e9)
+    for step in range(WARM_UP_STEPS):
+        estimator.update(
+            Observation(
+                stamp_ns=step * step_ns,
+                slip=0.2 * axles,
+                slip_sd=0.05 * axles,
+                sinkage=0.1 * model.rover.wheel_radius * axles,
+                sinkage_sd=0.01 * model.rover.wheel_radius * axles,
+                contact_angle=0.0 * axles,
+                contact_angle_sd=0.01 * axles,
+                wheel_rate=0.1 / model.rover.wheel_radius * axles,
+                torque=0.3 * model.rover.wheel_radius * model.rover.weight / len(model.rover.wheels) * axles,
+                torque_sd=0.1 * model.rover.wheel_radius * model.rover.weight / len(model.rover.wheels) * axles,
+                velocity=0.08,
+                velocity_sd=0.01,
+                pitch=0.0,
+                pitch_sd=0.01,
+                acceleration=0.0,
+                acceleration_sd=0.05,
+            )
+        )
 
 
 def rover_of(model: LoadedModel, config: EstimatorConfig) -> Rover:

@@ -93,7 +93,7 @@ def demo_summary(recording: Recording, replayed: dict[str, Any]) -> dict[str, An
         truths = [reader.decode(raw) for raw in reader.messages(["/ground_truth/terrain"])]
     truth = truths[-1] if truths else None
     return {
-        "simulated_s": (stamps[-1] - stamps[0]) * 1e-9,
+        "simulated_s": round(len(stamps) * (stamps[-1] - stamps[0]) / (len(stamps) - 1) * 1e-9, 6),  # each stamp ends a step
         "messages": messages,
         "rate_hz": recording.timing["rate_hz"],
         "jitter_ms_p99": recording.timing["jitter_ms_p99"],

@@ -13,7 +13,7 @@ from terrain_estimator.cli.fleet import Fleet, FleetError, Program
 
 START_TIMEOUT_S = 60.0  # importing torch from a cold disk takes its time
 MATCH_TIMEOUT_S = 20.0
-READERS = 3  # of every input: estimator, recorder, watch
+READERS = 3  # of every input: estimator, recorder and watch
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +48,13 @@ def drive(what: Drive, folder: Path, say: Callable[[str], None]) -> Recording:
     with Fleet(folder / "log", what.domain_id) as fleet:
         estimator = fleet.start("terrain_estimator", "estimator")
         recorder = fleet.start("terrain_estimator", "recorder", {"output": bag})
-        watch = fleet.start("terrain_estimator", "watch", {"report": report, "real_time_factor": what.real_time_factor})
-        estimator.wait_for(r"ready: ", START_TIMEOUT_S)
         simulator = fleet.start("rover_sim_node", "simulator", _simulator_parameters(what))
         estimator.wait_for(r"matched all inputs", START_TIMEOUT_S)
         recorder.wait_for(r"recording \d+ topics", MATCH_TIMEOUT_S)
-        watch.wait_for(r"matched all topics", MATCH_TIMEOUT_S)
+        # A publisher that has matched a reader may not be matched by it yet, and what it says then is lost. So the simulator
+        # waits for one reader more, the watch, which starts when the two that must not miss anything have said that they hear.
+        watch = fleet.start("terrain_estimator", "watch", {"report": report, "real_time_factor": what.real_time_factor})
+        watch.wait_for(r"matched all topics", START_TIMEOUT_S)
         _follow(simulator, watch, 3.0 * what.duration_s / what.real_time_factor + START_TIMEOUT_S, say)
         for program in (estimator, watch, recorder):  # the estimator first: what it still answers is recorded
             code = program.stop()
@@ -78,6 +79,7 @@ def _simulator_parameters(what: Drive) -> dict[str, object]:
         "duration": what.duration_s,
         "real_time_factor": what.real_time_factor,
         "wait_for_subscribers": READERS,
+        "wait_timeout": 2.0 * START_TIMEOUT_S,
     }
 
 

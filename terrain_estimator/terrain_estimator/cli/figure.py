@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a recorded run: the estimates with their intervals against the truth, slip and sinkage below."""
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -71,9 +73,8 @@ def draw(curves: Curves, path: Path, title: str) -> None:
     """Draw to an image file; its suffix says which kind."""
     figure, ((cohesion, tan_phi), (slip, sinkage)) = plt.subplots(2, 2, figsize=(11.0, 6.5), sharex=True, layout="constrained")
     figure.suptitle(title)
-    end_s = float(curves.time_s[-1])
-    _draw_estimate(cohesion, curves.time_s, curves.cohesion_kpa, [(time, value) for time, value, _ in curves.truth], end_s)
-    _draw_estimate(tan_phi, curves.time_s, curves.tan_phi, [(time, value) for time, _, value in curves.truth], end_s)
+    _draw_estimate(cohesion, curves.time_s, curves.cohesion_kpa, [(time, value) for time, value, _ in curves.truth], "upper right")
+    _draw_estimate(tan_phi, curves.time_s, curves.tan_phi, [(time, value) for time, _, value in curves.truth], "lower right")
     _draw_wheels(slip, curves.slip_time_s, curves.slip, curves.wheels)
     _draw_wheels(sinkage, curves.sinkage_time_s, curves.sinkage_mm, curves.wheels)
     for axes, label in (
@@ -86,20 +87,26 @@ def draw(curves: Curves, path: Path, title: str) -> None:
         axes.grid(visible=True, alpha=0.3)
     for axes in (slip, sinkage):
         axes.set_xlabel("time [s]")
-    slip.set_xlim(0.0, end_s)
+    slip.set_xlim(0.0, float(curves.time_s[-1]))
     figure.savefig(path, dpi=130)
     plt.close(figure)
 
 
-def _draw_estimate(axes: Axes, time_s: Floats, values: Floats, truth: list[tuple[float, float]], end_s: float) -> None:
+def _draw_estimate(
+    axes: Axes, time_s: Floats, values: Floats, truth: list[tuple[float, float]], legend: Literal["upper right", "lower right"]
+) -> None:
     axes.fill_between(time_s, values[:, 1], values[:, 2], color=_ESTIMATE, alpha=0.22, linewidth=0.0, label="95 % interval")
     axes.plot(time_s, values[:, 0], color=_ESTIMATE, label="estimate")
     if truth:
         axes.step(
-            [*(time for time, _ in truth), end_s], [*(value for _, value in truth), truth[-1][1]], _TRUTH, where="post", label="truth"
+            [*(time for time, _ in truth), float(time_s[-1])],
+            [*(value for _, value in truth), truth[-1][1]],
+            _TRUTH,
+            where="post",
+            label="truth",
         )
         axes.set_ylim(0.0, _upper_limit(values, max(value for _, value in truth)))
-    axes.legend(loc="upper right")
+    axes.legend(loc=legend)
 
 
 def _upper_limit(values: Floats, truth: float) -> float:
@@ -109,10 +116,18 @@ def _upper_limit(values: Floats, truth: float) -> float:
 
 
 def _draw_wheels(axes: Axes, time_s: Floats, values: Floats, wheels: list[str]) -> None:
-    """One colour an axle: by the first word of the wheels' names, in their order."""
-    axles = list(dict.fromkeys(name.split("_")[0] for name in wheels))
-    for column, name in enumerate(wheels):
-        axle = axles.index(name.split("_")[0])
-        label = axles[axle] if column == wheels.index(next(each for each in wheels if each.startswith(axles[axle]))) else None
-        axes.plot(time_s, values[:, column], color=_AXLES[axle % len(_AXLES)], linewidth=0.6, alpha=0.8, label=label)
-    axes.legend(loc="upper right", ncols=len(axles))
+    """Every wheel thinly, and the mean of an axle over a second; an axle is the first word of its wheels' names."""
+    axle_of = [name.split("_")[0] for name in wheels]
+    for axle, colour in zip(dict.fromkeys(axle_of), itertools.cycle(_AXLES)):
+        columns = values[:, [name == axle for name in axle_of]]
+        axes.plot(time_s, columns, color=colour, linewidth=0.5, alpha=0.3)
+        axes.plot(time_s, _smooth(columns.mean(axis=1)), color=colour, label=axle)
+    low, high = np.nanpercentile(values, (0.5, 99.5)).tolist()
+    axes.set_ylim(low - 0.15 * (high - low), high + 0.3 * (high - low))  # room for the legend
+    axes.legend(loc="upper right", ncols=3)
+
+
+def _smooth(values: Floats) -> Floats:
+    """Mean over the ten samples around each; fewer at the ends. NaN where one of them is."""
+    kernel = np.ones(10)
+    return np.asarray(np.convolve(values, kernel, "same") / np.convolve(np.ones_like(values), kernel, "same"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -57,6 +57,7 @@ class Watch(Node):
         self._arrivals_ns: dict[str, list[int]] = {topic: [] for topic in TOPICS}
         self._last: dict[str, Message] = {}
         self._matched: set[str] = set()
+        self._shown: Message = None
         for topic in TOPICS:
             self._subscribe(topic)
         latched = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -69,7 +70,9 @@ class Watch(Node):
         """Write the report."""
         if not self._config.report:
             return
-        results = {topic: timing(arrivals, self._config.real_time_factor) for topic, arrivals in self._arrivals_ns.items()}
+        factor = self._config.real_time_factor
+        # The health is published by the wall clock, everything else by the stamps.
+        results = {topic: timing(arrivals, 1.0 if TOPICS[topic] == HEALTH else factor) for topic, arrivals in self._arrivals_ns.items()}
         content = {
             "messages": {topic: result.messages for topic, result in results.items()},
             "rate_hz": {topic: result.rate_hz for topic, result in results.items() if math.isfinite(result.rate_hz)},
@@ -85,17 +88,20 @@ class Watch(Node):
             if topic in SHOWN:
                 self._last[topic] = message
 
-        def match(_: object) -> None:
-            self._matched.add(topic)
-            if self._matched == set(TOPICS):
-                self._say("matched all topics")
+        def match(info: QoSSubscriptionMatchedInfo) -> None:
+            if info.current_count_change > 0 and topic not in self._matched:
+                self._matched.add(topic)
+                if self._matched == set(TOPICS):
+                    self._say("matched all topics")
 
         events = SubscriptionEventCallbacks(matched=match)
         kind, qos = message_class(TOPICS[topic]), QoSProfile(depth=DEPTH)
         self.create_subscription(kind, topic, receive, qos, event_callbacks=events, raw=topic not in SHOWN)
 
     def _show(self) -> None:
-        if all(topic in self._last for topic in SHOWN):
+        """Say what is new; nothing where no estimate came since the last line."""
+        if all(topic in self._last for topic in SHOWN) and self._last["terrain_estimate"] is not self._shown:
+            self._shown = self._last["terrain_estimate"]
             self._say(live_line(self._last))
 
     def _say(self, text: str) -> None:
