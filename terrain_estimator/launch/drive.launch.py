@@ -28,7 +28,9 @@ ARGUMENTS = {
 def generate_launch_description() -> LaunchDescription:
     """Starts simulator, estimator and recorder; stops the other two when the simulator has ended."""
     value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    simulator = _node("rover_sim_node", "simulator", {name: value[name] for name in ("rover", "soil", "schedule", "duration", "seed")})
+    chosen = {name: value[name] for name in ("rover", "soil", "schedule", "duration", "seed")}
+    # The drive waits until the estimator and the recorder have matched, so that neither misses its beginning.
+    simulator = _node("rover_sim_node", "simulator", chosen, {"wait_for_subscribers": 2})
     others = [
         _node("terrain_estimator", "estimator", {"model": value["model"]}),
         _node("terrain_estimator", "recorder", {"output": value["output"]}),
@@ -38,7 +40,8 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*declared, *others, simulator, end])
 
 
-def _node(package: str, executable: str, parameters: dict[str, LaunchConfiguration]) -> Node:
+def _node(package: str, executable: str, chosen: dict[str, LaunchConfiguration], fixed: dict[str, int] | None = None) -> Node:
     kinds = {"duration": float, "seed": int}
-    typed = {name: ParameterValue(value, value_type=kinds.get(name, str)) for name, value in parameters.items()}
-    return Node(package=package, executable=executable, namespace=LaunchConfiguration("namespace"), parameters=[typed], output="screen")
+    typed = {name: ParameterValue(value, value_type=kinds.get(name, str)) for name, value in chosen.items()}
+    parameters = [typed | (fixed or {})]
+    return Node(package=package, executable=executable, namespace=LaunchConfiguration("namespace"), parameters=parameters, output="screen")
