@@ -71,13 +71,19 @@ def status_text(update: Update, status: Status, rows: tuple[str, ...], notes: tu
     return "; ".join([*parts, *notes, *update.warnings])
 
 
-def estimate_message(update: Update, make: Make, meta: Meta, notes: tuple[str, ...] = ()) -> Message:
+def update_header(update: Update, make: Make, meta: Meta) -> Message:
+    """The header of everything that follows from one observation: its stamp, the body's frame."""
+    sec, nanosec = divmod(update.stamp_ns, 1_000_000_000)
+    return make("std_msgs/msg/Header", stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id=meta.body_frame)
+
+
+def estimate_message(update: Update, make: Make, meta: Meta, header: Message, notes: tuple[str, ...] = ()) -> Message:
     """msg_defs/TerrainEstimate of one update. ``notes`` say which wheels or sensors the conversion left out."""
     estimate = update.estimate
     status = status_of(update, meta.rows)
     return make(
         ESTIMATE,
-        header=_header(update, make, meta),
+        header=header,
         sequence=update.sequence,
         model_id=meta.model_id,
         model_sha256=meta.model_sha256,
@@ -117,7 +123,7 @@ def _estimate_fields(estimate: Estimate) -> dict[str, object]:
     }
 
 
-def prediction_message(update: Update, make: Make, meta: Meta) -> Message:
+def prediction_message(update: Update, make: Make, meta: Meta, header: Message) -> Message:
     """msg_defs/MotionPrediction of one update; its numbers are NaN where it is not valid."""
     prediction = update.prediction
     valid = bool(prediction.valid)
@@ -125,7 +131,7 @@ def prediction_message(update: Update, make: Make, meta: Meta) -> Message:
     half_width = INTERVAL_95 * math.sqrt(variance) if valid else math.nan
     return make(
         PREDICTION,
-        header=_header(update, make, meta),
+        header=header,
         sequence=update.sequence,
         child_frame_id=meta.body_frame,
         valid=valid,
@@ -181,8 +187,3 @@ def _decision_message(decision: Decision, make: Make) -> Message:
         threshold=decision.threshold,
         degrees_of_freedom=decision.degrees_of_freedom,
     )
-
-
-def _header(update: Update, make: Make, meta: Meta) -> Message:
-    sec, nanosec = divmod(update.stamp_ns, 1_000_000_000)
-    return make("std_msgs/msg/Header", stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id=meta.body_frame)

@@ -11,7 +11,7 @@ import numpy as np
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.conversion import Converter
 from terrain_estimator.estimator import Estimator
-from terrain_estimator.messages import Meta, estimate_message, prediction_message
+from terrain_estimator.messages import Meta, estimate_message, prediction_message, update_header
 from terrain_estimator.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
 from terrain_estimator.pairing import Counters, MessageSet, Synchronizer, Topic
@@ -32,9 +32,10 @@ class Answer:
 
     def messages(self, make: Make, meta: Meta) -> dict[str, Message]:
         """The outgoing messages, by topic."""
+        header = update_header(self.update, make, meta)
         return {
-            "terrain_estimate": estimate_message(self.update, make, meta, self.notes),
-            "motion_prediction": prediction_message(self.update, make, meta),
+            "terrain_estimate": estimate_message(self.update, make, meta, header, self.notes),
+            "motion_prediction": prediction_message(self.update, make, meta, header),
         }
 
 

@@ -12,10 +12,19 @@ from rclpy.serialization import serialize_message
 
 from msg_defs.msg import MeasurementDecision, TerrainEstimate
 from terrain_estimator.bags import Types
-from terrain_estimator.messages import INTERVAL_95, Meta, Status, estimate_message, prediction_message, status_of, status_text
+from terrain_estimator.messages import (
+    INTERVAL_95,
+    Meta,
+    Status,
+    estimate_message,
+    prediction_message,
+    status_of,
+    status_text,
+    update_header,
+)
 from terrain_estimator.nodes import factory
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ESTIMATE, OUTPUT_TYPES, PREDICTION
+from terrain_estimator.ros_types import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
 from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
 
 ROWS = ("velocity", "load", "torque_0", "torque_1", "torque_2", "acceleration")
@@ -47,8 +56,12 @@ def updated(decision: Decision | None = None, **changes: Any) -> Update:
     return Update(12_500_000_001, 7, dataclasses.replace(estimate, **changes), prediction, decision or decided(), 1e3, ("a warning",))
 
 
+def header(make: Make = TYPES.make) -> Any:
+    return update_header(updated(), make, META)
+
+
 def test_the_estimate_carries_numbers_stamp_and_origin() -> None:
-    message = estimate_message(updated(), TYPES.make, META, ("a note",))
+    message = estimate_message(updated(), TYPES.make, META, header(), ("a note",))
     assert (message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id) == (12, 500_000_001, "base_link")
     assert (message.sequence, message.model_id, message.model_sha256, message.configuration_sha256) == (7, "a model", "ab12", "cd34")
     assert (message.cohesion, message.cohesion_stddev, message.tan_phi, message.tan_phi_stddev) == (1500.0, 100.0, 0.6, 0.02)
@@ -63,7 +76,7 @@ def test_the_estimate_carries_numbers_stamp_and_origin() -> None:
 
 
 def test_the_prediction_carries_its_interval() -> None:
-    message = prediction_message(updated(), TYPES.make, META)
+    message = prediction_message(updated(), TYPES.make, META, header())
     assert (message.valid, message.velocity, message.velocity_variance, message.horizon) == (True, 0.15, 1e-4, 0.1)
     assert message.velocity_upper_95 - message.velocity == pytest.approx(INTERVAL_95 * 0.01)
     assert (message.measured_velocity, message.innovation, message.innovation_variance) == (0.151, 0.002, 1.5e-4)
@@ -71,16 +84,16 @@ def test_the_prediction_carries_its_interval() -> None:
 
 def test_a_prediction_that_is_not_valid_has_no_numbers() -> None:
     update = dataclasses.replace(updated(), prediction=dataclasses.replace(updated().prediction, valid=False))
-    message = prediction_message(update, TYPES.make, META)
+    message = prediction_message(update, TYPES.make, META, header())
     assert not message.valid
     assert np.isnan([message.velocity, message.velocity_variance, message.velocity_lower_95, message.velocity_upper_95]).all()
 
 
 @pytest.mark.parametrize("build", [estimate_message, prediction_message])
 def test_rclpy_and_bag_classes_give_the_same_message(build: Any) -> None:
-    live = serialize_message(build(updated(), factory.make, META))
+    live = serialize_message(build(updated(), factory.make, META, header(factory.make)))
     type_name = ESTIMATE if build is estimate_message else PREDICTION
-    assert TYPES.canonical(live, type_name) == TYPES.serialize(build(updated(), TYPES.make, META))
+    assert TYPES.canonical(live, type_name) == TYPES.serialize(build(updated(), TYPES.make, META, header()))
 
 
 def test_the_constants_are_those_of_the_message_definitions() -> None:

@@ -124,12 +124,31 @@ class BagReader:
             BagError: the bag has no definition for it, or the bytes do not fit it.
         """
         if message.topic not in self._prepared:
-            self._prepare(message.topic)
+            self.prepare(message.topic)
         try:
             return self.types.deserialize(message.data, message.type_name)
         except BagError as error:
             msg = f"{self.path}: topic {message.topic} at log time {message.log_time_ns} ns: {error}; leave out this topic or record again"
             raise BagError(msg) from error
+
+    def prepare(self, name: str) -> None:
+        """Make a topic's message classes, which takes some ms; :meth:`decode` does it with the first message otherwise.
+
+        Raises:
+            BagError: the bag has no definition for it.
+        """
+        if name in self._prepared:
+            return
+        definition = self.topics[name].definition
+        if definition is None:
+            msg = f"{self.path}: topic {name} is not CDR with .msg source, it cannot be decoded; convert the bag with `ros2 bag convert`"
+            raise BagError(msg)
+        try:
+            self.types.add(definition)
+        except BagError as error:
+            msg = f"{self.path}: topic {name}: {error}"
+            raise BagError(msg) from error
+        self._prepared.add(name)
 
     def expect(self, types: Mapping[str, str]) -> frozenset[str]:
         """Check the types of topics; return those that the bag has.
@@ -165,18 +184,6 @@ class BagReader:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Close all files."""
         self.close()
-
-    def _prepare(self, name: str) -> None:
-        definition = self.topics[name].definition
-        if definition is None:
-            msg = f"{self.path}: topic {name} is not CDR with .msg source, it cannot be decoded; convert the bag with `ros2 bag convert`"
-            raise BagError(msg)
-        try:
-            self.types.add(definition)
-        except BagError as error:
-            msg = f"{self.path}: topic {name}: {error}"
-            raise BagError(msg) from error
-        self._prepared.add(name)
 
     def _unfinished_note(self, file: McapFile) -> str:
         start = f"{file.path} ends without a footer (the recorder was killed, or the copy is incomplete)"
