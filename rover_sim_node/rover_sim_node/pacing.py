@@ -6,19 +6,19 @@ import time
 
 
 class Pace:
-    """The times at which steps are due."""
+    """The times at which steps are due; ``done`` counts those that are over."""
 
     def __init__(self, period_s: float) -> None:
         """The first step is due one ``period_s`` from now, the others at whole multiples of it."""
-        self._period_ns = period_s * 1e9
+        self._period_s = period_s
         self._start_ns = time.monotonic_ns()
-        self._steps = 1
+        self.done = 0
 
     def remaining_s(self) -> float:
         """Time until the next step is due [s]; negative when it is late."""
-        due = self._start_ns + round(self._steps * self._period_ns)
+        due = self._start_ns + round((self.done + 1) * self._period_s * 1e9)
         return (due - time.monotonic_ns()) * 1e-9
 
     def advance(self) -> None:
         """The step that was due is done."""
-        self._steps += 1
+        self.done += 1

@@ -35,7 +35,9 @@ CLOCK = "/clock"
 DISCOVERY_S = 0.5
 """Time for which another owner of the clock is looked for."""
 SLEEP_S = 0.002
-"""Last part of a wait, in which nothing but sleeping happens."""
+"""Last part of a wait, in which nothing but sleeping happens. (Watching the clock instead makes a busy machine later.)"""
+LATE_S = 0.2
+"""Lateness that is worth a warning."""
 ACKNOWLEDGE_S = 2.0
 """Time that readers get at the end to take what is still on its way."""
 LOG_PERIOD_S = 5.0
@@ -139,32 +141,35 @@ class Simulator:
         self._node.get_logger().info(f"driving {config.schedule} on {config.soil} with {config.rover}")
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would make a step late
-        self._drive(Pace(1.0 / config.rate / config.real_time_factor))
+        self._drive()
         self._node.finish()
 
-    def _drive(self, pace: Pace) -> None:
+    def _drive(self) -> None:
         config = self._node.config
         steps = round(config.duration * config.rate)
-        done = 0
-        while not self._stop.is_set() and (steps == 0 or done < steps):
-            due = self._node.prepare()
-            late = -pace.remaining_s()
-            if late > 1.0 / config.rate:
-                self._node.get_logger().warning(f"{late:.1f} s behind: lower real_time_factor", throttle_duration_sec=LOG_PERIOD_S)
-            self._wait(pace)
+        due = self._node.prepare()
+        pace = Pace(1.0 / config.rate / config.real_time_factor)
+        while self._wait(pace):
             for output, message in due:
                 output.publish(message)
             pace.advance()
-            done += 1
-            if config.owns_clock and done % round(config.rate) == 0:
+            if pace.done == steps:
+                return
+            due = self._node.prepare()
+            if pace.remaining_s() < -LATE_S:
+                self._node.get_logger().warning(
+                    f"late by {-pace.remaining_s():.1f} s: lower real_time_factor", throttle_duration_sec=LOG_PERIOD_S
+                )
+            if config.owns_clock and pace.done % round(config.rate) == 0:
                 self._node.check_clock(1)
 
-    def _wait(self, pace: Pace) -> None:
-        """Serve callbacks until shortly before the deadline, then sleep up to it."""
+    def _wait(self, pace: Pace) -> bool:
+        """Serve callbacks until shortly before the deadline, then sleep up to it. Returns False when told to stop."""
+        self._executor.spin_once(timeout_sec=0.0)
         while not self._stop.is_set() and (left := pace.remaining_s() - SLEEP_S) > 0.0:
             self._executor.spin_once(timeout_sec=left)
-        self._executor.spin_once(timeout_sec=0.0)
         time.sleep(max(pace.remaining_s(), 0.0))
+        return not self._stop.is_set()
 
     def _wait_for_subscribers(self) -> None:
         deadline = time.monotonic() + self._node.config.wait_timeout
