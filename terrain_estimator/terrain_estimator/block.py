@@ -23,12 +23,13 @@ class BlockRows(NamedTuple):
     """Q = R + 1 rows of a block over D + 1 parameters: those of Posterior, then the velocity at the block's end.
 
     Row 0 is the mean of the measured velocities, row 1 carries the velocity over the block (its target is zero), the
-    others are means of the observations' rows. S = n E sources of noise.
+    others are means of the observations' rows. With G_a [Q, S] the change of the rows for the S = n E sources of noise,
+    affine in theta = (c, tan phi, 1), their covariance is SUM_ab theta_a theta_b G_a G_b'.
     """
 
     linear: Tensor  # [Q, D + 1]
     offset: Tensor  # [Q]
-    noise: Tensor  # [Q, S, 3] change for one standard deviation, affine in (c, tan phi)
+    gram: Tensor  # [3, 3 Q Q] G_b G_a' for b, then a
     target: Tensor  # [Q]
     variance: Tensor  # [Q] of the target
     present: Tensor  # [Q] 1 where at least one observation holds the row
@@ -67,61 +68,79 @@ def block_rows(rows: Rows, columns: Tensor, step: Tensor, velocity: Tensor, fixe
     target = (doubled[0] * weight).sum(0)
     variance = (doubled[1] * weight**2).sum(0) + (1.0 - present)
     zero = torch.zeros_like(target[2:])
+    sources = noise.permute(3, 1, 0, 2).flatten(2).flatten(0, 1)  # [3 Q, n E]
+    q = weight.shape[1]
+    gram = (sources @ sources.T).view(3, q, 3, q).permute(0, 2, 1, 3).reshape(3, -1)
     return BlockRows(
         linear=torch.cat([features[:, :2], features[:, 3:], fixed * present.unsqueeze(-1)], 1),
         offset=features[:, 2],
-        noise=noise.transpose(0, 1).flatten(1, 2),
+        gram=gram,
         target=target + torch.cat([measured[:1], zero[:1] * 0.0, zero]),
         variance=variance + torch.cat([measured[1:] / n, zero[:1] + link_variance, zero]),
         present=present,
     )
 
 
+class Step(NamedTuple):
+    """One Gauss-Newton step of every hypothesis."""
+
+    mean: Tensor  # [H, D + 1] after the step
+    precision: Tensor  # [H, D + 1, D + 1]
+    factor: Tensor  # its Cholesky factor
+    misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step foresees it
+    longest: Tensor  # [] change of (c, tan phi) in units of ``longest_step``
+
+
 class Solution(NamedTuple):
     """The posterior after a block, and how well it fits."""
 
     posterior: Posterior  # over D + 1 parameters
-    misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r at the minimum
-    longest: Tensor  # [] last step of (c, tan phi), in units of ``longest_step``
+    misfit: Tensor  # [H] at the minimum
 
 
-def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor) -> Solution:
+def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
+    """Covariance S(theta) [H, Q, Q] of the rows at ``theta`` [H, 2], and its halves SUM_b theta_b G_b G_a' [H, 3, Q, Q]."""
+    q = rows.target.shape[0]
+    homogeneous = torch.cat([theta, torch.ones_like(theta[:, :1])], 1)
+    half = (homogeneous @ rows.gram).view(-1, 3, q, q)
+    return half, (half * homogeneous.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
+
+
+def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor) -> Step:
     """One step from ``mean`` [H, D + 1] towards the minimum of (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r.
 
-    The sources of noise that explain the residual best are e = G' S^-1 r. The features at the inputs so corrected are
-    Phi + G_a e, and with them the gradient is J' S^-1 r exactly, the dependence of S on theta included.
+    ``prior`` has D + 1 parameters, of the last it knows nothing. The sources of noise that explain the residual best
+    are e = G(theta)' S^-1 r. The features at the inputs so corrected are Phi + G_a e, and with them the gradient is
+    J' S^-1 r exactly, the dependence of S on theta included.
     """
-    linear = rows.linear
-    theta = torch.cat([mean[:, :2], torch.ones_like(mean[:, :1])], 1)
-    spread = torch.matmul(rows.noise, theta.T).permute(2, 0, 1)  # [H, Q, S]
-    factor = cholesky(spread @ spread.transpose(1, 2) + torch.diag(rows.variance))
-    residual = (rows.target - rows.offset - mean @ linear.T).unsqueeze(-1)
+    half, covariance = row_noise(rows, mean[:, :2])
+    factor = cholesky(covariance)
+    residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
-    source = (spread.transpose(1, 2) @ weighted).squeeze(-1)  # [H, S]
-    by_theta = rows.noise[:, :, :2].transpose(0, 1).flatten(1)  # [S, Q 2]
-    corrected = linear[:, :2] + (source @ by_theta).view(-1, linear.shape[0], 2)
-    jacobian = torch.cat([corrected, linear[:, 2:].expand(mean.shape[0], -1, -1)], 2)
-
-    precision_before = nn.functional.pad(prior.precision, [0, 1, 0, 1])
-    pull = nn.functional.pad(prior.mean - mean[:, :-1], [0, 1]).unsqueeze(-1)
-    restoring = precision_before @ pull
-    precision = symmetrize(precision_before + jacobian.transpose(1, 2) @ torch.cholesky_solve(jacobian, factor))
-    gradient = restoring + jacobian.transpose(1, 2) @ weighted
+    shift = (half[:, :2].transpose(2, 3) @ weighted.unsqueeze(1)).squeeze(-1).transpose(1, 2)  # [H, Q, 2] G_a e
+    jacobian = rows.linear + nn.functional.pad(shift, [0, mean.shape[1] - 2])
+    transposed = jacobian.transpose(1, 2)
+    pull = (prior.mean - mean).unsqueeze(-1)
+    restoring = prior.precision @ pull
+    precision = symmetrize(prior.precision + transposed @ torch.cholesky_solve(jacobian, factor))
+    gradient = restoring + transposed @ weighted
     root = cholesky(precision)
     step = torch.cholesky_solve(gradient, root)
-    misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - (gradient * step).sum(1)).squeeze(-1)
-    volume = log_determinant(root) - torch.log(precision[:, -1, -1]) - log_determinant(cholesky(prior.precision))
     longest = (step[:, :2, 0].abs() / longest_step).amax(1, keepdim=True)
-    moved = mean + step.squeeze(-1) / longest.clamp(min=1.0)
-    return Solution(Posterior(moved, precision, prior.log_weight - 0.5 * (misfit + volume)), misfit, longest.amax())
+    misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - (gradient * step).sum(1)).squeeze(-1)
+    return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, misfit, longest.amax())
 
 
 def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = 8) -> Solution:
-    """Gauss-Newton from the prior mean until no hypothesis moves by 1e-4 of ``longest_step``, ``most`` steps at most."""
+    """Gauss-Newton from the prior mean until no hypothesis moves by 1e-3 of ``longest_step``, ``most`` steps at most."""
     start = torch.cat([prior.mean, prior.mean[:, -1:]], 1)
-    solution = gauss_newton(prior, start, rows, longest_step)
+    padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
+    step = gauss_newton(padded, start, rows, longest_step)
     for _ in range(most - 1):
-        if bool(solution.longest < 1e-4):
+        if bool(step.longest < 1e-3):
             break
-        solution = gauss_newton(prior, solution.posterior.mean, rows, longest_step)
-    return solution
+        step = gauss_newton(padded, step.mean, rows, longest_step)
+    before = log_determinant(cholesky(prior.precision))
+    volume = log_determinant(step.factor) - torch.log(step.precision[:, -1, -1]) - before
+    log_weight = prior.log_weight - 0.5 * (step.misfit + volume)
+    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit)

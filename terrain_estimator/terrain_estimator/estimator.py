@@ -24,7 +24,9 @@ _NAN = math.nan
 _LONGEST_GAP = 2.5
 """[steps] A longer time between two observations breaks the link between their velocities."""
 _PATIENCE = 3
-"""Blocks in a row that may contradict the posterior; the next one is believed."""
+"""Blocks in a row that may contradict the posterior; the next one is believed, unless it is absurd."""
+_ABSURD = 1e5
+"""[1] Squared Mahalanobis distance that no change of the ground explains, only a sensor that fails."""
 
 
 class Estimator:
@@ -84,14 +86,11 @@ class Estimator:
         with torch.no_grad():
             state: State = self._module.update(self._state, packed)
         refusal = self._refuse(observation, state)
+        if refusal is None and state["block"].shape[0] == 0:
+            refusal = self._refuse_block(state)
         if refusal is not None:
             return self._answer(observation.stamp_ns, refusal)
         closed = state["block"].shape[0] == 0
-        if closed and (refusal := self._refuse_block(state)) is not None:
-            with torch.no_grad():
-                self._state = self._module.discard(self._state)
-            self._last = None
-            return self._answer(observation.stamp_ns, refusal)
         self._keep(observation, state)
         if closed or self._used == 1:
             self._estimate = self._summarise()
@@ -115,14 +114,15 @@ class Estimator:
     def _refuse(self, observation: Observation, state: State) -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""
         if not _finite(state):
-            detail = "the posterior became non-finite, the one of before is kept"
+            self._discard_block()
+            detail = "a number became infinite or NaN: the posterior is kept, the last second is left out"
             return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
         if not bool(state["usable"].any()):
             return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, "no axle has slip and sinkage in the model's range")
-        innovation, variance = state["innovation"].tolist()
-        distance = innovation**2 / variance
+        distance = _distance(state)
         if distance > self._gate:
-            detail = f"velocity {observation.velocity:.4g} m/s, expected {observation.velocity - innovation:.4g} m/s"
+            expected = observation.velocity - float(state["innovation"][0])
+            detail = f"velocity {observation.velocity:.4g} m/s, expected {expected:.4g} m/s"
             return Decision(Outcome.GATED, (), distance, self._gate, 1, detail)
         return None
 
@@ -130,12 +130,18 @@ class Estimator:
         """Why the block that this state closed is left out; a contradiction that lasts is believed."""
         misfit, degrees = state["misfit"].tolist()
         threshold = _threshold(self._config.gate_probability, int(degrees))
-        if misfit <= threshold or self._contradictions >= _PATIENCE:
+        if misfit <= threshold or (self._contradictions >= _PATIENCE and misfit < _ABSURD):
             self._contradictions = 0
             return None
         self._contradictions += 1
-        detail = "the last block of observations contradicts the posterior and is left out"
+        self._discard_block()
+        detail = "the last second contradicts the posterior and is left out"
         return Decision(Outcome.GATED, (), misfit, threshold, int(degrees), detail)
+
+    def _discard_block(self) -> None:
+        with torch.no_grad():
+            self._state = self._module.discard(self._state)
+        self._last = None
 
     def _keep(self, observation: Observation, state: State) -> None:
         if self._last is not None:
@@ -153,8 +159,7 @@ class Estimator:
         elif not detail:
             detail = f"axles {[k for k, good in enumerate(usable) if not good]} are outside the model's range"
         outcome = screening.outcome if all(usable) else Outcome.ACCEPTED_PARTIALLY
-        innovation, variance = state["innovation"].tolist()
-        distance = innovation**2 / variance
+        distance = _distance(state)
         return Decision(outcome, tuple(rows), distance, self._gate, 0 if math.isnan(distance) else 1, detail)
 
     def _predict(self, observation: Observation, state: State) -> Prediction:
@@ -208,6 +213,12 @@ def _condition(covariance: Floats) -> float:
     """Condition number of the 2 x 2 covariance scaled to unit diagonal, from its correlation."""
     correlation = abs(covariance[0, 1]) / math.sqrt(covariance[0, 0] * covariance[1, 1])
     return float((1.0 + correlation) / max(1.0 - correlation, np.finfo(np.float64).eps))
+
+
+def _distance(state: State) -> float:
+    """Squared Mahalanobis distance of the velocity's innovation [1]; NaN where there was none."""
+    innovation, variance = state["innovation"]
+    return float(innovation**2 / variance)
 
 
 def _finite(state: State) -> bool:

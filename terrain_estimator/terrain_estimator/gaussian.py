@@ -17,8 +17,8 @@ def symmetrize(matrix: Tensor) -> Tensor:
 def cholesky(matrix: Tensor) -> Tensor:
     """Lower Cholesky factor of [..., D, D]; where rounding made it indefinite, 1e-12 to 1e-6 of its diagonal is added.
 
-    A matrix that is not finite, or stays indefinite, gives NaN: scripted code has no exceptions to offer, so callers
-    check their result with ``isfinite``.
+    A matrix with NaN, or one that stays indefinite, gives NaN: a model never raises for its numbers, so callers check
+    their result with ``isfinite``.
     """
     factor, failed = torch.linalg.cholesky_ex(matrix)
     jitter = 1e-12

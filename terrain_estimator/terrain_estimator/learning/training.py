@@ -68,7 +68,7 @@ def train(model: PAlpaca, rover: Rover, soil: Soil, recipe: Recipe) -> Iterator[
         optimizer.zero_grad()
         (loss + recipe.orthogonality * shared).backward()  # type: ignore[no-untyped-call]
         optimizer.step()
-        yield Progress(iteration, float(loss), float(shared))
+        yield Progress(iteration, loss.item(), shared.item())
     model.net_precision.copy_(log_precision.detach().exp())
     for parameter in model.net.parameters():
         parameter.requires_grad = False  # a scripted module with gradients fails where none are recorded

@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The core from observation to update: accepted, refused, and never a number that is not one."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.estimator import Estimator
+from terrain_estimator.model_file import LoadedModel, load_model
+from terrain_estimator.observation import Observation
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.update import Update
+from tests.terrain_estimator.drives import STEP_NS, drive_observations
+
+
+@pytest.fixture(scope="module")
+def model() -> LoadedModel:
+    return load_model()
+
+
+@pytest.fixture(scope="module")
+def drive(model: LoadedModel) -> list[Observation]:
+    return drive_observations(model.rover, model.metadata.soil, 30.0, seed=11)
+
+
+def run(model: LoadedModel, observations: list[Observation], config: CoreConfig | None = None) -> list[Update]:
+    estimator = Estimator(model, config or CoreConfig())
+    return [estimator.update(observation) for observation in observations]
+
+
+def assert_publishable(update: Update) -> None:
+    estimate = update.estimate
+    assert np.isfinite(estimate.mean).all()
+    assert np.linalg.eigvalsh(estimate.covariance / np.outer(*2 * [np.sqrt(np.diagonal(estimate.covariance))])).min() > 0.0
+    assert (estimate.lower_95 >= 0.0).all()
+    if update.prediction.valid:
+        assert math.isfinite(update.prediction.velocity)
+        assert update.prediction.variance > 0.0
+
+
+def test_a_drive_narrows_both_intervals_around_the_truth(model: LoadedModel, drive: list[Observation]) -> None:
+    """One drive, so the bound is wide: 4 standard deviations are exceeded once in 16 000 honest estimates."""
+    updates = run(model, drive)
+    first, last = updates[0].estimate, updates[-1].estimate
+    deviation = np.sqrt(np.diagonal(last.covariance))
+    truth = np.array([model.metadata.soil.cohesion, model.metadata.soil.tan_phi])
+    assert (np.abs(last.mean - truth) < 4.0 * deviation).all()
+    assert (deviation < 0.5 * np.sqrt(np.diagonal(first.covariance))).all()
+    assert {update.decision.outcome for update in updates} == {Outcome.ACCEPTED}
+    assert last.observations_used == len(drive)
+    assert last.time_used_s == pytest.approx((len(drive) - 1) * 0.1)
+
+
+def test_the_estimate_starts_as_the_prior_and_is_not_called_identified(model: LoadedModel, drive: list[Observation]) -> None:
+    first = run(model, drive[:1])[0].estimate
+    np.testing.assert_allclose(first.mean, model.metadata.prior_mean)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(first.covariance)), model.metadata.prior_sd)
+    assert first.identified == (False, False)
+
+
+def test_the_same_observations_give_the_same_bits(model: LoadedModel, drive: list[Observation]) -> None:
+    first, second = run(model, drive[:120]), run(model, drive[:120])
+    assert [u.estimate.mean.tobytes() + u.estimate.covariance.tobytes() for u in first] == [
+        u.estimate.mean.tobytes() + u.estimate.covariance.tobytes() for u in second
+    ]
+    assert [u.prediction.velocity for u in first] == [u.prediction.velocity for u in second]
+
+
+def test_reset_starts_over_but_counts_on(model: LoadedModel, drive: list[Observation]) -> None:
+    estimator = Estimator(model, CoreConfig())
+    before = [estimator.update(observation) for observation in drive[:60]]
+    estimator.reset()
+    after = [estimator.update(observation) for observation in drive[:60]]
+    assert after[0].sequence == 60
+    np.testing.assert_array_equal(before[-1].estimate.mean, after[-1].estimate.mean)
+
+
+BROKEN: dict[str, tuple[dict[str, object], set[Outcome]]] = {
+    "velocity NaN": ({"velocity": math.nan}, {Outcome.NOT_FINITE}),
+    "velocity infinite": ({"velocity": math.inf}, {Outcome.NOT_FINITE}),
+    "velocity huge": ({"velocity": 1e308}, {Outcome.GATED, Outcome.NUMERICAL_FAILURE}),
+    "velocity impossible": ({"velocity": 30.0}, {Outcome.GATED}),
+    "velocity certain": ({"velocity_sd": 0.0}, {Outcome.BAD_DEVIATION}),
+    "deviation negative": ({"pitch_sd": -1.0}, {Outcome.BAD_DEVIATION}),
+    "slip NaN": ({"slip": np.full(3, math.nan)}, {Outcome.NOT_FINITE}),
+    "slip beyond one": ({"slip": np.full(3, 1.5)}, {Outcome.OUT_OF_RANGE}),
+    "sinkage negative": ({"sinkage": np.full(3, -0.01)}, {Outcome.OUT_OF_RANGE}),
+    "sinkage beyond the radius": ({"sinkage": np.full(3, 0.2)}, {Outcome.OUT_OF_RANGE}),
+    "wheels standing": ({"wheel_rate": np.zeros(3)}, {Outcome.STANDSTILL}),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_observation_is_refused_and_costs_nothing_that_was_known(model: LoadedModel, drive: list[Observation], name: str) -> None:
+    changes, outcomes = BROKEN[name]
+    estimator = Estimator(model, CoreConfig())
+    before = [estimator.update(observation) for observation in drive[:100]][-1]
+    refused = estimator.update(dataclasses.replace(drive[100], **changes))  # type: ignore[arg-type]
+    assert refused.decision.outcome in outcomes
+    assert refused.decision.detail
+    assert not refused.prediction.valid
+    assert_publishable(refused)
+    np.testing.assert_array_equal(refused.estimate.mean, before.estimate.mean)
+    after = [estimator.update(observation) for observation in drive[101:140]]
+    assert after[-1].decision.outcome is Outcome.ACCEPTED
+    assert_publishable(after[-1])
+
+
+def test_a_wheel_out_of_range_loses_its_row_and_the_rest_is_used(model: LoadedModel, drive: list[Observation]) -> None:
+    sinkage = drive[50].sinkage.copy()
+    sinkage[1] = -0.001
+    updates = run(model, [*drive[:50], dataclasses.replace(drive[50], sinkage=sinkage), *drive[51:90]])
+    partial = updates[50].decision
+    assert partial.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert partial.rows_used == ("torque_0", "torque_2")
+    assert "axle 1" in partial.detail
+    assert updates[-1].decision.outcome is Outcome.ACCEPTED
+    for update in updates:
+        assert_publishable(update)
+
+
+def test_without_torque_and_imu_fewer_rows_are_used(model: LoadedModel, drive: list[Observation]) -> None:
+    full = run(model, drive)[-1]
+    bare = run(model, drive, CoreConfig(use_torque=False, use_imu=False))[-1]
+    assert bare.decision.rows_used == ("velocity", "load")
+    assert (np.diagonal(bare.estimate.covariance) > np.diagonal(full.estimate.covariance)).all()
+
+
+def test_site_knowledge_replaces_the_prior(model: LoadedModel, drive: list[Observation]) -> None:
+    config = CoreConfig(prior_cohesion_mean_pa=900.0, prior_cohesion_sd_pa=100.0)
+    first = run(model, drive[:1], config)[0].estimate
+    np.testing.assert_allclose(first.mean, [900.0, model.metadata.prior_mean[1]])
+    np.testing.assert_allclose(np.sqrt(np.diagonal(first.covariance)), [100.0, model.metadata.prior_sd[1]])
+
+
+@pytest.mark.parametrize(("stamp_ns", "outcome"), [(0, Outcome.DUPLICATE), (-STEP_NS, Outcome.TIME_BACKWARDS)])
+def test_an_old_stamp_is_refused(model: LoadedModel, drive: list[Observation], stamp_ns: int, outcome: Outcome) -> None:
+    estimator = Estimator(model, CoreConfig())
+    estimator.update(drive[0])
+    again = dataclasses.replace(drive[1], stamp_ns=drive[0].stamp_ns + stamp_ns)
+    assert estimator.update(again).decision.outcome is outcome
+    assert estimator.update(drive[1]).decision.outcome is Outcome.ACCEPTED
+
+
+def test_torques_that_contradict_everything_are_left_out_block_by_block_until_they_persist(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    wrong = [dataclasses.replace(observation, torque=observation.torque + 500.0) for observation in drive[100:160]]
+    estimator = Estimator(model, CoreConfig())
+    before = [estimator.update(observation) for observation in drive[:100]][-1].estimate
+    updates = [estimator.update(observation) for observation in wrong]
+    gated = [update for update in updates if update.decision.outcome is Outcome.GATED]
+    assert len(gated) >= 3
+    np.testing.assert_array_equal(gated[2].estimate.mean, before.mean)
+    for update in updates:
+        assert_publishable(update)
+
+
+def test_random_hostile_numbers_never_give_a_covariance_that_is_none(model: LoadedModel, drive: list[Observation]) -> None:
+    """2000 observations, one in five with one field replaced at random; every update is checked."""
+    generator = np.random.default_rng(7)
+    hostile = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e308, 0.5)
+    names = [field.name for field in dataclasses.fields(Observation) if field.name != "stamp_ns"]
+    estimator, stamp = Estimator(model, CoreConfig()), 0
+    used = 0
+    for k in range(2000):
+        observation = drive[k % len(drive)]
+        if generator.random() < 0.2:
+            name = names[generator.integers(len(names))]
+            value = hostile[generator.integers(len(hostile))]
+            observation = dataclasses.replace(
+                observation, **{name: np.full(3, value) if isinstance(getattr(observation, name), np.ndarray) else value}
+            )
+        stamp += STEP_NS
+        update = estimator.update(dataclasses.replace(observation, stamp_ns=stamp))
+        used += update.decision.outcome.used
+        assert_publishable(update)
+    assert used > 1000
