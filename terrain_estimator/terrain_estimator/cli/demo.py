@@ -8,6 +8,7 @@ Exit codes: 0 all went well and the replay is identical to live; 1 it is not; 2 
 import argparse
 import json
 import random
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
         schedule=options.schedule,
         domain_id=options.domain_id or random.SystemRandom().randint(1, 101),
     )
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with every process stopped
     try:
         return run(what, options.out)
     except (FleetError, BagError) as error:

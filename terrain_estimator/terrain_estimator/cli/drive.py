@@ -49,13 +49,13 @@ def drive(what: Drive, folder: Path, say: Callable[[str], None]) -> Recording:
         estimator = fleet.start("terrain_estimator", "estimator")
         recorder = fleet.start("terrain_estimator", "recorder", {"output": bag})
         simulator = fleet.start("rover_sim_node", "simulator", _simulator_parameters(what))
-        estimator.wait_for(r"matched all inputs", START_TIMEOUT_S)
-        recorder.wait_for(r"recording \d+ topics", MATCH_TIMEOUT_S)
+        fleet.wait_for(estimator, r"matched all inputs", START_TIMEOUT_S)
+        fleet.wait_for(recorder, r"recording \d+ topics", MATCH_TIMEOUT_S)
         # A publisher that has matched a reader may not be matched by it yet, and what it says then is lost. So the simulator
         # waits for one reader more, the watch, which starts when the two that must not miss anything have said that they hear.
         watch = fleet.start("terrain_estimator", "watch", {"report": report, "real_time_factor": what.real_time_factor})
-        watch.wait_for(r"matched all topics", START_TIMEOUT_S)
-        _follow(simulator, watch, 3.0 * what.duration_s / what.real_time_factor + START_TIMEOUT_S, say)
+        fleet.wait_for(watch, r"matched all topics", START_TIMEOUT_S)
+        _follow(fleet, simulator, watch, 3.0 * what.duration_s / what.real_time_factor + START_TIMEOUT_S, say)
         for program in (estimator, watch, recorder):  # the estimator first: what it still answers is recorded
             code = program.stop()
             if code != 0:
@@ -83,7 +83,7 @@ def _simulator_parameters(what: Drive) -> dict[str, object]:
     }
 
 
-def _follow(simulator: Program, watch: Program, timeout_s: float, say: Callable[[str], None]) -> None:
+def _follow(fleet: Fleet, simulator: Program, watch: Program, timeout_s: float, say: Callable[[str], None]) -> None:
     """Hand on what the watch says until the simulator has driven to the end."""
     said = len(watch.output)
 
@@ -96,7 +96,7 @@ def _follow(simulator: Program, watch: Program, timeout_s: float, say: Callable[
         said = max(said, whole)
         return not simulator.running
 
-    simulator.wait_until(ended, "driven to the end", timeout_s)
+    fleet.wait_until(ended, "the simulator has driven to the end", timeout_s)
     code = simulator.wait(timeout_s)
     if code != 0:
         raise FleetError(f"simulator ended with code {code}, see {simulator.log}")

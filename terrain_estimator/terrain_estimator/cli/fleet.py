@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the executables of installed packages as processes, waits for what they say, and never leaves one behind."""
 
+import ctypes
 import os
 import re
 import signal
@@ -15,6 +16,7 @@ from typing import Self
 from ament_index_python.packages import get_package_prefix
 
 POLL_S = 0.02
+_LIBC = ctypes.CDLL(None)
 STOP_TIMEOUT_S = 15.0
 
 
@@ -35,7 +37,14 @@ class Program:
         self.name = Path(command[0]).name
         self.log = log
         with log.open("wb") as stream:
-            self._process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=environment, start_new_session=True)  # noqa: S603
+            self._process = subprocess.Popen(  # noqa: S603
+                command,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=_end_with_parent,  # noqa: PLW1509 - one thread, and nothing but a system call
+            )
 
     @property
     def running(self) -> bool:
@@ -47,26 +56,12 @@ class Program:
         """What it has written so far."""
         return self.log.read_text(encoding="utf-8", errors="replace")
 
-    def wait_for(self, pattern: str, timeout_s: float) -> None:
-        """Wait until it has written the regular expression. Raises FleetError where it ends first or time runs out."""
-        self.wait_until(lambda: re.search(pattern, self.output) is not None, f"wrote {pattern!r}", timeout_s)
-
-    def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
-        """Wait for a condition while the process runs. Raises FleetError where it ends first or time runs out."""
-        end_s = time.monotonic() + timeout_s
-        while not condition():
-            if not self.running and not condition():
-                raise FleetError(f"{self.name} ended with code {self._process.returncode} before it {what}:\n{self._last_words()}")
-            if time.monotonic() > end_s:
-                raise FleetError(f"{self.name} has not {what} within {timeout_s:g} s:\n{self._last_words()}")
-            time.sleep(POLL_S)
-
     def wait(self, timeout_s: float) -> int:
         """Wait for its end; return the exit code. Raises FleetError where time runs out."""
         try:
             return self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            raise FleetError(f"{self.name} did not end within {timeout_s:g} s:\n{self._last_words()}") from None
+            raise FleetError(f"{self.name} did not end within {timeout_s:g} s:\n{self.last_words}") from None
 
     def stop(self) -> int:
         """Ask it to end as Ctrl-C does; return the exit code."""
@@ -79,7 +74,9 @@ class Program:
             os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
 
-    def _last_words(self) -> str:
+    @property
+    def last_words(self) -> str:
+        """The end of what it has written."""
         return "\n".join(self.output.splitlines()[-15:])
 
 
@@ -106,6 +103,21 @@ class Fleet:
         self._programs.append(program)
         return program
 
+    def wait_for(self, program: Program, pattern: str, timeout_s: float) -> None:
+        """Wait until a program has written the regular expression. Raises FleetError where one ends first, or time runs out."""
+        self.wait_until(lambda: re.search(pattern, program.output) is not None, f"{program.name} wrote {pattern!r}", timeout_s)
+
+    def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
+        """Wait for a condition while all programs run. Raises FleetError where one ends first, or time runs out."""
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            for program in self._programs:
+                if not program.running and not condition():
+                    raise FleetError(f"{program.name} ended before {what}:\n{program.last_words}")
+            if time.monotonic() > end_s:
+                raise FleetError(f"waited {timeout_s:g} s in vain until {what}; the logs are in {self._log_folder}")
+            time.sleep(POLL_S)
+
     def __enter__(self) -> Self:
         """Nothing runs yet."""
         return self
@@ -118,6 +130,11 @@ class Fleet:
                     program.stop()
             except FleetError:
                 program.kill()
+
+
+def _end_with_parent() -> None:
+    """Let the kernel interrupt this process when its parent ends, even where that was killed (prctl, PR_SET_PDEATHSIG)."""
+    _LIBC.prctl(1, signal.SIGINT)
 
 
 def _yaml(value: object) -> str:

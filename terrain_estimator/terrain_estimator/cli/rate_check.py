@@ -7,6 +7,7 @@ Exit codes: 0 every 10 Hz topic keeps its rate; 1 one does not; 2 wrong argument
 
 import argparse
 import random
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--duration", type=float, default=30.0, help="time to drive [s] (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of drive and noise (default: %(default)s)")
     options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with every process stopped
     domain_id = random.SystemRandom().randint(1, 101)
     what = Drive(options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", domain_id)
     try:
