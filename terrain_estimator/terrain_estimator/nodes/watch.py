@@ -96,7 +96,8 @@ class Watch(Node):
 
         events = SubscriptionEventCallbacks(matched=match)
         kind, qos = message_class(TOPICS[topic]), QoSProfile(depth=DEPTH)
-        self.create_subscription(kind, topic, receive, qos, event_callbacks=events, raw=topic not in SHOWN)
+        # rclpy passes the reception's details to a callback of two arguments; its annotation knows only those of one
+        self.create_subscription(kind, topic, receive, qos, event_callbacks=events, raw=topic not in SHOWN)  # type: ignore[arg-type]
 
     def _show(self) -> None:
         """Say what is new; nothing where no estimate came since the last line."""
