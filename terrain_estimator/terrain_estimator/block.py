@@ -88,7 +88,7 @@ class Step(NamedTuple):
     precision: Tensor  # [H, D + 1, D + 1]
     factor: Tensor  # its Cholesky factor
     misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step foresees it
-    longest: Tensor  # [] change of (c, tan phi) in units of ``longest_step``
+    decrement: Tensor  # [] largest squared length of the step, in standard deviations of the posterior
 
 
 class Solution(NamedTuple):
@@ -127,17 +127,21 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     root = cholesky(precision)
     step = torch.cholesky_solve(gradient, root)
     longest = (step[:, :2, 0].abs() / longest_step).amax(1, keepdim=True)
-    misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - (gradient * step).sum(1)).squeeze(-1)
-    return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, misfit, longest.amax())
+    gained = (gradient * step).sum(1)
+    misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - gained).squeeze(-1)
+    return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, misfit, gained.amax())
 
 
 def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = 8) -> Solution:
-    """Gauss-Newton from the prior mean until no hypothesis moves by 1e-3 of ``longest_step``, ``most`` steps at most."""
+    """Gauss-Newton from the prior mean until every hypothesis moved by less than 1 % of a standard deviation.
+
+    No step is longer than ``longest_step`` [2] in (c, tan phi), and there are ``most`` steps at most.
+    """
     start = torch.cat([prior.mean, prior.mean[:, -1:]], 1)
     padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
     step = gauss_newton(padded, start, rows, longest_step)
     for _ in range(most - 1):
-        if bool(step.longest < 1e-3):
+        if bool(step.decrement < 1e-4):
             break
         step = gauss_newton(padded, step.mean, rows, longest_step)
     before = log_determinant(cholesky(prior.precision))

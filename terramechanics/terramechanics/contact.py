@@ -96,25 +96,29 @@ def wheel_forces(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float
     theta_1 = entry_angle(sinkage, radius)
     theta_m = theta_1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)
     u, weight = nodes[0], nodes[1]
-    if bool((slip < 0.0).any()):
+    braked = bool((slip < 0.0).any())
+    if braked:
         u, weight = _split_nodes(shear_reversal_angle(slip, theta_1), theta_1, theta_m, nodes)
-    t1, tm, i = theta_1.unsqueeze(-1), theta_m.unsqueeze(-1), slip.unsqueeze(-1)
-    front = (t1 - tm) * u**2
-    height = 2.0 * radius * torch.sin(t1 - front / 2.0) * torch.sin(front / 2.0)
-    stiffness = constants[..., 1] / width + constants[..., 2]
-    sigma = stiffness.unsqueeze(-1) * torch.pow(height, constants[..., 0].unsqueeze(-1))
+    t1, tm = theta_1.unsqueeze(-1), theta_m.unsqueeze(-1)
+    length = t1 - tm
+    front = length * u**2
+    half = 0.5 * front
+    height = 2.0 * radius * torch.sin(t1 - half) * torch.sin(half)
+    n, k_c, k_phi, shear_modulus = constants[..., :4].unsqueeze(-1).unbind(-2)
+    sigma = (k_c / width + k_phi) * torch.pow(height, n)
 
     theta = torch.cat([t1 - front, tm * u**2], dim=-1)
-    step = torch.cat([2.0 * (t1 - tm) * u * weight, 2.0 * tm * u * weight], dim=-1)
     sine, cosine = torch.sin(theta), torch.cos(theta)
-    shear = radius * ((t1 - theta) - (1.0 - i) * (torch.sin(t1) - sine))
-    mobilised = torch.sign(shear) * -torch.expm1(-torch.abs(shear) / constants[..., 3].unsqueeze(-1)) * step
-    normal = torch.cat([sigma, sigma], dim=-1)
-    stress = torch.stack([mobilised, normal * mobilised, normal * step], dim=-1)
-    integral = torch.matmul(torch.stack([sine, cosine, torch.ones_like(sine)], dim=-2), stress)
-    constant = torch.stack([integral[..., 1, 2], -integral[..., 0, 2], torch.zeros_like(integral[..., 2, 2])], dim=-1)
-    forces = torch.cat([integral[..., :2], constant.unsqueeze(-1)], dim=-1) * (radius * width)
-    return torch.cat([forces[..., :2, :], radius * forces[..., 2:, :]], dim=-2)
+    displacement = (t1 - theta) - (1.0 - slip).unsqueeze(-1) * (torch.sin(t1) - sine)
+    shear = displacement * (radius / shear_modulus)
+    mobilised = torch.sign(shear) * torch.expm1(-torch.abs(shear)) if braked else torch.expm1(-shear)  # this is -E
+    arc = (2.0 * radius * width) * u * weight
+    step = torch.cat([length * arc, tm * arc], dim=-1)
+    normal = torch.cat([sigma, sigma], dim=-1) * step
+    stress = torch.stack([step * mobilised, normal * mobilised], dim=-1)
+    affine = torch.matmul(torch.stack([sine, cosine, torch.full_like(sine, radius)], dim=-2), stress)
+    constant = torch.matmul(torch.stack([cosine, -sine, torch.zeros_like(sine)], dim=-2), normal.unsqueeze(-1))
+    return torch.cat([-affine, constant], dim=-1)
 
 
 def wheel_forces_linear_stress(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float) -> Tensor:
