@@ -30,6 +30,7 @@ Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the
 class Conversion:
     """The observation, or why there is none; ``notes`` name single wheels and sensors that were left out."""
 
+    stamp_ns: int
     observation: Observation | None
     outcome: Outcome = Outcome.ACCEPTED
     detail: str = ""
@@ -89,13 +90,13 @@ class Converter:
             imu = None
         wrong = self._wrong_frame(slip, sinkage, odom, imu)
         if wrong:
-            return Conversion(None, Outcome.WRONG_FRAME, wrong)
+            return Conversion(stamp_ns, None, Outcome.WRONG_FRAME, wrong)
         notes = _Notes()
         try:
             observation = self._observe(stamp_ns, messages[:4], imu, notes)
         except WrongWheelsError as error:
-            return Conversion(None, Outcome.WRONG_WHEELS, str(error))
-        return Conversion(observation, notes=tuple(notes.texts))
+            return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, str(error))
+        return Conversion(stamp_ns, observation, notes=tuple(notes.texts))
 
     def _wrong_frame(self, slip: Message, sinkage: Message, odom: Message, imu: Message) -> str:
         """Name of the first message whose frame is not the body's; empty where all are right."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.conversion import Converter
+from terrain_estimator.conversion import Conversion, Converter
 from terrain_estimator.estimator import Estimator
 from terrain_estimator.messages import Meta, estimate_message, prediction_message, update_header
 from terrain_estimator.model_file import LoadedModel, ModelFileError
@@ -66,24 +66,31 @@ class Pipeline:
 
     def add(self, topic: str, message: Message) -> list[Answer]:
         """Take one message of an input topic; answer the sets that it completes, usually none or one."""
-        sets = self._synchronizer.add(self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None))
-        return [self._answer(complete) for complete in sets]
+        return [self.answer(self.convert(complete)) for complete in self.pair(topic, message)]
 
     def flush(self) -> list[Answer]:
         """At the end of the input: answer the sets that still waited for an optional message."""
-        return [self._answer(complete) for complete in self._synchronizer.flush()]
+        return [self.answer(self.convert(complete)) for complete in self._synchronizer.flush()]
+
+    def pair(self, topic: str, message: Message) -> list[MessageSet]:
+        """First step of ``add``: the sets that a message completes."""
+        return self._synchronizer.add(self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None))
+
+    def convert(self, complete: MessageSet) -> Conversion:
+        """Second step of ``add``: the observation of a set, or why there is none."""
+        messages = complete.messages if len(self.inputs) == len(INPUT_TYPES) else (*complete.messages, None)
+        return self._converter.convert(complete.stamp_ns, messages)
+
+    def answer(self, conversion: Conversion) -> Answer:
+        """Third step of ``add``: what the estimator says to it."""
+        if conversion.observation is None:
+            return Answer(self._estimator.reject(conversion.stamp_ns, conversion.outcome, conversion.detail), conversion.notes)
+        return Answer(self._estimator.update(conversion.observation), conversion.notes)
 
     def reset(self) -> None:
         """Forget the ground and the waiting messages; counters and sequence numbers go on."""
         self._synchronizer.reset()
         self._estimator.reset()
-
-    def _answer(self, complete: MessageSet) -> Answer:
-        messages = complete.messages if len(self.inputs) == len(INPUT_TYPES) else (*complete.messages, None)
-        conversion = self._converter.convert(complete.stamp_ns, messages)
-        if conversion.observation is None:
-            return Answer(self._estimator.reject(complete.stamp_ns, conversion.outcome, conversion.detail), conversion.notes)
-        return Answer(self._estimator.update(conversion.observation), conversion.notes)
 
 
 def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
