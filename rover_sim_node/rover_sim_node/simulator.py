@@ -26,7 +26,7 @@ from rover_sim_node.config import configure
 from rover_sim_node.declare import declare, given_parameters
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
-from rover_sim_node.run import Run, Truth
+from rover_sim_node.run import Reading, Run, Truth
 from terramechanics.loading import ConfigError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
@@ -90,9 +90,8 @@ class SimulatorNode(Node):
         if self._clock_output is not None:
             self._clock_output.publish(clock_message(self._start_ns))
 
-    def prepare(self) -> list[tuple[Publisher, Any]]:
-        """Simulate one step: what is to be published when it is due, in this order."""
-        reading = self.run.step()
+    def compose(self, reading: Reading) -> list[tuple[Publisher, Any]]:
+        """What is to be published when the step of this reading is due, in this order."""
         stamp_ns = self._start_ns + round(reading.time * SECOND_NS)
         due: list[tuple[Publisher, Any]] = [(self._clock_output, clock_message(stamp_ns))] if self._clock_output is not None else []
         if self._truth is None or (reading.truth.constants, reading.truth.strength) != (self._truth.constants, self._truth.strength):
@@ -137,7 +136,6 @@ class Simulator:
             self._spin_until(time.monotonic() + DISCOVERY_S)
             self._node.own_clock()
         self._wait_for_subscribers()
-        self._node.begin()
         self._node.get_logger().info(f"driving {config.schedule} on {config.soil} with {config.rover}")
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would make a step late
@@ -147,15 +145,17 @@ class Simulator:
     def _drive(self) -> None:
         config = self._node.config
         steps = round(config.duration * config.rate)
-        due = self._node.prepare()
+        first = self._node.run.step()  # the slowest step, since torch sets itself up: before there is a deadline
+        self._node.begin()
         pace = Pace(1.0 / config.rate / config.real_time_factor)
+        due = self._node.compose(first)
         while self._wait(pace):
             for output, message in due:
                 output.publish(message)
             pace.advance()
             if pace.done == steps:
                 return
-            due = self._node.prepare()
+            due = self._node.compose(self._node.run.step())
             if pace.remaining_s() < -LATE_S:
                 self._node.get_logger().warning(
                     f"late by {-pace.remaining_s():.1f} s: lower real_time_factor", throttle_duration_sec=LOG_PERIOD_S

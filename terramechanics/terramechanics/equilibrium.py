@@ -8,19 +8,22 @@ velocity, so the step is implicit: forces hold over the step and belong to its e
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from terramechanics.contact import MAX_SLIP, MIN_SLIP
-from terramechanics.roots import bracketed_root, quasi_newton
+from terramechanics.roots import Rows, bracketed_root, quasi_newton
 from terramechanics.rover import Rover
 from terramechanics.sinkage import DEEPEST, SHALLOWEST, WheelGround, equilibrium_sinkage, slip_under_torque
 from terramechanics.suspension import Pose, balance_matrix, balance_target, wheel_loads
 
+Search = Callable[[Tensor], Tensor]
+"""Unknowns [rows, m] of the episodes with the given indices [rows]."""
 NEARLY = 1e-6
-"""[1] Imbalance that is accepted from a search; Newton's solutions are exact to roots.TOLERANCE."""
+"""[1] Share of weight times radius by which a commanded torque may be missed."""
 SEARCHES = 20
 """Velocities that a search tries."""
 
@@ -112,11 +115,12 @@ def solve_rates(step: Step, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> 
         by_velocity = by_velocity - inertia.unsqueeze(-1) * torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
         return torch.cat([by_depth, by_velocity.unsqueeze(-1)], dim=-1)
 
-    unknown, solved = quasi_newton(residual, jacobian, unknown, _depth_limits(step, (-3.0, 3.0), 1))
+    def search(index: Tensor) -> Tensor:
+        depth, end = _search_rates(step.rows(index), rate[index], sinkage[index])
+        return torch.cat([depth.log(), (end / unit[index]).unsqueeze(-1)], dim=-1)
+
+    unknown, solved = _solve(residual, jacobian, unknown, _depth_limits(step, (-3.0, 3.0), 1), search)
     depth, end = unknown[:, :-1].exp(), unknown[:, -1] * unit
-    left = (~solved).nonzero().squeeze(-1)
-    if left.numel() > 0:
-        depth[left], end[left], solved[left] = _search_rates(step.rows(left), rate[left], sinkage[left])
     wanted = slip_at(step.rover, end, rate)
     slip = _clamped(wanted)
     return Contacts(slip, depth, step.wheel.forces(slip, depth), end, solved, slip == wanted)
@@ -147,12 +151,13 @@ def solve_torques(step: Step, torque: Tensor, sinkage: Tensor, slip: Tensor) -> 
         balance = torch.cat([by_depth, by_slip], dim=-1)[:, 1:]
         return torch.cat([balance, torch.cat([change[0].diag_embed(), change[1].diag_embed()], dim=-1)], dim=-2)
 
+    def search(index: Tensor) -> Tensor:
+        depth, slips = _search_torques(step.rows(index), torque[index], sinkage[index])
+        return torch.cat([depth.log(), slips], dim=-1)
+
     start = torch.cat([sinkage.log(), _clamped(slip)], dim=-1)
-    unknown, solved = quasi_newton(residual, jacobian, start, _depth_limits(step, (MIN_SLIP, MAX_SLIP), axles))
-    depth, slips = unknown[:, :axles].exp(), unknown[:, axles:].clone()
-    left = (~solved).nonzero().squeeze(-1)
-    if left.numel() > 0:
-        depth[left], slips[left], solved[left] = _search_torques(step.rows(left), torque[left], sinkage[left])
+    unknown, solved = _solve(residual, jacobian, start, _depth_limits(step, (MIN_SLIP, MAX_SLIP), axles), search)
+    depth, slips = unknown[:, :axles].exp(), unknown[:, axles:]
     forces = step.wheel.forces(slips, depth)
     along = torch.einsum("...af,...af->...", step.matrix[:, 0], forces)
     acceleration = (along - step.rover.weight * torch.sin(step.pose.pitch)) / step.rover.mass
@@ -173,8 +178,19 @@ def _depth_limits(step: Step, others: tuple[float, float], count: int) -> tuple[
     return torch.tensor(low, dtype=torch.float64), torch.tensor(high, dtype=torch.float64)
 
 
-def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """What quasi_newton could not solve: search for the end velocity, with the quasi-static sinkages of each trial.
+def _solve(residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, Tensor], search: Search) -> tuple[Tensor, Tensor]:
+    """quasi_newton, and where it fails once more from what a slow, bracketing ``search`` of those episodes finds."""
+    unknown, solved = quasi_newton(residual, jacobian, start, limits)
+    left = (~solved).nonzero().squeeze(-1)
+    if left.numel() > 0:
+        found = search(left)
+        again, solved[left] = quasi_newton(lambda u, rows: residual(u, left[rows]), lambda u, rows: jacobian(u, left[rows]), found, limits)
+        unknown[left] = torch.where(solved[left].unsqueeze(-1), again, found)
+    return unknown, solved
+
+
+def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
+    """Sinkages and end velocity by a search for the velocity, with the quasi-static sinkages of each trial.
 
     The net force falls with velocity, the inertial force rises, so there is one root. A wheel that would have to be
     pulled down has no solution.
@@ -190,22 +206,17 @@ def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tens
 
     low, high = torch.minimum(step.velocity, torch.zeros_like(top)) - top, torch.maximum(step.velocity, 2.0 * top)
     end = bracketed_root(braking, low, high, tolerance=1e-9, evaluations=SEARCHES)
-    slip = _clamped(slip_at(step.rover, end, rate))
-    depth = _carried(step, slip, depth, rounds=8)
-    miss = step.imbalance(step.wheel.forces(slip, depth), end).abs().amax(-1)
-    return depth, end, miss < NEARLY
+    return _carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=10), end
 
 
-def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """What quasi_newton could not solve, wheel by wheel: loads from the statics, slip from the torque, in turn."""
+def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
+    """Sinkages and slips wheel by wheel: loads from the statics, slip from the torque, in turn."""
     traction, slip, depth = torch.zeros_like(torque), torch.zeros_like(torque), start
     for _ in range(4):
         load = wheel_loads(step.rover, step.pose, traction, torque)
         slip, depth = slip_under_torque(step.wheel, torque, load, depth)
         traction = step.wheel.forces(slip, depth)[..., 1]
-    forces = step.wheel.forces(slip, depth)
-    miss = step.imbalance(forces, step.velocity)[:, 1:].abs().amax(-1)
-    return depth, slip, miss < NEARLY
+    return depth, slip
 
 
 def _carried(step: Step, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
@@ -214,5 +225,7 @@ def _carried(step: Step, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
     for _ in range(rounds):
         forces = step.wheel.forces(slip, depth)
         load = wheel_loads(step.rover, step.pose, forces[..., 1], forces[..., 2])
-        depth = equilibrium_sinkage(step.wheel, slip, load, depth)
+        before, depth = depth, equilibrium_sinkage(step.wheel, slip, load, depth)
+        if bool(((depth - before).abs() < 1e-9 * depth).all()):
+            break
     return depth

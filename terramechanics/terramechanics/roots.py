@@ -22,27 +22,27 @@ Rows = Callable[[Tensor, Tensor], Tensor]
 def bracketed_root(function: Callable[[Tensor], Tensor], low: Tensor, high: Tensor, tolerance: float, evaluations: int = 40) -> Tensor:
     """Root of a rising function of one unknown in [low, high], elementwise (regula falsi, Illinois variant).
 
-    Where the function has no root inside, the end nearer to it. Stops when every bracket is narrower than ``tolerance``
-    or an end is a root.
+    Where the function has no root inside, the end nearer to it. Stops when every bracket is narrower than ``tolerance``;
+    every third trial is the middle, so that it always gets there.
     """
     below, above = function(low), function(high)
     best = torch.where(below >= 0.0, low, torch.where(above <= 0.0, high, (low + high) / 2.0))
     open_ = (below < 0.0) & (above > 0.0)
     side = torch.zeros_like(low)
-    for _ in range(evaluations):
+    for evaluation in range(evaluations):
         if not bool(open_.any()):
             break
-        trial = torch.where(open_, (low * above - high * below) / (above - below).clamp(min=1e-300), best)
+        chord = (low * above - high * below) / (above - below).clamp(min=1e-300)
+        trial = torch.where(open_, (low + high) / 2.0 if evaluation % 3 == 2 else chord, best)
         value = function(trial)
         rises = value > 0.0
         # The end that stays put for a second time counts half, or it would stay for ever.
         below = torch.where(rises, torch.where(side > 0.0, below / 2.0, below), value)
         above = torch.where(rises, value, torch.where(side < 0.0, above / 2.0, above))
-        moved = (trial - best).abs()
         low, high = torch.where(rises, low, trial), torch.where(rises, trial, high)
         side = torch.where(rises, 1.0, -1.0).to(low.dtype)
         best = trial
-        open_ = open_ & (high - low > tolerance) & (value != 0.0) & (moved > tolerance / 8.0)
+        open_ = open_ & (high - low > tolerance) & (value != 0.0)
     return best
 
 
