@@ -47,7 +47,7 @@ class Estimator:
     def reset(self) -> None:
         """Forget everything but the sequence number."""
         prior = (torch.from_numpy(self._beliefs.prior_mean), torch.from_numpy(self._beliefs.prior_sd))
-        with torch.no_grad():
+        with torch.inference_mode():
             self._state: State = self._module.initial_with_prior(*prior)
         self._last: Observation | None = None  # the last one that entered
         self._last_stamp: int | None = None  # the last one that came
@@ -83,7 +83,7 @@ class Estimator:
         observation = screening.observation
         step_s, linked = self._link(observation)
         packed = pack(self._without_inertia(observation, step_s, linked=linked), step_s, linked=linked)
-        with torch.no_grad():
+        with torch.inference_mode():
             state: State = self._module.update(self._state, packed)
         refusal = self._refuse(observation, state)
         if refusal is None and state["block"].shape[0] == 0:
@@ -139,7 +139,7 @@ class Estimator:
         return Decision(Outcome.GATED, (), misfit, threshold, int(degrees), detail)
 
     def _discard_block(self) -> None:
-        with torch.no_grad():
+        with torch.inference_mode():
             self._state = self._module.discard(self._state)
         self._last = None
 
@@ -163,7 +163,7 @@ class Estimator:
         return Decision(outcome, tuple(rows), distance, self._gate, 0 if math.isnan(distance) else 1, detail)
 
     def _predict(self, observation: Observation, state: State) -> Prediction:
-        with torch.no_grad():
+        with torch.inference_mode():
             velocity, variance = self._module.forecast(state, self._step_s).tolist()
         innovation, innovation_variance = self._expected(observation)
         self._forecast = (velocity, variance)
@@ -183,7 +183,7 @@ class Estimator:
         return observation.velocity - velocity, variance + observation.velocity_sd**2
 
     def _summarise(self) -> Estimate:
-        with torch.no_grad():
+        with torch.inference_mode():
             values = self._module.estimate(self._state).numpy()
         self._condition = _condition(values[1:])
         return summarise(values[0], values[1:], self._beliefs, self._used, self._time_used_s)
