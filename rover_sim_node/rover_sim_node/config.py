@@ -91,6 +91,8 @@ def configure(values: dict[str, Any]) -> SimulatorConfig:
         for group in groups:
             level = level.setdefault(group, {})
             if not isinstance(level, dict):
-                raise ConfigError(f"parameters: {name!r}: {group!r} has no parameters of its own")
+                raise ConfigError(f"parameters: unknown key {name!r}: {group!r} has no parameters of its own")
+        if leaf in level:
+            raise ConfigError(f"parameters: unknown key below {name!r}, which has no parameters of its own")
         level[leaf] = value
     return build(SimulatorConfig, nested, "parameters")
