@@ -8,6 +8,8 @@
 import torch
 from torch import Tensor
 
+from terramechanics.batching import any_of
+
 
 def symmetrize(matrix: Tensor) -> Tensor:
     """The symmetric part of [..., D, D]."""
@@ -15,19 +17,22 @@ def symmetrize(matrix: Tensor) -> Tensor:
 
 
 def cholesky(matrix: Tensor) -> Tensor:
-    """Lower Cholesky factor of [..., D, D]; where rounding made it indefinite, 1e-12 to 1e-6 of its diagonal is added.
+    """Lower Cholesky factor of [..., D, D]; where rounding made one indefinite, 1e-12 to 1e-6 of its diagonal is added.
 
     A matrix with NaN, or one that stays indefinite, gives NaN: a model never raises for its numbers, so callers check
     their result with ``isfinite``.
     """
-    factor, failed = torch.linalg.cholesky_ex(matrix)
+    factor, info = torch.linalg.cholesky_ex(matrix)
+    failed = info > 0
     jitter = 1e-12
-    while bool(failed.any()) and jitter < 1e-5:
-        lifted = matrix + torch.diag_embed(jitter * torch.abs(torch.diagonal(matrix, dim1=-2, dim2=-1)))
-        factor, failed = torch.linalg.cholesky_ex(lifted)
+    while any_of(failed) and jitter < 1e-5:
+        diagonal = torch.abs(torch.diagonal(matrix, dim1=-2, dim2=-1))
+        matrix = matrix + torch.diag_embed(torch.where(failed.unsqueeze(-1), jitter * diagonal, torch.zeros_like(diagonal)))
+        factor, info = torch.linalg.cholesky_ex(matrix)
+        failed = info > 0
         jitter *= 100.0
-    if bool(failed.any()):
-        return torch.full_like(matrix, float("nan"))
+    if any_of(failed):
+        return torch.where(failed.unsqueeze(-1).unsqueeze(-1), torch.full_like(factor, float("nan")), factor)
     return factor
 
 

@@ -17,6 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from terramechanics.batching import any_of
+
 CONSTANTS = ("n", "k_c", "k_phi", "shear_modulus", "c1", "c2")
 """Order of the soil constants in a tensor: [1], [Pa/m^(n-1)], [Pa/m^n], [m], [1], [1]."""
 
@@ -96,7 +98,7 @@ def wheel_forces(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float
     theta_1 = entry_angle(sinkage, radius)
     theta_m = theta_1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)
     u, weight = nodes[0], nodes[1]
-    braked = bool((slip < 0.0).any())
+    braked = any_of(slip < 0.0)
     if braked:
         u, weight = _split_nodes(shear_reversal_angle(slip, theta_1), theta_1, theta_m, nodes)
     t1, tm = theta_1.unsqueeze(-1), theta_m.unsqueeze(-1)
