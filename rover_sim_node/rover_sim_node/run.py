@@ -29,7 +29,7 @@ class Truth:
     """The ground below the middle of the rover."""
 
     soil: str
-    position: float  # [m]
+    position: float  # [m] along the track, from which it holds
     constants: tuple[float, ...]  # in the order of CONSTANTS
     strength: tuple[float, float]  # c [Pa], tan(phi)
 
@@ -47,6 +47,7 @@ class Reading:
     odometry: tuple[float, float]  # [m] x and z, integrated from measured velocity and pitch
     odometry_variance: tuple[float, float]  # [m^2]
     truth: Truth
+    position: float  # [m] true place along the track
     stuck: bool
 
 
@@ -94,6 +95,7 @@ class Run:
             odometry=self._odometry,
             odometry_variance=self._variance,
             truth=self._truth(sample),
+            position=float(sample.position),
             stuck=bool(sample.stuck),
         )
 
@@ -108,10 +110,11 @@ class Run:
         self._variance = (self._variance[0] + by_x, self._variance[1] + by_z)
 
     def _truth(self, sample: Sample) -> Truth:
-        position = float(sample.position)
+        place = float(sample.contact[0, MIDDLE])
+        patch = self._ground.patches[self._ground.patch_at(place)]
         constants, strength = sample.constants[0, MIDDLE].tolist(), sample.strength[0, MIDDLE].tolist()
-        name = self._ground.patches[self._ground.patch_at(position)].name
-        return Truth(name, position, tuple(constants), (strength[0], strength[1]))
+        blending = place < patch.start + patch.transition
+        return Truth(patch.name, place if blending else patch.start + patch.transition, tuple(constants), (strength[0], strength[1]))
 
 
 def _first(measured: Measurement) -> Measurement:

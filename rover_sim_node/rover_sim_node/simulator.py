@@ -102,7 +102,7 @@ class SimulatorNode(Node):
         self._sequence += 1
         if reading.stuck and not self._warned_stuck:
             self._warned_stuck = True
-            self.get_logger().warning(f"the rover is stuck at {reading.truth.position:.2f} m, {reading.time:.1f} s after the start")
+            self.get_logger().warning(f"the rover is stuck at {reading.position:.2f} m, {reading.time:.1f} s after the start")
         return due
 
     def finish(self) -> None:

@@ -61,7 +61,7 @@ LEAST_FACTOR = 1e-3
 def per_wheel(rover: Rover, sample: Sample) -> Sample:
     """The sample with one value for every named wheel instead of every axle, in the order of the rover file."""
     axle = torch.tensor(rover.wheel_axle)
-    names = ("slip", "sinkage", "contact_angle", "wheel_rate", "torque", "normal", "traction", "ground_torque", "valid")
+    names = ("slip", "sinkage", "contact", "contact_angle", "wheel_rate", "torque", "normal", "traction", "ground_torque", "valid")
     values = {name: getattr(sample, name)[..., axle] for name in names}
     return dataclasses.replace(sample, constants=sample.constants[..., axle, :], strength=sample.strength[..., axle, :], **values)
 

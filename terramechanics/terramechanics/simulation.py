@@ -51,6 +51,7 @@ class Sample:
     standing: Tensor  # bool: the wheels stand, slip is not defined
     slip: Tensor  # [1] NaN where the wheels stand
     sinkage: Tensor  # [m]
+    contact: Tensor  # [m] horizontal place at which the wheel touches the ground
     contact_angle: Tensor  # [rad] ground relative to the body
     wheel_rate: Tensor  # [rad/s]
     torque: Tensor  # [N m] drive torque of one wheel: ground_torque + wheel_inertia dw/dt
@@ -188,6 +189,7 @@ class Simulation:
             standing=standing,
             slip=torch.where(undefined, math.nan, true_slip),
             sinkage=contacts.sinkage,
+            contact=pose.contact,
             contact_angle=pose.contact_angle,
             wheel_rate=rate,
             torque=ground_torque + self.rover.wheel_inertia * (rate - self.rate) / self.time_step,

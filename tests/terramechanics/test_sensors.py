@@ -135,7 +135,7 @@ def test_every_wheel_of_an_axle_has_the_axles_values_and_its_own_noise() -> None
     axles = truth()
     axles.slip[:, 0], axles.slip[:, 2] = 0.1, 0.4
     constants, strength = Ground.constant(load_soil("loose_sand")).at(torch.zeros(SAMPLES, 3, dtype=torch.float64))
-    others = dict.fromkeys(("normal", "traction", "ground_torque", "valid"), axles.slip)
+    others = dict.fromkeys(("contact", "normal", "traction", "ground_torque", "valid"), axles.slip)
     wheels = per_wheel(rover, dataclasses.replace(axles, constants=constants, strength=strength, **others))
     assert wheels.slip[0].tolist() == [0.1, 0.1, 0.2, 0.2, 0.4, 0.4]
     assert wheels.constants.shape == (SAMPLES, 6, 6)
