@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The model's recursion over many drives at once: the same functions under ``torch.vmap``, block by block.
+
+Drives differ in where their blocks end, because an observation without a usable wheel breaks the chain of velocities
+and closes its block early. So the blocks are laid out first, and the j-th blocks of all drives that have the same
+length are run as one batch.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.block import BlockRows, Posterior, Solution, Step, block_rows, gauss_newton
+from terrain_estimator.gaussian import cholesky, drop, log_determinant
+from terrain_estimator.palpaca import PAlpaca, State
+from terrain_estimator.rows import Rows, regression_rows, usable_wheels
+
+MOST_STEPS, CONVERGED = 8, 1e-4
+"""Of the Gauss-Newton solution, as in ``solve_block``."""
+
+
+class Trace(NamedTuple):
+    """What N drives of T observations gave; B is the largest number of blocks, K the number of chosen times."""
+
+    mean: Tensor  # [N, K, 2] of (c [Pa], tan phi)
+    covariance: Tensor  # [N, K, 2, 2]
+    misfit: Tensor  # [N, B] squared Mahalanobis distance of a block at its minimum, NaN where there is none
+    degrees: Tensor  # [N, B] its degrees of freedom
+    innovation: Tensor  # [N, T] measured minus predicted velocity [m/s], NaN where the velocity was not linked
+    variance: Tensor  # [N, T] of the innovation [m^2/s^2]
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Blocks of each drive, [N, B]: first observation, length (0: no such block), and the observation that closes it."""
+
+    first: Tensor
+    length: Tensor
+    closed_at: Tensor  # T where nothing closes it
+    linked: Tensor  # [N, T] bool: the velocity carries over from the observation before
+
+
+def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
+    """Blocks of packed drives [N, T, 8 A + 8], of which only the first ``ends`` [N] observations count."""
+    drives, time, size = packed.shape
+    axles = model.axles
+    usable = usable_wheels(packed[..., : 8 * axles].reshape(-1, 8, axles), model.contact()).all(1).view(drives, time)
+    linked = usable & (packed[..., size - 1] > 0.0)
+    linked[:, 0] = False
+    count = torch.zeros(drives, dtype=torch.long)
+    block = torch.full((drives,), -1)
+    first, length, closed_at = (torch.full((drives, time), fill) for fill in (0, 0, time))
+    every = torch.arange(drives)
+    for t in range(time):
+        alive = t < ends
+        opens = alive & (~linked[:, t] | (count == model.block_size))
+        broken = every[opens & (count > 0) & (count < model.block_size)]
+        closed_at[broken, block[broken]] = t
+        block = block + opens.long()
+        count = torch.where(opens, 1, count + 1)
+        here = every[alive]
+        first[every[opens], block[opens]] = t
+        length[here, block[here]] = count[here]
+        full = every[alive & (count == model.block_size)]
+        closed_at[full, block[full]] = t
+    most = int(block.max()) + 1
+    return Layout(first[:, :most], length[:, :most], closed_at[:, :most], linked)
+
+
+def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = None, rows: Tensor | None = None) -> Trace:
+    """Run ``model`` over packed drives [N, T, 8 A + 8] from its own prior.
+
+    The estimates are those published after the observations ``times`` [K] (counted from 0). A drive ends with its first
+    ``ends`` [N] observations and keeps its last estimate. ``rows`` [R] is 1 for the rows that may be used, 0 for others.
+    """
+    drives, time, _ = packed.shape
+    layout = lay_out(model, packed, torch.full((drives,), time) if ends is None else ends)
+    packed = torch.where(layout.linked.unsqueeze(-1), packed, torch.cat([packed[..., :-2], torch.zeros_like(packed[..., -2:])], -1))
+    mask = torch.ones(model.axles + 3, dtype=torch.float64) if rows is None else rows
+    with torch.inference_mode():
+        state = {name: value.expand(drives, *value.shape).clone() for name, value in model.initial().items() if name != "block"}
+        trace = _empty(state, drives, time, layout.first.shape[1], times.shape[0], model)
+        for j in range(layout.first.shape[1]):
+            for chosen, place, closes in _groups(layout, j):
+                _run_block(model, state, packed[chosen.unsqueeze(1), place], mask, _Target(trace, chosen, place, j, closes))
+            _publish(model, state, trace, layout, times, j)
+    return trace
+
+
+class _Target(NamedTuple):
+    """Where the results of one batch of blocks belong."""
+
+    trace: Trace
+    chosen: Tensor  # [G] drives
+    place: Tensor  # [G, n] observations
+    block: int
+    closes: bool  # else the drive ends within this block
+
+
+def _empty(state: State, drives: int, time: int, blocks: int, times: int, model: PAlpaca) -> Trace:
+    nan = float("nan")
+    estimate = torch.vmap(model.estimate)(state)
+    return Trace(
+        mean=estimate[:, :1].repeat(1, times, 1),
+        covariance=estimate[:, 1:].unsqueeze(1).repeat(1, times, 1, 1),
+        misfit=torch.full((drives, blocks), nan, dtype=torch.float64),
+        degrees=torch.full((drives, blocks), nan, dtype=torch.float64),
+        innovation=torch.full((drives, time), nan, dtype=torch.float64),
+        variance=torch.full((drives, time), nan, dtype=torch.float64),
+    )
+
+
+def _groups(layout: Layout, j: int) -> Iterator[tuple[Tensor, Tensor, bool]]:
+    """Drives [G] whose j-th blocks are alike in length, first link and end, their observations [G, n], whether they close."""
+    first, length = layout.first[:, j], layout.length[:, j]
+    starts_linked = layout.linked.gather(1, first.unsqueeze(1)).squeeze(1)
+    closes = layout.closed_at[:, j] < layout.linked.shape[1]
+    kind = 4 * length + 2 * starts_linked.long() + closes.long()
+    for value in torch.unique(kind[length > 0]).tolist():
+        chosen = torch.nonzero(kind == value).squeeze(1)
+        yield chosen, first[chosen].unsqueeze(1) + torch.arange(value // 4), value % 2 == 1
+
+
+def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, target: _Target) -> None:
+    """Take the observations [G, n, 8 A + 8] of a block, close it, and write state and results of its drives in place."""
+    chosen, trace = target.chosen, target.trace
+    part = {name: value[chosen] for name, value in state.items()}
+    for i in range(packed.shape[1]):
+        if i == 0 and not bool(packed[0, 0, -1] > 0.0):
+            measured = packed[:, 0, 8 * model.axles :]
+            part = torch.vmap(model.unlink)(part, measured[:, 0], measured[:, 1] ** 2)
+            continue
+        part = torch.vmap(model.track)(part, packed[:, i])
+        trace.innovation[chosen, target.place[:, i]], trace.variance[chosen, target.place[:, i]] = part["innovation"].unbind(1)
+    if not target.closes:
+        return
+    part = close(model, part, packed, mask)
+    trace.misfit[chosen, target.block], trace.degrees[chosen, target.block] = part["misfit"].unbind(1)
+    for name, value in part.items():
+        state[name][chosen] = value
+
+
+def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: Tensor, j: int) -> None:
+    """Write the estimates after the j-th blocks wherever these were closed by the chosen times."""
+    late = (layout.length[:, j] > 0).unsqueeze(1) & (layout.closed_at[:, j].unsqueeze(1) <= times)
+    estimate = torch.vmap(model.estimate)(state)
+    trace.mean.copy_(torch.where(late.unsqueeze(-1), estimate[:, :1], trace.mean))
+    trace.covariance.copy_(torch.where(late.unsqueeze(-1).unsqueeze(-1), estimate[:, 1:].unsqueeze(1), trace.covariance))
+
+
+def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
+    """``PAlpaca.close`` for blocks [G, n, 8 A + 8] of G drives."""
+    rows = regression_rows(packed.flatten(0, 1), model.contact())
+    rows = rows._replace(used=rows.used * mask)
+    columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, model.learnt(packed.flatten(0, 1)), 0.0)
+    blocks = packed.shape[:2]
+    rows = Rows(*(field.view(*blocks, *field.shape[1:]) for field in rows))
+    measured = packed[..., 8 * model.axles :]
+    velocity = torch.stack([measured[..., 0], measured[..., 1] ** 2], -1)
+    step = measured[..., 6] * rows.used[..., 0]
+    average = torch.vmap(block_rows, in_dims=(0, 0, 0, 0, None, None))
+    averaged = average(rows, columns.view(*blocks, *columns.shape[1:]), step, velocity, model.fixed_columns, model.link_variance)
+    solution = solve_blocks(Posterior(state["mean"], state["precision"], state["log_weight"]), averaged, model.longest_step)
+    best = solution.posterior
+    mean, precision = torch.vmap(drop, in_dims=(0, 0, None))(best.mean, best.precision, model.size - 1)
+    state = torch.vmap(model.commit)(state, Posterior(mean, precision, best.log_weight))
+    expected = state["expected"]
+    theta = torch.cat([expected[:, :2], torch.ones_like(expected[:, :1])], 1)
+    noise = (rows.noise[:, :, 0] @ theta[:, None, :, None]).squeeze(-1)
+    state["velocity"] = torch.stack([expected[:, -1], state["covariance"][:, -1, -1]], 1)
+    state["drive"] = torch.stack([state["drive"][:, 0], noise.square().sum(-1).mean(-1), state["drive"][:, 2]], 1)
+    misfit = (torch.softmax(best.log_weight, -1) * solution.misfit).sum(-1)
+    state["misfit"] = torch.stack([misfit, averaged.present.sum(-1) - 1.0], 1)
+    return state
+
+
+def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:
+    """``solve_block`` for G drives (a leading dimension in every field); a drive that has converged is left alone."""
+    newton = torch.vmap(gauss_newton, in_dims=(0, 0, 0, None))
+    start = torch.cat([prior.mean, prior.mean[..., -1:]], -1)
+    padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
+    step = newton(padded, start, rows, longest_step)
+    for _ in range(MOST_STEPS - 1):
+        moving = torch.nonzero(~(step.decrement < CONVERGED)).squeeze(1)
+        if moving.numel() == 0:
+            break
+        chosen = Posterior(*(field[moving] for field in padded))
+        further = newton(chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step)
+        step = Step(*(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True)))
+    before = log_determinant(cholesky(prior.precision))
+    volume = log_determinant(step.factor) - torch.log(step.precision[..., -1, -1]) - before
+    log_weight = prior.log_weight - 0.5 * (step.misfit + volume)
+    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit)
