@@ -71,6 +71,9 @@ def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: T
     low = torch.full_like(load, SHALLOWEST * wheel.radius).log()
     high = torch.full_like(load, DEEPEST * wheel.radius).log()
     depth = torch.full_like(load, 0.03 * wheel.radius).log() if start is None else start.log().clamp(low, high)
+    ends = wheel.forces(slip.expand(2, *slip.shape), torch.stack([low, high]).exp())[..., 0]
+    floats, drowns = load <= ends[0], load >= ends[1]
+    depth = torch.where(floats, low, torch.where(drowns, high, depth))
     target = load.clamp(min=1e-9).log()
     small = 1e-6
     for _ in range(ITERATIONS):
@@ -79,7 +82,7 @@ def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: T
         gap = normal[0] - target
         low, high = torch.where(gap < 0.0, depth, low), torch.where(gap < 0.0, high, depth)
         newton = depth - gap * small / (normal[1] - normal[0])
-        done = (gap.abs() < 1e-12) | (high - low < 1e-13)
+        done = (gap.abs() < 1e-12) | (high - low < 1e-13) | floats | drowns
         if bool(done.all()):
             break
         inside = (newton > low) & (newton < high)
