@@ -4,8 +4,9 @@
 
 import dataclasses
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from terramechanics.loading import ConfigError, build, entry, number
 from terramechanics.soil import Soil
@@ -96,3 +97,13 @@ def configure(values: dict[str, Any]) -> SimulatorConfig:
             raise ConfigError(f"parameters: unknown key below {name!r}, which has no parameters of its own")
         level[leaf] = value
     return build(SimulatorConfig, nested, "parameters")
+
+
+def leaves(config: object, prefix: str = "") -> Iterator[tuple[str, Any, Mapping[str, Any]]]:
+    """Flat name, value and metadata (description, unit, low, high, exclusive) of every parameter, in the order of definition."""
+    for item in dataclasses.fields(cast("Any", config)):
+        value = getattr(config, item.name)
+        if dataclasses.is_dataclass(value):
+            yield from leaves(value, f"{prefix}{item.name}.")
+        else:
+            yield f"{prefix}{item.name}", value, item.metadata

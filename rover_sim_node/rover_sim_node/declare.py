@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declares the fields of a configuration as ROS parameters, with descriptors and ranges."""
 
-import dataclasses
 import math
-from collections.abc import Iterator
 from typing import Any, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+
+from rover_sim_node.config import leaves
 
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that every node has."""
@@ -22,19 +22,10 @@ def given_parameters(node: Node) -> dict[str, Any]:
 
 def declare(node: Node, config: object) -> None:
     """Declare every field of ``config`` with its value in force: read-only, described, with its range."""
-    for name, value, metadata in _leaves(config, ""):
+    for name, value, metadata in leaves(config):
         if node.has_parameter(name):
             node.undeclare_parameter(name)
         node.declare_parameter(name, value, _descriptor(value, metadata), ignore_override=True)
-
-
-def _leaves(config: object, prefix: str) -> Iterator[tuple[str, Any, Any]]:
-    for field in dataclasses.fields(config):  # type: ignore[arg-type]
-        value = getattr(config, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from _leaves(value, f"{prefix}{field.name}.")
-        else:
-            yield f"{prefix}{field.name}", value, field.metadata
 
 
 def _descriptor(value: object, metadata: Any) -> ParameterDescriptor:  # noqa: ANN401 (a mapping of unlike things)
