@@ -28,6 +28,7 @@ from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messag
 from rover_sim_node.pacing import Pace
 from rover_sim_node.run import Reading, Run, Truth
 from terramechanics.loading import ConfigError
+from terramechanics.suspension import TerrainError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -210,11 +211,11 @@ def main() -> int:
 def _run(stop: threading.Event) -> int:
     try:
         node = SimulatorNode()
-    except ConfigError as error:
+    except (ConfigError, TerrainError) as error:
         return _refuse(str(error), 2)
     try:
         Simulator(node, stop).run()
-    except SimulatorError as error:
+    except (SimulatorError, TerrainError) as error:
         return _refuse(str(error), 1)
     finally:
         node.destroy_node()

@@ -19,6 +19,10 @@ TOLERANCE = 1e-11
 MAX_ITERATIONS = 30
 
 
+class TerrainError(ValueError):
+    """The rover cannot roll over that terrain."""
+
+
 @dataclass(frozen=True, slots=True)
 class Pose:
     """How the rover stands on the profile. Angles in rad, lengths in m."""
@@ -45,7 +49,7 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
     """The pose in which all wheels touch the profile, body origin at ``x`` [batch] [m].
 
     Newton in height, pitch, bogie angle and the places of contact, from ``start``. A wheel of radius r that touches the
-    ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan h'(s). Raises ValueError where the profile is
+    ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan h'(s). Raises TerrainError where the profile is
     curved more sharply than the wheel.
     """
     contact, height, pitch, bogie = start.contact + (x - start.x).unsqueeze(-1), start.height, start.pitch, start.bogie_angle
@@ -57,7 +61,7 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
         miss = contact - rover.wheel_radius * slope * cosine - x_axle
         stretch = 1.0 - rover.wheel_radius * curvature * cosine**3
         if bool((stretch < 0.1).any()):
-            raise ValueError(f"the terrain is curved too sharply for wheels of radius {rover.wheel_radius:g} m")
+            raise TerrainError(f"the terrain is curved too sharply for wheels of radius {rover.wheel_radius:g} m")
         # To first order the axle's path has the ground's slope, so a miss along x changes the gap by slope * miss.
         gap = z_axle - ground - rover.wheel_radius * cosine + slope * miss
         contact = contact - miss / stretch

@@ -11,7 +11,7 @@ from scipy import optimize
 
 from terramechanics.profile import Flat, Profile, Ramp, Step, random_hills
 from terramechanics.rover import Rover, load_rover
-from terramechanics.suspension import Pose, balance_matrix, balance_target, level_pose, solve_pose, wheel_loads
+from terramechanics.suspension import Pose, TerrainError, balance_matrix, balance_target, level_pose, solve_pose, wheel_loads
 
 ROVERS = [load_rover("mars_rover"), load_rover("paper_rover")]
 PLACES = torch.linspace(0.3, 9.7, 24, dtype=torch.float64)
@@ -91,7 +91,7 @@ def test_the_pose_is_that_of_a_general_root_finder(rover: Rover) -> None:
 
 
 def test_a_profile_that_is_sharper_than_the_wheel_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"curved too sharply for wheels of radius 0\.4 m"):
+    with pytest.raises(TerrainError, match=r"curved too sharply for wheels of radius 0\.4 m"):
         posed(ROVERS[1], Step(0.2, start=1.0, length=0.3), torch.linspace(0.0, 1.5, 30, dtype=torch.float64))
 
 
