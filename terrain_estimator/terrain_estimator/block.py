@@ -12,7 +12,7 @@ from terrain_estimator.rows import Rows
 
 
 class Posterior(NamedTuple):
-    """A bank of H Gaussians over D parameters k = [c (kPa), tan phi, net weights, acceleration bias, velocity]."""
+    """A bank of H Gaussians over D parameters k = [c (kPa), tan phi, net weights, soil constants, acceleration bias, velocity]."""
 
     mean: Tensor  # [H, D]
     precision: Tensor  # [H, D, D]
@@ -24,12 +24,14 @@ class BlockRows(NamedTuple):
 
     Row 0 is the mean of the measured velocities, row 1 carries the velocity over the block (its target is zero), the
     others are means of the observations' rows. With G_a [Q, S] the change of the rows for the S = n E sources of noise,
-    affine in theta = (c, tan phi, 1), their covariance is SUM_ab theta_a theta_b G_a G_b'.
+    affine in theta = (c, tan phi, 1), their covariance is SUM_ab theta_a theta_b G_a G_b'. C as in Rows.
     """
 
-    linear: Tensor  # [Q, D + 1]
+    linear: Tensor  # [Q, D + 1]; zero for the soil constants, whose columns depend on theta
     offset: Tensor  # [Q]
-    gram: Tensor  # [3, 3 Q Q] G_b G_a' for b, then a
+    nuisance: Tensor  # [3, Q M] change of the columns of theta for one deviation of each of M soil constants
+    expansion: Tensor  # [M] soil constants, in deviations, at which the rows were evaluated
+    gram: Tensor  # [3, C 3 Q Q] G_a of each of C with the G_b' of the values, for b, then C, a
     target: Tensor  # [Q]
     variance: Tensor  # [Q] of the target
     present: Tensor  # [Q] 1 where at least one observation holds the row
@@ -46,7 +48,9 @@ def fixed_columns(rows: int) -> Tensor:
     return columns
 
 
-def block_rows(rows: Rows, columns: Tensor, step: Tensor, velocity: Tensor, fixed: Tensor, link_variance: float) -> BlockRows:
+def block_rows(
+    rows: Rows, columns: Tensor, step: Tensor, velocity: Tensor, expansion: Tensor, fixed: Tensor, link_variance: float
+) -> BlockRows:
     """Average the rows of n observations.
 
     ``columns`` [n, R, net] are the learnt features; ``step`` [n] [s] the time that an observation covers, 0 where its
@@ -60,20 +64,23 @@ def block_rows(rows: Rows, columns: Tensor, step: Tensor, velocity: Tensor, fixe
     weight = torch.cat([torch.stack([step * remaining, step], 1), average], 1)
 
     doubled = [torch.cat([x[:, :1], x], 1) for x in (rows.target, rows.variance)]
-    features = torch.cat([rows.features, columns], 2)
-    features = (torch.cat([features[:, :1], features], 1) * weight.unsqueeze(-1)).sum(0)
-    noise = torch.cat([rows.noise[:, :1], rows.noise], 1) * weight.unsqueeze(-1).unsqueeze(-1)
+    wide = weight.unsqueeze(-1)
+    features = (torch.cat([rows.features[:, :, :1], rows.features], 2) * wide).sum(1)  # [C, Q, 3]
+    learnt = (torch.cat([columns[:, :1], columns], 1) * wide).sum(0)
+    noise = torch.cat([rows.noise[:, :, :1], rows.noise], 2) * wide.unsqueeze(-1)
     measured = velocity.sum(0) / n
     present = torch.cat([torch.ones_like(count[:2]), (count > 0.0).to(step.dtype)])
     target = (doubled[0] * weight).sum(0)
     variance = (doubled[1] * weight**2).sum(0) + (1.0 - present)
     zero = torch.zeros_like(target[2:])
-    sources = noise.permute(3, 1, 0, 2).flatten(2).flatten(0, 1)  # [3 Q, n E]
+    sources = noise.permute(0, 4, 2, 1, 3).flatten(3)  # [C, 3, Q, n E]
     q = weight.shape[1]
-    gram = (sources @ sources.T).view(3, q, 3, q).permute(0, 2, 1, 3).reshape(3, -1)
+    gram = (sources.flatten(0, 2) @ sources[0].flatten(0, 1).T).view(-1, 3, q, 3, q).permute(3, 0, 1, 2, 4).flatten(1)
     return BlockRows(
-        linear=torch.cat([features[:, :2], features[:, 3:], fixed * present.unsqueeze(-1)], 1),
-        offset=features[:, 2],
+        linear=torch.cat([features[0, :, :2], learnt, torch.zeros_like(features[1:, :, 0]).T, fixed * present.unsqueeze(-1)], 1),
+        offset=features[0, :, 2],
+        nuisance=features[1:].permute(2, 1, 0).flatten(1),
+        expansion=expansion,
         gram=gram,
         target=target + torch.cat([measured[:1], zero[:1] * 0.0, zero]),
         variance=variance + torch.cat([measured[1:] / n, zero[:1] + link_variance, zero]),
@@ -99,11 +106,22 @@ class Solution(NamedTuple):
 
 
 def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
-    """Covariance S(theta) [H, Q, Q] of the rows at ``theta`` [H, 2], and its halves SUM_b theta_b G_b G_a' [H, 3, Q, Q]."""
+    """Covariance S(theta) [H, Q, Q] of the rows at ``theta`` [H, 3], and its halves G_a G(theta)' [H, C, 3, Q, Q]."""
     q = rows.target.shape[0]
-    homogeneous = torch.cat([theta, torch.ones_like(theta[:, :1])], 1)
-    half = (homogeneous @ rows.gram).view(-1, 3, q, q)
-    return half, (half * homogeneous.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
+    half = (theta @ rows.gram).view(theta.shape[0], -1, 3, q, q)
+    return half, (half[:, 0] * theta.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
+
+
+def nuisance_columns(rows: BlockRows, mean: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+    """What the soil constants add to the rows, SUM_m (kappa_m - expansion_m) nuisance_m theta.
+
+    Returns its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
+    """
+    q, m = rows.target.shape[0], rows.expansion.shape[0]
+    first = mean.shape[1] - 3 - m
+    away = mean[:, first : first + m] - rows.expansion
+    by_theta = (rows.nuisance[:2].reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
+    return by_theta, (theta @ rows.nuisance).view(-1, q, m)
 
 
 def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor) -> Step:
@@ -113,12 +131,23 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     are e = G(theta)' S^-1 r. The features at the inputs so corrected are Phi + G_a e, and with them the gradient is
     J' S^-1 r exactly, the dependence of S on theta included.
     """
-    half, covariance = row_noise(rows, mean[:, :2])
+    theta = torch.cat([mean[:, :2], torch.ones_like(mean[:, :1])], 1)
+    half, covariance = row_noise(rows, theta)
     factor = cholesky(covariance)
     residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(-1)
+    constants = rows.expansion.shape[0]
+    first = mean.shape[1] - 3 - constants
+    shift, by_constant = torch.zeros_like(residual), torch.zeros_like(residual[:, :, :0])
+    if constants > 0:
+        shift, by_constant = nuisance_columns(rows, mean, theta)
+        residual = residual - by_constant @ (mean[:, first:-3] - rows.expansion).unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
-    shift = (half[:, :2].transpose(2, 3) @ weighted.unsqueeze(1)).squeeze(-1).transpose(1, 2)  # [H, Q, 2] G_a e
+    moved = (half @ weighted.unsqueeze(1).unsqueeze(1)).squeeze(-1)  # [H, C, 3, Q] G_a e
+    shift = shift + moved[:, 0, :2].transpose(1, 2)
     jacobian = rows.linear + nn.functional.pad(shift, [0, mean.shape[1] - 2])
+    if constants > 0:
+        by_constant = by_constant + (moved[:, 1:] * theta.view(-1, 1, 3, 1)).sum(2).transpose(1, 2)
+        jacobian = jacobian + nn.functional.pad(by_constant, [first, 3])
     transposed = jacobian.transpose(1, 2)
     pull = (prior.mean - mean).unsqueeze(-1)
     restoring = prior.precision @ pull
@@ -132,16 +161,21 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, misfit, gained.amax())
 
 
-def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = 8) -> Solution:
-    """Gauss-Newton from the prior mean until every hypothesis moved by less than 1 % of a standard deviation.
+MOST_STEPS = 8
+CONVERGED = 1e-3
+"""[1] Squared length of a step, in standard deviations, after which no other is made."""
 
-    No step is longer than ``longest_step`` [2] in (c, tan phi), and there are ``most`` steps at most.
+
+def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = MOST_STEPS, converged: float = CONVERGED) -> Solution:
+    """Gauss-Newton from the prior mean until every hypothesis moved by less than 3 % of a standard deviation.
+
+    The step after that would be an order of magnitude shorter. None is longer than ``longest_step`` [2] in (c, tan phi).
     """
     start = torch.cat([prior.mean, prior.mean[:, -1:]], 1)
     padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
     step = gauss_newton(padded, start, rows, longest_step)
     for _ in range(most - 1):
-        if bool(step.decrement < 1e-4):
+        if bool(step.decrement < converged):
             break
         step = gauss_newton(padded, step.mean, rows, longest_step)
     before = log_determinant(cholesky(prior.precision))

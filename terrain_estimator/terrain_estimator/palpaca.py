@@ -28,7 +28,7 @@ from terrain_estimator.block import LINK_VARIANCE, Posterior, block_rows, fixed_
 from terrain_estimator.gaussian import drop, mixture, project
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.rows import PA_PER_UNIT, Contact, drive_row, regression_rows, usable_wheels
-from terramechanics.contact import quadrature
+from terramechanics.contact import CONSTANTS, quadrature
 
 OPEN = 1e-2
 """[(m/s)^-2] Precision of a velocity that nothing is known of."""
@@ -55,6 +55,7 @@ class Prior(NamedTuple):
     tan_phi: float
     tan_phi_sd: float
     acceleration_bias_sd: float  # [m/s^2] of the imu
+    constants_sd: float  # [1] of each soil constant, relative; 0 takes them for exact
 
 
 State = dict[str, Tensor]
@@ -71,6 +72,22 @@ State = dict[str, Tensor]
 """
 
 
+UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
+"""Soil constants that can be parameters; k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both."""
+
+
+def uncertain_constants(constants: Tensor, relative_sd: float, width: float) -> Tensor:
+    """Prior deviations [M, 6] of the constants UNCERTAIN, one a row, where each of the six is known to ``relative_sd``.
+
+    M = 0 where that is zero.
+    """
+    if relative_sd == 0.0:
+        return torch.zeros(0, 6, dtype=torch.float64)
+    sd = relative_sd * constants
+    sd[2] = torch.hypot(sd[1] / width, sd[2])
+    return torch.diag(sd)[[CONSTANTS.index(name) for name in UNCERTAIN]]
+
+
 class PAlpaca(nn.Module):
     """The model behind ``initial``, ``update`` and ``predict`` on a state of tensors.
 
@@ -84,6 +101,8 @@ class PAlpaca(nn.Module):
     offset_spread: Tensor
     other_precision: Tensor
     stand_in: Tensor
+    uncertain: Tensor
+    varied: Tensor
     constants: Tensor
     nodes: Tensor
     prior_mean: Tensor
@@ -96,10 +115,15 @@ class PAlpaca(nn.Module):
     column_unit: Tensor
 
     def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
-        """``constants`` [6] are the soil's, in the order of terramechanics.contact.CONSTANTS."""
+        """``constants`` [6] are the soil's, in the order of terramechanics.contact.CONSTANTS.
+
+        Where ``prior.constants_sd`` is above 0 each of them is a parameter of the posterior, in prior deviations.
+        """
         super().__init__()
         self.axles, self.gravity, self.radius, self.width = body.axles, body.gravity, body.radius_m, body.width_m
-        self.size = 2 + net.columns + 2
+        uncertain = uncertain_constants(constants, prior.constants_sd, body.width_m)
+        self.first_constant = 2 + net.columns
+        self.size = self.first_constant + uncertain.shape[0] + 2
         self.open_precision, self.link_variance, self.block_size = OPEN, LINK_VARIANCE, BLOCK
         self.net = net
         prior_mean = [prior.cohesion_pa, prior.tan_phi]
@@ -111,7 +135,10 @@ class PAlpaca(nn.Module):
         self.register_buffer("offset_log_weight", torch.cartesian_prod(weight, weight).log().sum(1))
         # with this spread, mean and variance of the mixture are exactly those of the prior
         self.register_buffer("offset_spread", (1.0 - (weight * place**2).sum()).sqrt())
-        self.register_buffer("other_precision", torch.tensor([prior.acceleration_bias_sd**-2, OPEN], dtype=torch.float64))
+        other = [1.0] * uncertain.shape[0] + [prior.acceleration_bias_sd**-2, OPEN]
+        self.register_buffer("other_precision", torch.tensor(other, dtype=torch.float64))
+        self.register_buffer("uncertain", uncertain)
+        self.register_buffer("varied", torch.cat([torch.zeros(1, 6, dtype=torch.float64), 1e-3 * uncertain]))
         wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
         self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
         self.register_buffer("constants", constants)
@@ -144,7 +171,7 @@ class PAlpaca(nn.Module):
         nothing = torch.full((2,), float("nan"), dtype=torch.float64)
         state = {
             "block": torch.zeros(0, 8 * self.axles + 8, dtype=torch.float64),
-            "velocity": torch.stack([start[0, -1], 1.0 / self.other_precision[1]]),
+            "velocity": torch.stack([start[0, -1], 1.0 / self.other_precision[-1]]),
             "drive": torch.zeros(3, dtype=torch.float64),
             "innovation": nothing,
             "usable": torch.zeros(self.axles, dtype=torch.bool),
@@ -156,7 +183,8 @@ class PAlpaca(nn.Module):
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
         """Take one packed observation [8 A + 8] into the state; every tenth closes a block and moves the posterior."""
         measured = observation[8 * self.axles :]
-        usable = usable_wheels(observation[: 8 * self.axles].view(1, 8, self.axles), self.contact())[0]
+        wheels = observation[: 8 * self.axles].view(1, 8, self.axles)
+        usable = usable_wheels(wheels, self.contact(state["expected"]))[0]
         linked = bool((measured[7] > 0.0) & (state["velocity"][1] * self.open_precision < 0.5) & usable.all())
         if linked:
             state = self.track(state, observation)
@@ -170,7 +198,7 @@ class PAlpaca(nn.Module):
     @torch.jit.export
     def discard(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
         """Drop the open block: the posterior stays as it was before it, the velocity is opened."""
-        state = self.unlink(state, state["velocity"][0], 1.0 / self.other_precision[1])
+        state = self.unlink(state, state["velocity"][0], 1.0 / self.other_precision[-1])
         state["block"] = state["block"][:0]
         return state
 
@@ -192,9 +220,16 @@ class PAlpaca(nn.Module):
         covariance = state["covariance"][:2, :2] * self.unit * self.unit.unsqueeze(-1)
         return torch.cat([(state["expected"][:2] * self.unit).unsqueeze(0), covariance])
 
-    def contact(self) -> Contact:
-        """The physics that the rows need."""
-        return Contact(self.constants, self.nodes, self.column_unit, self.body_scale, self.stand_in, self.gravity, self.radius, self.width)
+    def contact(self, expected: Tensor) -> Contact:
+        """The physics that the rows need, with the soil constants that the parameters ``expected`` [D] say."""
+        constants = self.constants + expected[self.first_constant : self.size - 2] @ self.uncertain
+        return Contact(
+            constants, self.varied, self.nodes, self.column_unit, self.body_scale, self.stand_in, self.gravity, self.radius, self.width
+        )
+
+    def nominal_contact(self) -> Contact:
+        """The same with the soil constants as given."""
+        return self.contact(torch.zeros(self.size, dtype=torch.float64))
 
     def learnt(self, packed: Tensor) -> Tensor:
         """Net features [n, R, net] of packed observations [n, 8 A + 8]."""
@@ -204,12 +239,13 @@ class PAlpaca(nn.Module):
 
     def foresee(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration [3]."""
-        a = self.axles
-        packed = observation.unsqueeze(0)
-        row = drive_row(packed[:, : 8 * a].view(1, 8, a), self.contact())[0]
-        direction = torch.cat([row[:2], self.learnt(packed)[0, 0]])
+        a, expected = self.axles, state["expected"]
+        rows = drive_row(observation[: 8 * a].view(8, a), self.contact(expected))
+        by_constant = rows[1:] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
+        direction = torch.cat([rows[0, :2], self.learnt(observation.unsqueeze(0))[0, 0], by_constant])
         known = direction.shape[0]
-        acceleration = torch.dot(direction, state["expected"][:known]) + row[2] - self.gravity * torch.sin(observation[8 * a + 2])
+        explained = torch.dot(direction[: self.first_constant], expected[: self.first_constant]) + rows[0, 2]
+        acceleration = explained - self.gravity * torch.sin(observation[8 * a + 2])
         step = observation[8 * a + 6]
         spread = torch.dot(direction, torch.mv(state["covariance"][:known, :known], direction)) + state["drive"][1]
         velocity = state["velocity"]
@@ -241,18 +277,19 @@ class PAlpaca(nn.Module):
         """Solve the open block and commit it; of its two velocities the newest goes on."""
         packed = state["block"]
         measured = packed[:, 8 * self.axles :]
-        rows = regression_rows(packed, self.contact())
+        rows = regression_rows(packed, self.contact(state["expected"]))
         velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
         columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0)  # needs every wheel
         step = measured[:, 6] * rows.used[:, 0]
-        averaged = block_rows(rows, columns, step, velocity, self.fixed_columns, self.link_variance)
+        expansion = state["expected"][self.first_constant : self.size - 2]
+        averaged = block_rows(rows, columns, step, velocity, expansion, self.fixed_columns, self.link_variance)
         before = Posterior(state["mean"], state["precision"], state["log_weight"])
         solution = solve_block(before, averaged, self.longest_step)
         best = solution.posterior
         mean, precision = drop(best.mean, best.precision, self.size - 1)
         state = self.commit(state, Posterior(mean, precision, best.log_weight))
         expected = state["expected"]
-        noise = rows.noise[:, 0] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
+        noise = rows.noise[0, :, 0] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
         state["velocity"] = torch.stack([expected[-1], state["covariance"][-1, -1]])
         state["drive"] = torch.stack([state["drive"][0], noise.square().sum(1).mean(), state["drive"][2]])
         state["misfit"] = torch.stack([torch.dot(torch.softmax(best.log_weight, 0), solution.misfit), averaged.present.sum() - 1.0])

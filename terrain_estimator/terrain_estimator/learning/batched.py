@@ -14,13 +14,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.block import BlockRows, Posterior, Solution, Step, block_rows, gauss_newton
+from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, block_rows, gauss_newton
 from terrain_estimator.gaussian import cholesky, drop, log_determinant
 from terrain_estimator.palpaca import PAlpaca, State
-from terrain_estimator.rows import Rows, regression_rows, usable_wheels
-
-MOST_STEPS, CONVERGED = 8, 1e-4
-"""Of the Gauss-Newton solution, as in ``solve_block``."""
+from terrain_estimator.rows import regression_rows, usable_wheels
 
 
 class Trace(NamedTuple):
@@ -32,6 +29,7 @@ class Trace(NamedTuple):
     degrees: Tensor  # [N, B] its degrees of freedom
     innovation: Tensor  # [N, T] measured minus predicted velocity [m/s], NaN where the velocity was not linked
     variance: Tensor  # [N, T] of the innovation [m^2/s^2]
+    final: Tensor  # [N, D] last mean of all parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +46,7 @@ def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
     """Blocks of packed drives [N, T, 8 A + 8], of which only the first ``ends`` [N] observations count."""
     drives, time, size = packed.shape
     axles = model.axles
-    usable = usable_wheels(packed[..., : 8 * axles].reshape(-1, 8, axles), model.contact()).all(1).view(drives, time)
+    usable = usable_wheels(packed[..., : 8 * axles].reshape(-1, 8, axles), model.nominal_contact()).all(1).view(drives, time)
     linked = usable & (packed[..., size - 1] > 0.0)
     linked[:, 0] = False
     count = torch.zeros(drives, dtype=torch.long)
@@ -111,6 +109,7 @@ def _empty(state: State, drives: int, time: int, blocks: int, times: int, model:
         degrees=torch.full((drives, blocks), nan, dtype=torch.float64),
         innovation=torch.full((drives, time), nan, dtype=torch.float64),
         variance=torch.full((drives, time), nan, dtype=torch.float64),
+        final=state["expected"],  # written in place with the state
     )
 
 
@@ -154,23 +153,22 @@ def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: 
 
 def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     """``PAlpaca.close`` for blocks [G, n, 8 A + 8] of G drives."""
-    rows = regression_rows(packed.flatten(0, 1), model.contact())
+    rows = torch.vmap(lambda block, expected: regression_rows(block, model.contact(expected)))(packed, state["expected"])
     rows = rows._replace(used=rows.used * mask)
-    columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, model.learnt(packed.flatten(0, 1)), 0.0)
-    blocks = packed.shape[:2]
-    rows = Rows(*(field.view(*blocks, *field.shape[1:]) for field in rows))
+    columns = torch.where(rows.used[..., :1].unsqueeze(-1) > 0.0, model.learnt(packed.flatten(0, 1)).unflatten(0, packed.shape[:2]), 0.0)
     measured = packed[..., 8 * model.axles :]
     velocity = torch.stack([measured[..., 0], measured[..., 1] ** 2], -1)
     step = measured[..., 6] * rows.used[..., 0]
-    average = torch.vmap(block_rows, in_dims=(0, 0, 0, 0, None, None))
-    averaged = average(rows, columns.view(*blocks, *columns.shape[1:]), step, velocity, model.fixed_columns, model.link_variance)
+    expansion = state["expected"][:, model.first_constant : model.size - 2]
+    average = torch.vmap(block_rows, in_dims=(0, 0, 0, 0, 0, None, None))
+    averaged = average(rows, columns, step, velocity, expansion, model.fixed_columns, model.link_variance)
     solution = solve_blocks(Posterior(state["mean"], state["precision"], state["log_weight"]), averaged, model.longest_step)
     best = solution.posterior
     mean, precision = torch.vmap(drop, in_dims=(0, 0, None))(best.mean, best.precision, model.size - 1)
     state = torch.vmap(model.commit)(state, Posterior(mean, precision, best.log_weight))
     expected = state["expected"]
     theta = torch.cat([expected[:, :2], torch.ones_like(expected[:, :1])], 1)
-    noise = (rows.noise[:, :, 0] @ theta[:, None, :, None]).squeeze(-1)
+    noise = (rows.noise[:, 0, :, 0] @ theta[:, None, :, None]).squeeze(-1)
     state["velocity"] = torch.stack([expected[:, -1], state["covariance"][:, -1, -1]], 1)
     state["drive"] = torch.stack([state["drive"][:, 0], noise.square().sum(-1).mean(-1), state["drive"][:, 2]], 1)
     misfit = (torch.softmax(best.log_weight, -1) * solution.misfit).sum(-1)

@@ -3,8 +3,11 @@
 """Cramer-Rao bound of (c, tan phi): what no unbiased estimator can beat on a drive, whatever its method.
 
 The information of all rows of every single observation at the true parameters and true inputs, the noise of slip,
-sinkage and angles propagated into the rows, velocity and accelerometer bias unknown, and the prior added.
+sinkage and angles propagated into the rows, velocity and accelerometer bias unknown, and the prior added. Soil
+constants that are not known exactly are unknowns with a prior of their own.
 """
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -13,38 +16,105 @@ from terrain_estimator.block import block_rows, row_noise
 from terrain_estimator.gaussian import cholesky, drop, symmetrize
 from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.palpaca import PAlpaca
-from terrain_estimator.rows import PA_PER_UNIT, Rows, regression_rows
+from terrain_estimator.rows import PA_PER_UNIT, Contact, Rows, regression_rows, turn, usable_wheels
+from terramechanics.contact import CONSTANTS, wheel_forces
+
+CHUNK = 500
+"""Observations whose information is computed at once, so that they stay in the processor's cache."""
+_STEP = 1e-4  # [1] relative, of the differences with respect to the soil constants
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What an estimator is given beside the observations."""
+
+    rows: Tensor | None = None  # [R] 1 for the rows that may be used, 0 for others
+    ends: Tensor | None = None  # [batch] observations of a drive that count
+    constants: Tensor | None = None  # [batch, 6] true soil constants, those of the model where None
+    constants_sd: float = 0.0  # [1] relative standard deviation of what is known of each constant
 
 
 def cramer_rao(model: PAlpaca, tasks: Tasks) -> Tensor:
     """Bound on the covariance of (c [Pa], tan phi) after each whole drive, shape [batch, 2, 2].
 
-    Takes physics, noise and prior from ``model``, not its learnt columns, and the rows from ``tasks.true``.
+    Takes physics, noise and prior from ``model``, not its learnt columns and with exact soil constants,
+    and the rows from ``tasks.true``.
     """
-    batch, time, size = tasks.true.shape
-    flat = regression_rows(tasks.true.reshape(-1, size), model.contact())
-    series = [x.unflatten(0, (batch, time)) for x in flat]
+    return cramer_rao_at(model, tasks, torch.tensor([tasks.true.shape[1] - 1]), Known())[:, 0]
+
+
+def cramer_rao_at(model: PAlpaca, tasks: Tasks, times: Tensor, known: Known) -> Tensor:
+    """The same after the observations ``times`` [K] (counted from 0, rising), shape [batch, K, 2, 2]."""
+    batch, time, _ = tasks.true.shape
+    information = _information_of_all(model, tasks, known)
     unit = torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
-    theta = tasks.strength / unit
-    precision = torch.diag(torch.cat([(model.prior_sd / unit) ** -2.0, model.other_precision]))  # c, tan phi, bias, velocity
+    loose = [torch.full((6,), max(known.constants_sd, 1e-6) ** -2.0, dtype=torch.float64)] if known.constants_sd else []
+    precision = torch.diag(torch.cat([(model.prior_sd / unit) ** -2.0, *loose, model.other_precision[-2:]]))
     precision = precision.expand(batch, -1, -1)
-    for index in range(time):
-        added = torch.vmap(lambda *fields: _information(model, fields))(
-            *(x[:, index : index + 1] for x in series), tasks.true[:, index : index + 1], theta
+    ends = torch.full((batch,), time) if known.ends is None else known.ends
+    size, found = precision.shape[-1], []
+    for index in range(int(times[-1]) + 1):
+        extended = torch.nn.functional.pad(precision, [0, 1, 0, 1]) + information[:, index]
+        _, after = drop(torch.zeros_like(extended[..., 0]), extended, size - 1)
+        precision = torch.where((index < ends).view(-1, 1, 1), after, precision)
+        if index in times:
+            directions = torch.eye(2, size, dtype=torch.float64).T.expand(batch, -1, -1)
+            found.append(torch.cholesky_solve(directions, cholesky(precision))[:, :2])
+    return symmetrize(torch.stack(found, 1)) * unit * unit.unsqueeze(-1)
+
+
+def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known) -> Tensor:
+    """J' S^-1 J of every observation [batch, time, D + 1, D + 1] at the true parameters."""
+    batch, time, size = tasks.true.shape
+    packed = tasks.true.reshape(-1, size)
+    theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
+    theta = theta.repeat_interleave(time, 0)
+    mask = torch.ones(model.axles + 3, dtype=torch.float64) if known.rows is None else known.rows
+    contact = model.nominal_contact()
+    contact = contact._replace(varied=contact.varied[:1])
+    constants = contact.constants.expand(batch, 6) if known.constants is None else known.constants
+    constants = constants.repeat_interleave(time, 0).unsqueeze(1)  # [n, 1, 6], for every axle
+    pieces = []
+    for start in range(0, packed.shape[0], CHUNK):
+        here = slice(start, start + CHUNK)
+        local = contact._replace(constants=constants[here])
+        rows = regression_rows(packed[here], local)
+        rows = rows._replace(used=rows.used * mask)
+        columns = _by_constants(packed[here], local, theta[here]) if known.constants_sd else rows.features[0, ..., :0]
+        pieces.append(
+            torch.vmap(lambda *fields: _information(model, fields))(
+                rows.features[0], rows.noise[0], rows.target, rows.variance, rows.used, columns, packed[here], theta[here]
+            )
         )
-        extended = torch.nn.functional.pad(precision, [0, 1, 0, 1]) + added
-        _, precision = drop(torch.zeros_like(extended[..., 0]), extended, 3)
-    directions = torch.eye(2, 4, dtype=torch.float64).T.expand(batch, -1, -1)
-    covariance = torch.cholesky_solve(directions, cholesky(precision))[:, :2]
-    return symmetrize(covariance) * unit * unit.unsqueeze(-1)
+    return torch.cat(pieces).view(batch, time, *pieces[0].shape[1:])
+
+
+def _by_constants(packed: Tensor, contact: Contact, theta: Tensor) -> Tensor:
+    """Change of the rows for a relative change of each soil constant at the true ``theta`` [n, 2], shape [n, R, 6]."""
+    axles = (packed.shape[1] - 8) // 8
+    wheels = packed[:, : 8 * axles].view(-1, 8, axles)
+    wheels = torch.where(usable_wheels(wheels, contact).unsqueeze(1), wheels, contact.stand_in)
+    homogeneous = torch.cat([theta, torch.ones_like(theta[:, :1])], 1).view(-1, 1, 3, 1)
+
+    def at(index: int, factor: float) -> Tensor:
+        changed = contact.constants.clone()
+        changed[..., index] *= factor
+        forces = wheel_forces(wheels[:, 0], wheels[:, 2], changed, contact.radius, contact.width, contact.nodes)
+        values = (forces * contact.column_unit) @ homogeneous
+        body = (turn(values, wheels[:, 4]) * contact.body_scale).sum(1)[..., 0]
+        return torch.cat([body, values[:, :, 2, 0], body[:, :1]], 1)
+
+    return torch.stack([(at(k, 1.0 + _STEP) - at(k, 1.0 - _STEP)) / (2.0 * _STEP) for k in range(len(CONSTANTS))], -1)
 
 
 def _information(model: PAlpaca, fields: tuple[Tensor, ...]) -> Tensor:
-    """J' S^-1 J [5, 5] of one observation at the true ``theta`` [2], the last of ``fields``."""
-    *rows, packed, theta = fields
-    measured = packed[:, 8 * model.axles :]
-    velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
-    nothing = packed.new_zeros(1, model.axles + 3, 0)
-    averaged = block_rows(Rows(*rows), nothing, measured[:, 6] * measured[:, 7], velocity, model.fixed_columns, model.link_variance)
-    _, covariance = row_noise(averaged, theta.unsqueeze(0))
+    """J' S^-1 J of one observation: its rows, columns of unknown constants, packed [8 A + 8], ``theta`` [2]."""
+    features, noise, *others, columns, packed, theta = fields
+    alone = Rows(features[None, None], noise[None, None], *(field.unsqueeze(0) for field in others))
+    measured = packed[8 * model.axles :]
+    velocity = torch.stack([measured[0], measured[1] ** 2]).unsqueeze(0)
+    step = (measured[6] * measured[7] * alone.used[0, 0]).unsqueeze(0)
+    nothing = packed.new_zeros(0)
+    averaged = block_rows(alone, columns.unsqueeze(0), step, velocity, nothing, model.fixed_columns, model.link_variance)
+    _, covariance = row_noise(averaged, torch.cat([theta, torch.ones_like(theta[:1])]).unsqueeze(0))
     return averaged.linear.T @ torch.linalg.solve(covariance[0], averaged.linear)

@@ -11,13 +11,13 @@ from torch import Tensor
 from terrain_estimator.learning.training import PRIOR
 from terrain_estimator.model_file import FORMAT, Metadata, ModelFileError, Training, fingerprint, load_model, write_metadata
 from terrain_estimator.packing import AXLE_FIELDS, SCALAR_FIELDS
-from terrain_estimator.palpaca import BLOCK, PAlpaca
+from terrain_estimator.palpaca import BLOCK, UNCERTAIN, PAlpaca
 from terrain_estimator.rows import row_names
 from terramechanics.rover import Rover
 from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import Soil
 
-VERSION = "1"
+VERSION = "2"
 """Of the model's structure and training, part of the model's id."""
 
 
@@ -29,6 +29,7 @@ def export(model: PAlpaca, rover: Rover, soil: Soil, training: Training, path: P
         torch.jit.save(torch.jit.script(model.eval()), str(path))
     sha256, size = fingerprint(path)
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
+    constants = UNCERTAIN[: model.uncertain.shape[0]]
     metadata = Metadata(
         format=FORMAT,
         model_id=f"{rover.name}-{soil.name}-{VERSION}",
@@ -37,7 +38,7 @@ def export(model: PAlpaca, rover: Rover, soil: Soil, training: Training, path: P
         observation_axle_fields=AXLE_FIELDS,
         observation_scalar_fields=SCALAR_FIELDS,
         rows=row_names(model.axles),
-        parameters=("cohesion_kpa", "tan_phi", *weights, "acceleration_bias", "velocity"),
+        parameters=("cohesion_kpa", "tan_phi", *weights, *constants, "acceleration_bias", "velocity"),
         block=BLOCK,
         step_s=TIME_STEP,
         prior_mean=(PRIOR.cohesion_pa, PRIOR.tan_phi),

@@ -7,7 +7,7 @@ added to the target. So the network learns what the physics misses, not the bias
 the online recursion removes by itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -22,25 +22,35 @@ from terrain_estimator.rows import PA_PER_UNIT, regression_rows
 class Regression:
     """Whitened blocks of a batch of tasks: rows velocity, load, torques; Q = A + 2 of them a block."""
 
-    nominal: Tensor  # [tasks, blocks, Q, 2] columns c [kPa], tan phi
+    nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, uncertain soil constants [prior deviations]
     target: Tensor  # [tasks, blocks, Q] less the constant features
     whitener: Tensor  # [tasks, blocks, Q, Q] inverse Cholesky factor of the rows' noise
     inputs: Tensor  # [tasks, blocks, BLOCK, 8 A + 8] measured observations, inputs of the network
     valid: Tensor  # [tasks, blocks] 1 where every observation of the block is usable
 
 
+CHUNK = 8
+"""Tasks at a time: the rows of an observation take a few kB while they are made."""
+
+
 def regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Regression:
     """Average the rows of each second, whiten them with their own noise, and add noise of unit variance."""
+    pieces = [_regression(model, chunk, generator) for chunk in tasks.split(CHUNK)]
+    return Regression(*(torch.cat([getattr(piece, field.name) for piece in pieces]) for field in fields(Regression)))
+
+
+def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Regression:
     count, time, size = tasks.true.shape
     blocks, axles = time // BLOCK, model.axles
     packed = tasks.true[:, : blocks * BLOCK].reshape(-1, size)
-    rows = regression_rows(packed, model.contact())
+    rows = regression_rows(packed, model.nominal_contact())
     kept = axles + 2
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = torch.cat([theta, torch.ones(count, 1, dtype=torch.float64)], 1)
     shape = (count, blocks, BLOCK)
-    features = rows.features[:, :kept].reshape(*shape, kept, 3).mean(2)
-    noise = torch.einsum("tbnqec,tc->tbnqe", rows.noise[:, :kept].reshape(*shape, kept, -1, 3), theta) / BLOCK
+    changes = rows.features[:, :, :kept].reshape(-1, *shape, kept, 3).mean(3)
+    features, by_constant = changes[0], torch.einsum("mtbqc,tc->tbqm", changes[1:], theta)
+    noise = torch.einsum("tbnqec,tc->tbnqe", rows.noise[0, :, :kept].reshape(*shape, kept, -1, 3), theta) / BLOCK
     noise = noise.transpose(2, 3).flatten(3)  # [tasks, blocks, Q, BLOCK E]
     own = rows.variance[:, :kept].reshape(*shape, kept).sum(2) / BLOCK**2
     target = rows.target[:, :kept].reshape(*shape, kept).mean(2)
@@ -55,4 +65,4 @@ def regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Regr
     shaken = clean + torch.randn(clean.shape, generator=generator, dtype=torch.float64)
     valid = tasks.usable[:, : blocks * BLOCK].reshape(shape).all(2)
     inputs = tasks.measured[:, : blocks * BLOCK].reshape(*shape, size)
-    return Regression(whitener @ features[..., :2], shaken, whitener, inputs, valid.to(torch.float64))
+    return Regression(whitener @ torch.cat([features[..., :2], by_constant], -1), shaken, whitener, inputs, valid.to(torch.float64))

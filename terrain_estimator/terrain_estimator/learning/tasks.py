@@ -3,7 +3,7 @@
 """Training tasks: drives on random ground, as packed observations, in batches."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -30,6 +30,11 @@ class Tasks:
     true: Tensor  # the same without noise, deviations as measured
     strength: Tensor  # [batch, 2] c [Pa], tan phi
     usable: Tensor  # [batch, time] bool: moving, not stuck, every wheel in range
+
+    def split(self, size: int) -> list["Tasks"]:
+        """The same in batches of ``size`` drives."""
+        pieces = zip(*(getattr(self, field.name).split(size) for field in fields(self)), strict=True)
+        return [Tasks(*piece) for piece in pieces]
 
 
 def random_ground(soil: Soil, batch: int, generator: torch.Generator, spread: float = CONSTANTS_SPREAD) -> Ground:

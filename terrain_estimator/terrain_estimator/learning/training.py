@@ -15,8 +15,10 @@ from terrain_estimator.palpaca import Body, PAlpaca, Prior
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 
-PRIOR = Prior(cohesion_pa=2750.0, cohesion_sd_pa=1300.0, tan_phi=0.6, tan_phi_sd=0.22, acceleration_bias_sd=0.02)
-"""Mean and deviation of the benchmarks' draws: c uniform in 0.5 to 5 kPa, phi uniform in 15 to 45 deg."""
+PRIOR = Prior(
+    cohesion_pa=2750.0, cohesion_sd_pa=1300.0, tan_phi=0.6, tan_phi_sd=0.22, acceleration_bias_sd=0.02, constants_sd=0.05 / 3**0.5
+)
+"""Mean and deviation of the benchmarks' draws: c uniform in 0.5 to 5 kPa, phi in 15 to 45 deg, constants within 5 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +45,13 @@ class Progress:
     overlap: float  # squared cosine between learnt and nominal features
 
 
-def build_model(rover: Rover, soil: Soil, columns: int, hidden: int) -> PAlpaca:
+def build_model(rover: Rover, soil: Soil, columns: int, hidden: int, prior: Prior = PRIOR) -> PAlpaca:
     """An untrained model of a rover on a soil."""
     body = Body(len(rover.axle_x), rover.wheels_per_axle, rover.mass, rover.gravity, rover.wheel_radius, rover.wheel_width)
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
     sizes = [0.05 * rover.gravity, 0.05] + [0.05 * torque] * body.axles  # what a learnt effect may amount to
     net = NetFeatures(body.axles, columns, hidden, 0.1 * rover.wheel_radius, torch.tensor(sizes, dtype=torch.float64))
-    return PAlpaca(body, soil.constants(), PRIOR, net)
+    return PAlpaca(body, soil.constants(), prior, net)
 
 
 def train(model: PAlpaca, rover: Rover, soil: Soil, recipe: Recipe) -> Iterator[Progress]:
@@ -83,8 +85,9 @@ def _loss(
     columns = model.learnt(inputs.flatten(0, 2))[:, :rows].reshape(*inputs.shape[:3], rows, -1).mean(2)
     learnt = data.whitener[chosen] @ columns
     nominal = data.nominal[chosen]
-    mean = torch.cat([model.prior_mean / model.unit, torch.zeros_like(log_precision)])
-    precision = torch.cat([(model.prior_sd / model.unit) ** -2.0, log_precision.exp()])
+    others = nominal.new_zeros(nominal.shape[-1] - 2)
+    mean = torch.cat([model.prior_mean / model.unit, others, torch.zeros_like(log_precision)])
+    precision = torch.cat([(model.prior_sd / model.unit) ** -2.0, others + 1.0, log_precision.exp()])
     features = torch.cat([nominal, learnt], -1)
     loss = negative_log_predictive(features, data.target[chosen], data.valid[chosen], context, mean, precision)
-    return loss, overlap(nominal, learnt, data.valid[chosen])
+    return loss, overlap(nominal[..., :2], learnt, data.valid[chosen])
