@@ -5,6 +5,7 @@
 import dataclasses
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -85,17 +86,14 @@ class Estimator:
         packed = pack(self._without_inertia(observation, step_s, linked=linked), step_s, linked=linked)
         with torch.inference_mode():
             state: State = self._module.update(self._state, packed)
-        refusal = self._refuse(observation, state)
-        if refusal is None and state["block"].shape[0] == 0:
-            refusal = self._refuse_block(state)
+        report = Report.of(state)
+        refusal = self._refuse(observation, state, report) or (self._refuse_block(report) if report.closed else None)
         if refusal is not None:
             return self._answer(observation.stamp_ns, refusal)
-        closed = state["block"].shape[0] == 0
         self._keep(observation, state)
-        if closed or self._used == 1:
+        if report.closed or self._used == 1:
             self._estimate = self._summarise()
-        decision, prediction = self._accepted(screening, state), self._predict(observation, state)
-        return self._answer(observation.stamp_ns, decision, prediction)
+        return self._answer(observation.stamp_ns, self._accepted(screening, report), self._predict(observation, report))
 
     def _link(self, observation: Observation) -> tuple[float, bool]:
         """Time since the last observation that entered, and whether its velocity carries over."""
@@ -111,32 +109,30 @@ class Estimator:
         change = (observation.wheel_rate - self._last.wheel_rate) * (self._rover.wheel_inertia / step_s)
         return dataclasses.replace(observation, torque=observation.torque - change)
 
-    def _refuse(self, observation: Observation, state: State) -> Decision | None:
+    def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""
-        if not _finite(state):
+        if not _finite(state, report):
             self._discard_block()
             detail = "a number became infinite or NaN: the posterior is kept, the last second is left out"
             return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
-        if not bool(state["usable"].any()):
+        if not any(report.usable):
             return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, "no axle has slip and sinkage in the model's range")
-        distance = _distance(state)
-        if distance > self._gate:
-            expected = observation.velocity - float(state["innovation"][0])
-            detail = f"velocity {observation.velocity:.4g} m/s, expected {expected:.4g} m/s"
-            return Decision(Outcome.GATED, (), distance, self._gate, 1, detail)
+        if report.distance > self._gate:
+            detail = f"velocity {observation.velocity:.4g} m/s, expected {observation.velocity - report.innovation:.4g} m/s"
+            return Decision(Outcome.GATED, (), report.distance, self._gate, 1, detail)
         return None
 
-    def _refuse_block(self, state: State) -> Decision | None:
-        """Why the block that this state closed is left out; a contradiction that lasts is believed."""
-        misfit, degrees = state["misfit"].tolist()
-        threshold = _threshold(self._config.gate_probability, int(degrees))
-        if misfit <= threshold or (self._contradictions >= _PATIENCE and misfit < _ABSURD):
+    def _refuse_block(self, report: "Report") -> Decision | None:
+        """Why the block that was closed is left out; a contradiction that lasts is believed."""
+        degrees = int(report.degrees)
+        threshold = _threshold(self._config.gate_probability, degrees)
+        if report.misfit <= threshold or (self._contradictions >= _PATIENCE and report.misfit < _ABSURD):
             self._contradictions = 0
             return None
         self._contradictions += 1
         self._discard_block()
         detail = "the last second contradicts the posterior and is left out"
-        return Decision(Outcome.GATED, (), misfit, threshold, int(degrees), detail)
+        return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
 
     def _discard_block(self) -> None:
         with torch.inference_mode():
@@ -149,8 +145,8 @@ class Estimator:
         self._state, self._last = state, observation
         self._used += 1
 
-    def _accepted(self, screening: Screening, state: State) -> Decision:
-        usable = state["usable"].tolist()
+    def _accepted(self, screening: Screening, report: "Report") -> Decision:
+        usable, distance = report.usable, report.distance
         observation, detail = screening.observation, screening.detail
         measured = np.isfinite(observation.torque).tolist()
         rows = [f"torque_{k}" for k, (good, known) in enumerate(zip(usable, measured, strict=True)) if good and known]
@@ -159,14 +155,11 @@ class Estimator:
         elif not detail:
             detail = f"axles {[k for k, good in enumerate(usable) if not good]} are outside the model's range"
         outcome = screening.outcome if all(usable) else Outcome.ACCEPTED_PARTIALLY
-        distance = _distance(state)
         return Decision(outcome, tuple(rows), distance, self._gate, 0 if math.isnan(distance) else 1, detail)
 
-    def _predict(self, observation: Observation, state: State) -> Prediction:
-        with torch.inference_mode():
-            velocity, variance = self._module.forecast(state, self._step_s).tolist()
+    def _predict(self, observation: Observation, report: "Report") -> Prediction:
         innovation, innovation_variance = self._expected(observation)
-        self._forecast = (velocity, variance)
+        velocity, variance = self._forecast = report.velocity, report.variance
         return Prediction(
             valid=True,
             horizon_s=self._step_s,
@@ -215,16 +208,34 @@ def _condition(covariance: Floats) -> float:
     return float((1.0 + correlation) / max(1.0 - correlation, np.finfo(np.float64).eps))
 
 
-def _distance(state: State) -> float:
-    """Squared Mahalanobis distance of the velocity's innovation [1]; NaN where there was none."""
-    innovation, variance = state["innovation"].tolist()
-    return float(innovation * innovation / variance)  # a product overflows to infinity, a power raises
+class Report(NamedTuple):
+    """The state's ``report`` as numbers; NaN where there was no innovation or no closed block yet."""
+
+    velocity: float  # [m/s] forecast one step ahead
+    variance: float  # [m^2/s^2]
+    innovation: float  # [m/s]
+    innovation_variance: float  # [m^2/s^2]
+    misfit: float  # [1] squared Mahalanobis distance of the last closed block
+    degrees: float  # of freedom
+    closed: bool  # whether this observation closed a block
+    usable: list[bool]  # axles
+
+    @classmethod
+    def of(cls, state: State) -> "Report":
+        """Read it from the state."""
+        values = state["report"].tolist()
+        return cls(*values[:6], closed=values[6] > 0.0, usable=[value > 0.0 for value in values[7:]])
+
+    @property
+    def distance(self) -> float:
+        """Squared Mahalanobis distance of the velocity's innovation [1]."""
+        return self.innovation * self.innovation / self.innovation_variance  # a product overflows to infinity, a power raises
 
 
-def _finite(state: State) -> bool:
-    """Whether every number that is ever published from the state is finite; the posterior moves with closed blocks only."""
-    names = ("velocity", "drive", "expected", "covariance") if state["block"].shape[0] == 0 else ("velocity", "drive")
-    return all(math.isfinite(state[name].sum().item()) for name in names)
+def _finite(state: State, report: Report) -> bool:
+    """Whether every number that is ever published is finite; the posterior moves with closed blocks only."""
+    moved = state["expected"].sum().item() + state["covariance"].sum().item() if report.closed else 0.0
+    return math.isfinite(report.velocity + report.variance + moved)
 
 
 @functools.lru_cache

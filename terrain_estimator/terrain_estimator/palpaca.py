@@ -29,6 +29,7 @@ from terrain_estimator.gaussian import drop, mixture, project
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.rows import PA_PER_UNIT, Contact, drive_row, regression_rows, usable_wheels
 from terramechanics.contact import CONSTANTS, quadrature
+from terramechanics.simulation import TIME_STEP
 
 OPEN = 1e-2
 """[(m/s)^-2] Precision of a velocity that nothing is known of."""
@@ -67,8 +68,9 @@ State = dict[str, Tensor]
 - ``velocity`` [2]: mean [m/s] and variance, now
 - ``drive`` [3]: last acceleration [m/s^2], variance of the noise of its features, mean square change a step
 - ``innovation`` [2]: measured minus predicted velocity, and its variance; NaN where there was none
-- ``usable`` [A] bool: axles of the last observation that are measured and in the model's range
 - ``misfit`` [2]: squared Mahalanobis distance of the last block, and its degrees of freedom; NaN where there was none
+- ``report`` [7 + A]: what a caller reads after each observation: the forecast one step ahead [2], ``innovation`` [2],
+  ``misfit`` [2], 1 where a block was closed, and 1 for each axle that is measured and in the model's range
 """
 
 
@@ -124,7 +126,7 @@ class PAlpaca(nn.Module):
         uncertain = uncertain_constants(constants, prior.constants_sd, body.width_m)
         self.first_constant = 2 + net.columns
         self.size = self.first_constant + uncertain.shape[0] + 2
-        self.open_precision, self.link_variance, self.block_size = OPEN, LINK_VARIANCE, BLOCK
+        self.open_precision, self.link_variance, self.block_size, self.step_s = OPEN, LINK_VARIANCE, BLOCK, TIME_STEP
         self.net = net
         prior_mean = [prior.cohesion_pa, prior.tan_phi]
         prior_sd = [prior.cohesion_sd_pa, prior.tan_phi_sd]
@@ -174,8 +176,8 @@ class PAlpaca(nn.Module):
             "velocity": torch.stack([start[0, -1], 1.0 / self.other_precision[-1]]),
             "drive": torch.zeros(3, dtype=torch.float64),
             "innovation": nothing,
-            "usable": torch.zeros(self.axles, dtype=torch.bool),
             "misfit": nothing,
+            "report": torch.cat([nothing, nothing, nothing, torch.zeros(1 + self.axles, dtype=torch.float64)]),
         }
         return self.commit(state, Posterior(start, precision.expand(start.shape[0], -1, -1), self.offset_log_weight))
 
@@ -186,14 +188,20 @@ class PAlpaca(nn.Module):
         wheels = observation[: 8 * self.axles].view(1, 8, self.axles)
         usable = usable_wheels(wheels, self.contact(state["expected"]))[0]
         linked = bool((measured[7] > 0.0) & (state["velocity"][1] * self.open_precision < 0.5) & usable.all())
+        closes = state["block"].shape[0] > 0 and not linked
         if linked:
             state = self.track(state, observation)
         else:
-            state = self.unlink(self.close(state) if state["block"].shape[0] > 0 else state, measured[0], measured[1] ** 2)
+            state = self.unlink(self.close(state) if closes else state, measured[0], measured[1] ** 2)
             observation = torch.cat([observation[:-2], torch.zeros_like(observation[:2])])  # it covers no time
-        state["usable"] = usable
         state["block"] = torch.cat([state["block"], observation.unsqueeze(0)])
-        return self.close(state) if state["block"].shape[0] == self.block_size else state
+        if state["block"].shape[0] == self.block_size:
+            closes = True
+            state = self.close(state)
+        closed = torch.full((1,), 1.0 if closes else 0.0, dtype=torch.float64)
+        ahead = self.forecast(state, self.step_s)
+        state["report"] = torch.cat([ahead, state["innovation"], state["misfit"], closed, usable.to(torch.float64)])
+        return state
 
     @torch.jit.export
     def discard(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
