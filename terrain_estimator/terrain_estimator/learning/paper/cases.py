@@ -36,14 +36,15 @@ class Size:
 
     seed: int = 0
     tasks: int = 200  # drives to train on, for each plant and soil
-    drives: int = 40  # to test on, for each plant, soil and set
+    trainings: int = 3  # of every model, from different seeds
+    drives: int = 30  # to test on, for each plant, soil and set
     duration_s: float = 40.0
     iterations: int = 1000
     columns: int = 32
     hidden: int = 128
 
 
-QUICK = Size(tasks=8, drives=3, duration_s=6.0, iterations=4, columns=4, hidden=8)
+QUICK = Size(tasks=8, trainings=2, drives=3, duration_s=6.0, iterations=4, columns=4, hidden=8)
 """Runs through everything in seconds; its numbers mean nothing."""
 
 
@@ -105,20 +106,20 @@ def draw(cell: Cell, size: Size) -> Data:
     return Data(training, testing, narrow, min(batch.kept for batch in batches))
 
 
-def train_variant(cell: Cell, variant: Variant, training: Drives, size: Size) -> LearntModel:
-    """Train one model; nominal features are the paper's closed form on both plants."""
+def train_variant(cell: Cell, variant: Variant, repeat: int, training: Drives, size: Size) -> LearntModel:
+    """Train one model for the ``repeat``-th time; nominal features are the paper's closed form on both plants."""
     torch.set_num_threads(1)
     forces = closed_form_forces if variant.nominal else None
     car, constants = vehicle(load_rover(ROVER), cell.plant), load_soil(cell.soil).constants()
     model = LearntModel(car, constants, forces, size.columns, size.hidden, variant.span)
-    recipe = Recipe(size.seed, size.iterations, strength=variant.strength, orthogonality=variant.orthogonality)
+    recipe = Recipe(1000 * size.seed + repeat, size.iterations, strength=variant.strength, orthogonality=variant.orthogonality)
     for _ in train(model, training, recipe):
         pass
     return model
 
 
-def methods(cell: Cell, trained: dict[str, LearntModel]) -> list[Method]:
-    """All methods of a cell, trained ones last."""
+def methods(cell: Cell, trained: dict[str, list[LearntModel]]) -> list[list[Method]]:
+    """All methods of a cell, trained ones last and as often as they were trained."""
     car, constants, prior = vehicle(load_rover(ROVER), cell.plant), load_soil(cell.soil).constants(), Prior()
     found: list[Method] = [
         ConstantGuess(),
@@ -130,5 +131,6 @@ def methods(cell: Cell, trained: dict[str, LearntModel]) -> list[Method]:
     if cell.plant is Plant.INTEGRATED:
         found.append(LinearModel(car, constants, prior, quadrature_forces, "linear, quadrature"))
         found.append(IntegratedRegression(car, constants, prior, quadrature_forces, "integrated, quadrature"))
-    found += [Alpaca(model) for model in trained.values() if model.nominal == 0]
-    return [*found, *(PaperPAlpaca(model, name) for name, model in trained.items())]
+    learnt: list[list[Method]] = [[Alpaca(model) for model in models] for models in trained.values() if models[0].nominal == 0]
+    learnt += [[PaperPAlpaca(model, name) for model in models] for name, models in trained.items()]
+    return [*([method] for method in found), *learnt]

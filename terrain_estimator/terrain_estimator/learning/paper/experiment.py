@@ -13,7 +13,7 @@ from torch import Tensor
 from terrain_estimator.baselines.drives import Drives, closed_form_forces, quadrature_forces
 from terrain_estimator.baselines.features import LearntModel
 from terrain_estimator.baselines.integrated import cramer_rao
-from terrain_estimator.baselines.interface import Estimates, Prior
+from terrain_estimator.baselines.interface import Estimates, Method, Prior
 from terrain_estimator.learning.paper.cases import ROVER, SOILS, Cell, Data, Size, draw, methods, train_variant, variants
 from terrain_estimator.learning.paper.plants import Plant, vehicle
 from terrain_estimator.learning.paper.scores import Scores, quartiles, relative_errors, score
@@ -49,25 +49,26 @@ class CellResult:
 def run(size: Size, jobs: int, report: Report) -> list[CellResult]:
     """Everything, with ``jobs`` processes."""
     cells = [Cell(plant, soil) for plant in Plant for soil in SOILS]
-    trainings = sum(len(variants(cell)) for cell in cells)
+    trainings = size.trainings * sum(len(variants(cell)) for cell in cells)
     steps = len(cells) + trainings + len(cells)
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         report(0.0, "simulating")
         drawn = {cell: pool.submit(draw, cell, size) for cell in cells}
         data = {cell: _waited(future, report, (index + 1) / steps) for index, (cell, future) in enumerate(drawn.items())}
         futures = {
-            pool.submit(train_variant, cell, variant, data[cell].training, size): (cell, variant.name)
+            pool.submit(train_variant, cell, variant, repeat, data[cell].training, size): (cell, variant.name, repeat)
             for cell in cells
             for variant in variants(cell)
+            for repeat in range(size.trainings)
         }
-        trained: dict[tuple[Cell, str], LearntModel] = {}
+        trained: dict[tuple[Cell, str, int], LearntModel] = {}
         for future in as_completed(futures):
             trained[futures[future]] = future.result()
             report((len(cells) + len(trained)) / steps, "training")
     results: list[CellResult] = []
     for cell in cells:
         report((len(cells) + trainings + len(results)) / steps, "estimating")
-        models = {variant.name: trained[cell, variant.name] for variant in variants(cell)}
+        models = {variant.name: [trained[cell, variant.name, repeat] for repeat in range(size.trainings)] for variant in variants(cell)}
         results.append(evaluate(cell, data[cell], models))
     return results
 
@@ -78,16 +79,29 @@ def _waited(future: Future[Data], report: Report, share: float) -> Data:
     return data
 
 
-def evaluate(cell: Cell, data: Data, models: dict[str, LearntModel]) -> CellResult:
-    """Every method on both sets of drives."""
+def evaluate(cell: Cell, data: Data, models: dict[str, list[LearntModel]]) -> CellResult:
+    """Every method, in all its trainings, on both sets of drives."""
     result = CellResult(cell, data.kept, data.testing.strength[0])
-    for method in methods(cell, models):
-        estimates = method.estimate(data.testing)
-        result.testing[method.name] = score(estimates, data.testing)
-        result.curves[method.name] = curves(estimates, data.testing)
-        result.narrow[method.name] = score(method.estimate(data.narrow), data.narrow)
+    for trainings in methods(cell, models):
+        name = trainings[0].name
+        estimates, drives = _all_trainings(trainings, data.testing)
+        result.testing[name] = score(estimates, drives)
+        result.curves[name] = curves(estimates, drives)
+        result.narrow[name] = score(*_all_trainings(trainings, data.narrow))
     result.narrow["Cramer-Rao bound"] = bound(cell, data.narrow)
     return result
+
+
+def _all_trainings(trainings: list[Method], drives: Drives) -> tuple[Estimates, Drives]:
+    """The estimates of every training one behind the other, and the drives repeated to match."""
+    parts = [method.estimate(drives) for method in trainings]
+
+    def joined(name: str) -> Tensor | None:
+        values = [getattr(part, name) for part in parts]
+        return None if values[0] is None else torch.cat(values)
+
+    repeated = drives.subset(torch.arange(drives.slip.shape[0]).repeat(len(parts)))
+    return Estimates(joined("parameters"), joined("deviation"), joined("velocity"), joined("velocity_sd")), repeated
 
 
 def bound(cell: Cell, drives: Drives) -> Scores:

@@ -18,7 +18,7 @@ from terrain_estimator.learning.loss import negative_log_predictive, overlap
 class Orthogonality(Enum):
     """What the strength multiplies."""
 
-    PAPER = "the paper's penalty, on features as they are"
+    PAPER = "the paper's penalty, on features as they are, divided by the number of tasks"
     WHITENED = "squared cosines between nominal and learnt features"
 
 
@@ -32,7 +32,7 @@ class Recipe:
     steps: int = 40
     learning_rate: float = 1e-3
     prior_rate: float = 1e-2  # of prior and noise, which are few and far from their start
-    strength: float = 0.0
+    strength: float = 0.0  # of the figure: the authors' code applies it to the mean over tasks and rows, not to the paper's sum
     orthogonality: Orthogonality = Orthogonality.PAPER
     positivity: float = 1.0  # weight of the mean shortfall of c [kPa] and tan phi below zero
 
@@ -119,7 +119,7 @@ def _losses(
     if model.nominal == 0:
         return loss, torch.zeros_like(loss), torch.zeros_like(loss)
     if orthogonality is Orthogonality.PAPER:
-        penalty = paper_penalty(features.unsqueeze(2))
+        penalty = paper_penalty(features.unsqueeze(2)) / features.shape[0]
     else:
         penalty = overlap(features[..., :2].unsqueeze(2), features[..., 2:].unsqueeze(2), valid)
     return loss, penalty, shortfall(whitened, target / noise, mean, precision)
