@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo test lint train paper bench workspace environment clean
+.PHONY: help demo test lint train accuracy paper bench workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -24,6 +24,9 @@ lint: environment  ## ruff, mypy and the import contract
 
 train: workspace  ## train the tracked model anew
 	ros2_ws/bin/ros2 run terrain_estimator train $(ARGS)
+
+accuracy: workspace  ## judge the estimator on simulated drives: out/accuracy.json, docs/accuracy.md
+	ros2_ws/bin/ros2 run terrain_estimator accuracy $(ARGS)
 
 paper: workspace  ## the paper's experiments: tables and pictures in out/paper
 	ros2_ws/bin/ros2 run terrain_estimator paper $(ARGS)

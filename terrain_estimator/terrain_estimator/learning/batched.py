@@ -19,6 +19,9 @@ from terrain_estimator.gaussian import cholesky, drop, log_determinant
 from terrain_estimator.palpaca import PAlpaca, State
 from terrain_estimator.rows import regression_rows, usable_wheels
 
+CHUNK = 8
+"""Blocks whose rows are computed at once, so that they stay in the processor's cache."""
+
 
 class Trace(NamedTuple):
     """What N drives of T observations gave; B is the largest number of blocks, K the number of chosen times."""
@@ -153,9 +156,10 @@ def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: 
 
 def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     """``PAlpaca.close`` for blocks [G, n, 8 A + 8] of G drives."""
-    rows = torch.vmap(lambda block, expected: regression_rows(block, model.contact(expected)))(packed, state["expected"])
+    own_rows = torch.vmap(lambda block, expected: regression_rows(block, model.contact(expected)), chunk_size=CHUNK)
+    rows = own_rows(packed, state["expected"])
     rows = rows._replace(used=rows.used * mask)
-    columns = torch.where(rows.used[..., :1].unsqueeze(-1) > 0.0, model.learnt(packed.flatten(0, 1)).unflatten(0, packed.shape[:2]), 0.0)
+    columns = torch.where(rows.used[..., :1].unsqueeze(-1) > 0.0, torch.vmap(model.learnt)(packed), 0.0)
     measured = packed[..., 8 * model.axles :]
     velocity = torch.stack([measured[..., 0], measured[..., 1] ** 2], -1)
     step = measured[..., 6] * rows.used[..., 0]

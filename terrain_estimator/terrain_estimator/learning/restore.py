@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python model behind a model file, for what a TorchScript module cannot do: torch.vmap and masked rows."""
 
-from terrain_estimator.learning.training import build_model
+from terrain_estimator.learning.training import PRIOR, build_model
 from terrain_estimator.model_file import LoadedModel
 from terrain_estimator.palpaca import PAlpaca
 from terramechanics.rover import Rover
@@ -12,18 +12,26 @@ _NO_EFFECT = 1e12
 """Precision of a net weight that leaves it at zero."""
 
 
-def restore(loaded: LoadedModel) -> PAlpaca:
-    """The same model with the same numbers as a Python module."""
+def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
+    """The same model with the same numbers as a Python module; without ``net`` its learnt columns weigh nothing."""
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
-    model = build_model(loaded.rover, loaded.metadata.soil, last.shape[0] // (len(loaded.rover.axle_x) + 2), last.shape[1])
+    prior = PRIOR if values["uncertain"].shape[0] else PRIOR._replace(constants_sd=0.0)
+    columns = last.shape[0] // (len(loaded.rover.axle_x) + 2)
+    model = build_model(loaded.rover, loaded.metadata.soil, columns, last.shape[1], prior)
     model.load_state_dict(values)
+    if not net:
+        model.net_precision.fill_(_NO_EFFECT)
     return _frozen(model)
 
 
-def physics_alone(rover: Rover, soil: Soil) -> PAlpaca:
-    """The model without learnt features: one column, whose weight is held at zero."""
-    model = build_model(rover, soil, columns=1, hidden=1)
+def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
+    """The model without learnt features: one column, whose weight is held at zero.
+
+    ``exact`` takes the soil constants for exact; else they are parameters with the prior of the trained models.
+    """
+    prior = PRIOR._replace(constants_sd=0.0) if exact else PRIOR
+    model = build_model(rover, soil, columns=1, hidden=1, prior=prior)
     model.net_precision.fill_(_NO_EFFECT)
     return _frozen(model)
 

@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of ``accuracy`` as a page in Markdown."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from terrain_estimator.cli.accuracy_targets import verdicts
+from terrain_estimator.learning.accuracy import TIMES_S, ParameterScore, Share
+from terrain_estimator.learning.study import EVERY_ROW, Cell, NetShare, ReferenceCheck
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """All that one run of ``accuracy`` found."""
+
+    date: str
+    episodes: int
+    seed: int
+    cells: list[Cell]
+    reference: list[ReferenceCheck]
+    net: list[NetShare]
+
+
+_LICENCE = "<!-- SPDX-FileCopyrightText: 2026 The terrain_estimator authors -->\n<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+_INTRODUCTION = """# Accuracy
+
+Written by `make accuracy` on {date}: {episodes} episodes of 40 s a cell, seed {seed}. The figures do not depend on the machine.
+
+Truth is uniform in c 0.5 to 5 kPa and phi 15 to 45 deg, the range of the model's prior; "paper" is the paper's test band, c 0.7 to
+1.3 kPa and phi 20 to 45 deg. "5 %": each of the six soil constants is wrong by up to 5 %, independently. Rows: v velocity,
+L load, M wheel torques; the accelerometer is not used. An episode ends at its first stuck second and keeps its last
+estimate; the share of such episodes is in the tables. "Bound" is the median error of an estimator that reaches the
+Cramer-Rao bound of the same drives, with the noise of slip, sinkage and angles propagated, the prior added and wrong
+constants as unknowns. "Ratio" is the median of error / bound, 1 for an efficient estimator. Coverages stand with
+their 99 % confidence limits. NIS is the misfit of a block over its degrees of freedom (1 is right), NLL the mean negative log
+density of the true (c in kPa, tan phi) at 40 s.
+"""
+
+
+def page(run: Run) -> str:
+    """The whole page."""
+    hills = [cell for cell in run.cells if (cell.schedule, cell.truth, cell.model) == ("S1", "prior", "physics")]
+    others = [cell for cell in run.cells if (cell.schedule, cell.truth) != ("S1", "prior") and cell.model == "physics"]
+    parts = [
+        _LICENCE + _INTRODUCTION.format(date=run.date, episodes=run.episodes, seed=run.seed),
+        "## Targets\n\n" + _table(("what", "target", "found", "met"), verdicts(run.cells)),
+        "## After 40 s over hills (S1), physics alone\n\n" + _final(hills),
+        "## Error over time over hills (S1), physics alone\n\n" + _over_time(hills),
+        "## Other schedules and the paper's test band, physics alone\n\n" + _final(others) + "\n" + _over_time(others),
+        "## The published velocity prediction, one step ahead, and what the status says\n\n" + _velocity(hills),
+        "## Distance from a grid reference\n\n" + _reference(run.reference),
+        "## Share and ablation of the net\n\n" + _net(run),
+    ]
+    return "\n".join(parts)
+
+
+def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    every = [head, ["---"] * len(head), *lines]
+    return "".join("| " + " | ".join(line) + " |\n" for line in every)
+
+
+def _place(cell: Cell) -> tuple[str, ...]:
+    schedule = "paper band" if cell.truth == "paper" else cell.schedule
+    return cell.rover.removesuffix("_rover"), cell.soil.removesuffix("_sand"), schedule, "5 %" if cell.spread else "exact", cell.rows
+
+
+_PLACE = ("rover", "soil", "drive", "constants", "rows")
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.1f}"
+
+
+def _coverage(share: Share) -> str:
+    return f"{_percent(share.share)} ({_percent(share.low)} to {_percent(share.high)})"
+
+
+def _final(cells: list[Cell]) -> str:
+    head = (
+        *_PLACE, "c median / p90 %", "c bound %", "c ratio", "tan phi median / p90 %", "tan phi bound %", "tan phi ratio",
+        "c in 95 %", "tan phi in 95 %", "c / tan phi in 68 %", "NIS", "NLL", "stuck %",
+    )  # fmt: skip
+    lines = []
+    for cell in cells:
+        score, line = cell.score, [*_place(cell)]
+        for parameter in (score.cohesion, score.tan_phi):
+            errors = f"{_percent(parameter.median_error[-1])} / {_percent(parameter.p90_error[-1])}"
+            line += [errors, _percent(parameter.bound[-1]), f"{parameter.ratio_to_bound[-1]:.2f}"]
+        inner = f"{_percent(score.cohesion.coverage_68.share)} / {_percent(score.tan_phi.coverage_68.share)}"
+        line += [_coverage(score.cohesion.coverage_95), _coverage(score.tan_phi.coverage_95), inner]
+        lines.append([*line, f"{score.nis:.2f}", f"{score.nll:.2f}", _percent(score.stuck)])
+    return _table(head, lines)
+
+
+def _over_time(cells: list[Cell]) -> str:
+    head = (*_PLACE, *(f"{name} {time:g} s" for name in ("c", "tan phi") for time in TIMES_S))
+    lines = [[*_place(cell), *_errors(cell.score.cohesion), *_errors(cell.score.tan_phi)] for cell in cells]
+    return "Median / 90th percentile of the relative error in %, in brackets the bound.\n\n" + _table(head, lines)
+
+
+def _errors(parameter: ParameterScore) -> list[str]:
+    series = zip(parameter.median_error, parameter.p90_error, parameter.bound, strict=True)
+    return [f"{_percent(median)} / {_percent(high)} ({_percent(bound)})" for median, high, bound in series]
+
+
+def _velocity(cells: list[Cell]) -> str:
+    explanation = (
+        "Spread is the median predicted deviation over that of the velocity sensor. Identified is the share of episodes whose status\n"
+        "calls the parameter identified (at most a tenth of the prior's variance left); narrowest is the 1 % quantile of the published\n"
+        "deviation over the bound.\n\n"
+    )
+    head = (*_PLACE, "in 95 %", "spread", "NLL", "c identified %", "tan phi identified %", "c narrowest", "tan phi narrowest")
+    lines = []
+    for cell in cells:
+        score = cell.score
+        line = [_percent(score.velocity_coverage_95), f"{score.velocity_spread:.2f}", f"{score.velocity_nll:.2f}"]
+        line += [_percent(score.cohesion.identified), _percent(score.tan_phi.identified)]
+        lines.append([*_place(cell), *line, f"{score.cohesion.narrowest:.2f}", f"{score.tan_phi.narrowest:.2f}"])
+    return explanation + _table(head, lines)
+
+
+def _reference(checks: list[ReferenceCheck]) -> str:
+    explanation = (
+        "The posterior on a grid over (c, tan phi), with velocity and bias marginalised exactly at each point, from the same block rows;\n"
+        "rows v+L+M, exact constants. Distances in standard deviations of the grid posterior, c / tan phi.\n\n"
+    )
+    head = ("rover", "soil", "episodes", "median shift", "largest shift", "published / grid deviation")
+    lines = []
+    for check in checks:
+        pairs = (check.median_shift, check.largest_shift, check.spread_ratio)
+        lines.append([check.rover, check.soil, str(check.episodes), *(f"{a:.3f} / {b:.3f}" for a, b in pairs)])
+    return explanation + _table(head, lines)
+
+
+def _net(run: Run) -> str:
+    explanation = (
+        "The models that ship, with their learnt columns and without them, on the same drives; both have the soil constants as\n"
+        "parameters. Physics is the model of the tables above, which takes exact constants for exact. The share is the rms of the learnt\n"
+        "part of a row over that of its nominal part, at the last posterior mean.\n\n"
+    )
+    shares = {(share.rover, share.soil, share.spread): share for share in run.net}
+    lines = []
+    for cell in run.cells:
+        share = shares.get((cell.rover, cell.soil, cell.spread))
+        if share is None or (cell.schedule, cell.truth, cell.rows) != ("S1", "prior", EVERY_ROW):
+            continue
+        said = f"{_percent(share.velocity)} / {_percent(share.load)} / {_percent(share.torque)}" if cell.model == "shipped" else ""
+        lines.append([*_place(cell), cell.model, *_ablation(cell), said])
+    head = (*_PLACE, "model", "c %", "tan phi %", "c in 95 %", "tan phi in 95 %", "NLL", "velocity NLL", "share v / L / M %")
+    return explanation + _table(head, lines)
+
+
+def _ablation(cell: Cell) -> list[str]:
+    score = cell.score
+    errors = [_percent(score.cohesion.median_error[-1]), _percent(score.tan_phi.median_error[-1])]
+    return [*errors, *(_coverage(p.coverage_95) for p in (score.cohesion, score.tan_phi)), f"{score.nll:.2f}", f"{score.velocity_nll:.3f}"]

@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""How good estimates are: errors beside the Cramer-Rao bound, coverage with its confidence limits, consistency.
+
+An episode ends at its first stuck second and keeps its last estimate, in the bound as well.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.stats import binomtest, chi2, norm
+from torch import Tensor
+
+from terrain_estimator.learning.batched import Trace
+from terrain_estimator.learning.tasks import Tasks, measure_tasks, random_ground
+from terrain_estimator.summary import IDENTIFIED_VARIANCE
+from terramechanics.ground import Ground
+from terramechanics.rover import Rover
+from terramechanics.sensors import Noise
+from terramechanics.simulation import STUCK_TIME, TIME_STEP, simulate
+from terramechanics.soil import Soil
+
+TIMES_S = (5.0, 10.0, 20.0, 40.0)
+"""[s] Times at which estimates are judged; a drive lasts until the last."""
+PARAMETERS = ("cohesion", "tan_phi")
+ROWS = {"v": (1, 0, 0), "v+L": (1, 1, 0), "v+L+M": (1, 1, 1)}
+"""Rows that an estimator is given: velocity, load, torques; the accelerometer never."""
+CONFIDENCE = 0.99
+"""[1] Of the limits of a coverage."""
+HALF_NORMAL_MEDIAN = float(norm.ppf(0.75))
+"""[standard deviations] median of |x|."""
+_ACCELERATION = -4  # place in a packed observation
+_SETTLED_S = 5.0  # velocity predictions are judged from here on
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Range of the truth: c [Pa] and phi [deg], both uniform."""
+
+    cohesion_pa: tuple[float, float]
+    phi_deg: tuple[float, float]
+
+
+PAPER_BAND = Band((700.0, 1300.0), (20.0, 45.0))
+"""The paper's test tasks (Banerjee et al., section V)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drives:
+    """Measured drives and where each ends."""
+
+    tasks: Tasks  # without acceleration
+    ends: Tensor  # [batch] observations before the first stuck second
+    constants: Tensor  # [batch, 6] true soil constants
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A share of episodes with its exact binomial confidence limits."""
+
+    share: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterScore:
+    """One parameter; tuples are over TIMES_S, errors relative to the truth."""
+
+    median_error: tuple[float, ...]
+    p90_error: tuple[float, ...]
+    bound: tuple[float, ...]  # median error of an estimator that reaches the Cramer-Rao bound
+    ratio_to_bound: tuple[float, ...]  # median of |error| / bound, 1 for an efficient estimator
+    coverage_95: Share  # at the last time, as what follows
+    coverage_68: Share
+    identified: float  # share of episodes whose status says so
+    narrowest: float  # 1 % quantile of published deviation / bound
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """One cell of the tables."""
+
+    episodes: int
+    stuck: float  # share of episodes that end early
+    cohesion: ParameterScore
+    tan_phi: ParameterScore
+    nll: float  # mean negative log density of the true (c [kPa], tan phi) at the last time [nat]
+    nis: float  # misfit of a block over its degrees of freedom, 1 for a consistent estimator
+    nis_above_95: float  # share of blocks above the 95 % quantile of chi-square
+    velocity_coverage_95: float  # of the one-step predictive interval
+    velocity_spread: float  # median predicted deviation over that of the sensor [1]
+    velocity_nll: float  # mean negative log predictive density of the velocity [nat]
+
+
+def row_mask(rows: str, axles: int) -> Tensor:
+    """The mask [A + 3] that belongs to a name in ROWS."""
+    velocity, load, torque = ROWS[rows]
+    return torch.tensor([velocity, load, *([torque] * axles), 0], dtype=torch.float64)
+
+
+def draw_drives(rover: Rover, soil: Soil, schedule: str, episodes: int, spread: float, seed: int, band: Band | None = None) -> Drives:
+    """Simulate and measure episodes of the last of TIMES_S; truth uniform over the prior's range or over ``band``.
+
+    Each soil constant is drawn within +-``spread`` [1] of the soil's. The same seed gives the same drives.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    ground = random_ground(soil, episodes, generator, spread)
+    if band is not None:
+        ground = _banded(ground, episodes, band, generator)
+    drive = simulate(rover, ground, schedule, TIMES_S[-1], generator, episodes)
+    tasks = measure_tasks(drive, Noise(), generator)
+    for packed in (tasks.measured, tasks.true):
+        packed[..., _ACCELERATION] = torch.nan
+    flagged = (~drive.sample.stuck).sum(1)
+    struggling = round(STUCK_TIME / TIME_STEP) - 1
+    ends = torch.where(drive.sample.stuck[:, -1], (flagged - struggling).clamp(min=0), flagged)
+    return Drives(tasks, ends, ground.patches[0].constants.expand(episodes, 6))
+
+
+def _banded(ground: Ground, episodes: int, band: Band, generator: torch.Generator) -> Ground:
+    low = torch.tensor([band.cohesion_pa[0], np.radians(band.phi_deg[0])], dtype=torch.float64)
+    high = torch.tensor([band.cohesion_pa[1], np.radians(band.phi_deg[1])], dtype=torch.float64)
+    drawn = low + (high - low) * torch.rand(episodes, 2, generator=generator, dtype=torch.float64)
+    drawn[:, 1] = torch.tan(drawn[:, 1])
+    return Ground([replace(ground.patches[0], strength=drawn)])
+
+
+def observation_times() -> Tensor:
+    """TIMES_S as indices of observations."""
+    return torch.tensor([round(time / TIME_STEP) - 1 for time in TIMES_S])
+
+
+def score(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor, velocity_sd: float) -> Score:
+    """Judge a trace at TIMES_S. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2]; ``velocity_sd`` [m/s] of the sensor."""
+    truth = drives.tasks.strength.unsqueeze(1)
+    error = (trace.mean - truth).abs()
+    sd = _deviation(trace.covariance)
+    least = _deviation(bound)
+    parameters = [
+        _score_parameter(error[..., k], sd[..., k], least[..., k], truth[..., k], float(prior_sd[k])) for k in range(len(PARAMETERS))
+    ]
+    counted = ~torch.isnan(trace.misfit) & (trace.degrees > 0)
+    misfit, degrees = trace.misfit[counted], trace.degrees[counted]
+    settled = slice(round(_SETTLED_S / TIME_STEP), None)
+    innovation, variance = trace.innovation[:, settled], trace.variance[:, settled]
+    predicted = ~torch.isnan(innovation)
+    innovation, variance = innovation[predicted], variance[predicted]
+    scaled = innovation.square() / variance
+    return Score(
+        episodes=truth.shape[0],
+        stuck=float((drives.ends < trace.innovation.shape[1]).double().mean()),
+        cohesion=parameters[0],
+        tan_phi=parameters[1],
+        nll=_nll(trace.mean[:, -1] - truth[:, 0], trace.covariance[:, -1]),
+        nis=float(misfit.sum() / degrees.sum()),
+        nis_above_95=float(np.mean(misfit.numpy() > chi2.ppf(0.95, degrees.numpy()))),
+        velocity_coverage_95=float((scaled < norm.ppf(0.975) ** 2).double().mean()),
+        velocity_spread=float(variance.sqrt().median()) / velocity_sd,
+        velocity_nll=float(0.5 * (scaled + torch.log(2.0 * np.pi * variance)).mean()),
+    )
+
+
+def _deviation(covariance: Tensor) -> Tensor:
+    return covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+
+
+def _score_parameter(error: Tensor, sd: Tensor, least: Tensor, truth: Tensor, prior_sd: float) -> ParameterScore:
+    """``error``, published ``sd`` and bound ``least`` [N, K] of one parameter, ``truth`` [N, 1]."""
+    relative = error / truth
+
+    def over_time(values: Tensor, quantile: float = 0.5) -> tuple[float, ...]:
+        return tuple(torch.quantile(values, quantile, dim=0).tolist())
+
+    last, deviation = error[:, -1], sd[:, -1]
+    return ParameterScore(
+        median_error=over_time(relative),
+        p90_error=over_time(relative, 0.9),
+        bound=over_time(HALF_NORMAL_MEDIAN * least / truth),
+        ratio_to_bound=over_time(error / least / HALF_NORMAL_MEDIAN),
+        coverage_95=share_of(last < norm.ppf(0.975) * deviation),
+        coverage_68=share_of(last < norm.ppf(0.84) * deviation),
+        identified=float((deviation**2 <= IDENTIFIED_VARIANCE * prior_sd**2).double().mean()),
+        narrowest=float(torch.quantile(deviation / least[:, -1], 0.01)),
+    )
+
+
+def share_of(flags: Tensor) -> Share:
+    """The share of ``flags`` [N] with its confidence limits (Clopper and Pearson)."""
+    limits = binomtest(int(flags.sum()), flags.shape[0]).proportion_ci(CONFIDENCE)
+    return Share(float(flags.double().mean()), float(limits.low), float(limits.high))
+
+
+def _nll(error: Tensor, covariance: Tensor) -> float:
+    unit = torch.tensor([1000.0, 1.0], dtype=torch.float64)
+    scaled = covariance / unit / unit.unsqueeze(-1)
+    density = torch.distributions.MultivariateNormal(torch.zeros(2, dtype=torch.float64), scaled)
+    return float(-density.log_prob(error / unit).mean())  # type: ignore[no-untyped-call]

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The cells of the accuracy tables: which drives, which rows, which model; each cell is reproducible by itself."""
+
+import math
+import zlib
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.learning.accuracy import PAPER_BAND, Drives, Score, draw_drives, observation_times, row_mask, score
+from terrain_estimator.learning.batched import Trace, run
+from terrain_estimator.learning.bound import Known, cramer_rao_at
+from terrain_estimator.learning.reference import grid_posterior
+from terrain_estimator.learning.restore import physics_alone, restore
+from terrain_estimator.model_file import load_model, model_names
+from terrain_estimator.palpaca import PAlpaca
+from terrain_estimator.rows import regression_rows
+from terramechanics.rover import load_rover
+from terramechanics.sensors import Noise
+from terramechanics.soil import load_soil
+
+ROVERS = ("paper_rover", "mars_rover")
+SOILS = ("loose_sand", "compact_sand", "regolith")
+WRONG = 0.05
+"""[1] Largest relative error of each soil constant where the constants are wrong."""
+REFERENCE_EPISODES = 20
+EVERY_ROW = "v+L+M"
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One set of drives, simulated once."""
+
+    rover: str
+    soil: str
+    schedule: str = "S1"
+    spread: float = 0.0  # [1] of the soil constants
+    truth: str = "prior"  # range of (c, phi): that of the prior, or that of the paper's tests
+    rows: tuple[str, ...] = (EVERY_ROW,)
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One line of the tables."""
+
+    rover: str
+    soil: str
+    schedule: str
+    spread: float
+    truth: str
+    rows: str
+    model: str  # "physics": no net, constants exact where they are; "shipped": the file; "without net": the file's
+    score: Score
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceCheck:
+    """How far the recursion is from the grid posterior, over some episodes, in deviations of the latter."""
+
+    rover: str
+    soil: str
+    episodes: int
+    median_shift: tuple[float, float]
+    largest_shift: tuple[float, float]
+    spread_ratio: tuple[float, float]  # median of published over grid deviation
+    largest_edge: float  # posterior mass on the edge of the grid
+
+
+@dataclass(frozen=True, slots=True)
+class NetShare:
+    """What the learnt columns contribute: rms over rms of the nominal force, at the end of the drives."""
+
+    rover: str
+    soil: str
+    spread: float
+    velocity: float
+    load: float
+    torque: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """All that one setting gives."""
+
+    cells: list[Cell]
+    reference: list[ReferenceCheck]
+    net: list[NetShare]
+
+
+def settings() -> list[Setting]:
+    """Every setting of the tables."""
+    every = ("v", "v+L", EVERY_ROW)
+    cells = [Setting(rover, soil, spread=spread, rows=every) for rover in ROVERS for soil in SOILS for spread in (0.0, WRONG)]
+    for rover in ROVERS:
+        cells += [Setting(rover, "loose_sand", schedule, rows=("v", EVERY_ROW)) for schedule in ("S2", "S3", "S4")]
+        cells.append(Setting(rover, "loose_sand", truth="paper", rows=("v", EVERY_ROW)))
+    return cells
+
+
+def seed_of(setting: Setting, seed: int) -> int:
+    """A seed of its own for each setting, so that settings can be run in any order and number."""
+    return seed + zlib.crc32(repr(setting).encode()) % 1_000_000
+
+
+def study(setting: Setting, episodes: int, seed: int) -> Outcome:
+    """Simulate the drives of a setting and judge every row set and model on them."""
+    rover, soil = load_rover(setting.rover), load_soil(setting.soil)
+    band = PAPER_BAND if setting.truth == "paper" else None
+    drives = draw_drives(rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed), band)
+    physics = physics_alone(rover, soil, exact=not setting.spread)
+    shipped = f"{rover.name}-{soil.name}"
+    outcome = Outcome([], [], [])
+    for rows in setting.rows:
+        bound = _bound(physics, drives, rows, setting)
+        trace = _judge(physics, "physics", drives, rows, setting, bound, outcome)
+        if (rows, setting.schedule, setting.truth) != (EVERY_ROW, "S1", "prior"):
+            continue
+        if not setting.spread:
+            outcome.reference.append(_check(physics, drives, trace, setting))
+        if shipped in model_names():
+            loaded = load_model(shipped)
+            _judge(restore(loaded, net=False), "without net", drives, rows, setting, bound, outcome)
+            model = restore(loaded)
+            trace = _judge(model, "shipped", drives, rows, setting, bound, outcome)
+            outcome.net.append(_share(model, drives, trace, setting))
+    return outcome
+
+
+def _bound(model: PAlpaca, drives: Drives, rows: str, setting: Setting) -> Tensor:
+    known = Known(row_mask(rows, model.axles), drives.ends, drives.constants, setting.spread / math.sqrt(3.0))
+    return cramer_rao_at(model, drives.tasks, observation_times(), known)
+
+
+def _judge(model: PAlpaca, name: str, drives: Drives, rows: str, setting: Setting, bound: Tensor, outcome: Outcome) -> Trace:
+    """Run a model and append its cell."""
+    trace = run(model, drives.tasks.measured, observation_times(), drives.ends, row_mask(rows, model.axles))
+    judged = score(trace, drives, bound, model.prior_sd, Noise().velocity)
+    place = (setting.rover, setting.soil, setting.schedule, setting.spread, setting.truth, rows)
+    outcome.cells.append(Cell(*place, name, judged))
+    return trace
+
+
+def _check(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> ReferenceCheck:
+    """Compare with the grid posterior on the first episodes that do not get stuck at once."""
+    chosen = torch.nonzero(drives.ends > model.block_size).squeeze(1)[:REFERENCE_EPISODES].tolist()
+    mask = row_mask(EVERY_ROW, model.axles)
+    shifts, spreads, edges = [], [], []
+    for episode in chosen:
+        mean, covariance = trace.mean[episode, -1], trace.covariance[episode, -1]
+        reference = grid_posterior(model, drives.tasks.measured[episode], int(drives.ends[episode]), mask, mean, covariance)
+        sd = reference.covariance.diagonal().sqrt()
+        shifts.append((mean - reference.mean).abs() / sd)
+        spreads.append(covariance.diagonal().sqrt() / sd)
+        edges.append(reference.edge)
+    shift, spread = torch.stack(shifts), torch.stack(spreads)
+    distances = (_pair(shift.median(0).values), _pair(shift.amax(0)), _pair(spread.median(0).values))
+    return ReferenceCheck(setting.rover, setting.soil, len(chosen), *distances, max(edges))
+
+
+def _pair(values: Tensor) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def _share(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> NetShare:
+    """Learnt part of each row over its nominal part, at the last posterior mean, on the first observation of each block."""
+    packed = drives.tasks.measured[:, :: model.block_size]
+    flat = packed.reshape(-1, packed.shape[-1])
+    rows = regression_rows(flat, model.nominal_contact())
+    final = trace.final.repeat_interleave(packed.shape[1], 0).unsqueeze(-1)
+    theta = torch.cat([final[:, :2], torch.ones_like(final[:, :1])], 1)
+    nominal = (rows.features[0] @ theta).squeeze(-1) * rows.used
+    columns = torch.where(rows.used.unsqueeze(-1) > 0.0, model.learnt(flat), 0.0)
+    learnt = (columns @ final[:, 2 : model.first_constant]).squeeze(-1)
+    share = learnt.square().mean(0).sqrt() / nominal.square().mean(0).sqrt()
+    return NetShare(setting.rover, setting.soil, setting.spread, float(share[0]), float(share[1]), float(share[2 : 2 + model.axles].mean()))
