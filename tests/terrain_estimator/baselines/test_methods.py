@@ -3,8 +3,10 @@
 """Each physical method on the data of its own assumptions, and beside what was published of it."""
 
 import dataclasses
+import math
 from functools import cache
 
+import pytest
 import torch
 
 from terrain_estimator.baselines.drives import Drives, closed_form_forces, quadrature_forces, velocity_features
@@ -61,6 +63,18 @@ def test_on_the_soils_own_stress_ratio_iagnemmas_method_is_far_off() -> None:
     drives = closed_form_drives(LOOSE, SILENT, 4)
     error = relative_error(Iagnemma(VEHICLE, LOOSE.constants()).estimate(drives).parameters, drives).mean(0)
     assert (error > 20.0).all(), error
+
+
+def test_iagnemmas_method_gives_the_papers_errors_on_the_authors_own_step() -> None:
+    """c 1 kPa and phi 30 degrees on loose sand: 25 % and 20 % in the paper's figure; slips and sinkages as its authors stored them."""
+    slip = torch.tensor([[0.04404599, 0.04362564, 0.1031122]], dtype=torch.float64)
+    sinkage = torch.tensor([[0.00979099, 0.01042556, 0.00486403]], dtype=torch.float64)
+    affine = closed_form_forces(slip, sinkage, LOOSE.constants(), VEHICLE.radius_m, VEHICLE.width_m)
+    forces = affine @ torch.tensor([1000.0, math.tan(math.radians(30.0)), 1.0], dtype=torch.float64)
+    features, target = Iagnemma(VEHICLE, LOOSE.constants()).rows(slip, sinkage, forces[..., 2], forces[..., 0])
+    cohesion_kpa, tan_phi = torch.linalg.lstsq(features[0], target[0].unsqueeze(-1)).solution.squeeze(-1).tolist()
+    assert abs(cohesion_kpa - 1.0) == pytest.approx(0.25, abs=0.03)
+    assert abs(math.degrees(math.atan(tan_phi)) / 30.0 - 1.0) == pytest.approx(0.20, abs=0.03)
 
 
 def test_velocity_as_a_state_meets_five_and_three_percent_where_increments_are_biased() -> None:

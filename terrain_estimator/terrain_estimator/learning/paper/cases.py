@@ -36,7 +36,7 @@ class Size:
 
     seed: int = 0
     tasks: int = 200  # drives to train on, for each plant and soil
-    trainings: int = 3  # of every model, from different seeds
+    trainings: int = 2  # of every model, from different seeds
     drives: int = 30  # to test on, for each plant, soil and set
     duration_s: float = 40.0
     iterations: int = 1000

@@ -3,8 +3,8 @@
 """The two plants of the paper: what its text says, and what its code does. Level ground, torques drawn every step.
 
 INTEGRATED   the rover of terramechanics on the stress integrals, schedule S2: suspension, load transfer, six wheels
-CLOSED_FORM  the closed form f0 to f4, as in the authors' public code: three wheels carry a third of the weight each, and slip and
-             sinkage are the least-squares compromise between load, torque, and a traction of torque / r
+CLOSED_FORM  the closed form f0 to f4, as in the authors' public code: three wheels with the loads of its suspension, slip and
+             sinkage the least-squares compromise between load, torque, and a traction of torque / r
 """
 
 import math
@@ -177,7 +177,8 @@ def closed_form_motion(rover: Rover, constants: Tensor, strength: Tensor, durati
     share = torch.rand(batch, steps, rover.axles, generator=generator, dtype=torch.float64)
     first = (torch.arange(1, steps + 1) * TIME_STEP <= BAND_DURATION + 1e-6).view(1, -1, 1)
     torque = torch.where(first, torch.lerp(*_ends(FIRST_BAND), share), torch.lerp(*_ends(SECOND_BAND), share))
-    slip, sinkage = _compromise(rover, torque.flatten(1), constants, strength)
+    load = authors_loads(rover.weight, torque / rover.wheel_radius)
+    slip, sinkage = _compromise(rover, torque.flatten(1), load.flatten(1), constants, strength)
     shape = (batch, steps, rover.axles)
     forces = _forces(rover, slip, sinkage, constants, strength).view(*shape, 3)
     change = TIME_STEP / rover.mass * forces[..., 1].sum(-1)
@@ -205,18 +206,30 @@ def _ends(band: tuple[float, float]) -> tuple[Tensor, Tensor]:
     return low, high
 
 
-def _compromise(rover: Rover, torque: Tensor, constants: Tensor, strength: Tensor) -> tuple[Tensor, Tensor]:
-    """Slip and sinkage [batch, n] of wheels that come closest to a third of the weight, a traction torque / r, and ``torque``.
+def authors_loads(weight: float, traction: Tensor) -> Tensor:
+    """Loads [..., 3] of the wheels of the authors' suspension on level ground under ``traction`` [..., 3], both in N.
+
+    Moments of the rocker about the pivot, of the bogie about the pivot, and the sum of the loads. The lever arms are those
+    of its links of 2, 1, 1.145 and 1.983 m; the bogie's second one is not the height that it should be, but what the code has.
+    """
+    total, (front, middle, rear) = traction.sum(-1), traction.unbind(-1)
+    first = (0.9063 * weight + 1.3916 * front + 0.4226 * total) / 2.3205
+    third = (0.5725 * (weight - first) - 0.1725 * middle - 1.3915 * rear) / 2.2898
+    return torch.stack([first, weight - first - third, third], -1)
+
+
+def _compromise(rover: Rover, torque: Tensor, load: Tensor, constants: Tensor, strength: Tensor) -> tuple[Tensor, Tensor]:
+    """Slip and sinkage [batch, n] of wheels that come closest to ``load``, a traction of torque / r, and ``torque`` [batch, n].
 
     Three conditions on two unknowns, in N, N and N m without weights, as the authors' code solves them.
     """
-    wanted = torch.stack([torch.full_like(torque, rover.weight / rover.axles), torque / rover.wheel_radius, torque], -1)
+    wanted = torch.stack([load, torque / rover.wheel_radius, torque], -1)
 
     def miss(u: Tensor) -> Tensor:
         return _forces(rover, u[..., 0], u[..., 1].exp(), constants, strength) - wanted
 
     slip = torch.full_like(torque, 0.02)
-    depth = _carrying_sinkage(rover, slip[:, :1], constants, strength, rover.weight / rover.axles).log().expand_as(slip)
+    depth = _carrying_sinkage(rover, slip, constants, strength, load).log()
     u = torch.stack([slip, depth], -1)
     left, damping = miss(u), torch.full_like(torque, 1e-2)
     small = 1e-6
@@ -235,10 +248,10 @@ def _compromise(rover: Rover, torque: Tensor, constants: Tensor, strength: Tenso
     return u[..., 0], u[..., 1].exp()
 
 
-def _carrying_sinkage(rover: Rover, slip: Tensor, constants: Tensor, strength: Tensor, load: float) -> Tensor:
-    """Sinkage [m] at which a wheel carries ``load`` [N] at ``slip`` [batch, n]: bisection in its logarithm."""
+def _carrying_sinkage(rover: Rover, slip: Tensor, constants: Tensor, strength: Tensor, load: Tensor) -> Tensor:
+    """Sinkage [m] at which a wheel carries ``load`` [N] at ``slip``, [batch, n] both: bisection in its logarithm."""
     low, high = (torch.full_like(slip, end) for end in DEPTHS)
-    for _ in range(40):
+    for _ in range(12):  # a start, no solution
         middle = 0.5 * (low + high)
         carried = _forces(rover, slip, middle.exp(), constants, strength)[..., 0] > load
         low, high = torch.where(carried, low, middle), torch.where(carried, middle, high)

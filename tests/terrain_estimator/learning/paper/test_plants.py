@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from terrain_estimator.learning.paper.plants import TRAINING, Draw, Plant, draw_drives
+from terrain_estimator.learning.paper.plants import TRAINING, Draw, Plant, closed_form_motion, draw_drives
 from terramechanics.rover import load_rover
 from terramechanics.soil import load_soil
 
@@ -36,14 +36,16 @@ def test_the_same_seed_gives_the_same_drives(plant: Plant) -> None:
     assert one.kept == other.kept
 
 
-def test_the_closed_form_comes_near_the_authors_ranges_of_slip_and_sinkage() -> None:
-    """Their actions are slips of -0.016 to 0.24 and sinkages of 4 to 10.5 mm; wheels carry a third of the weight to 1 %."""
-    drives = draw_drives(Plant.CLOSED_FORM, ROVER, SOIL, TRAINING, 40.0, 20, torch.Generator().manual_seed(5)).drives
-    assert float(drives.true_slip.min()) > -0.05
-    assert float(drives.true_slip.max()) < 0.3
-    assert float(drives.true_sinkage.min()) > 0.004
-    assert float(drives.true_sinkage.max()) < 0.0105
-    assert float((drives.load / (ROVER.weight / 3.0) - 1.0).abs().max()) < 0.01
+def test_the_closed_form_has_the_loads_and_sinkages_of_the_authors_stored_drive() -> None:
+    """c 1 kPa and phi 30 degrees: sinkages 9.8, 10.4 and 4.9 mm, loads that add up to the weight."""
+    strength = torch.tensor([[1000.0, math.tan(math.radians(30.0))]], dtype=torch.float64)
+    motion = closed_form_motion(ROVER, SOIL.constants().expand(1, 6), strength, 40.0, torch.Generator().manual_seed(5))
+    assert motion.good.all()
+    stored = torch.tensor([0.0098, 0.0104, 0.0049], dtype=torch.float64)
+    assert float((motion.sinkage[0] / stored - 1.0).abs().max()) < 0.06
+    assert float((motion.load.sum(-1) / ROVER.weight - 1.0).abs().max()) < 0.01
+    assert float(motion.slip.min()) > 0.0
+    assert float(motion.slip.max()) < 0.24
 
 
 def test_ground_that_no_drive_survives_is_an_error_that_says_so() -> None:
