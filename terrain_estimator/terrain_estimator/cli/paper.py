@@ -26,7 +26,7 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: everything is written; 2: an argument or the output folder is wrong."""
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
-    size = dataclasses.replace(QUICK if args.quick else Size(), seed=args.seed)
+    size = dataclasses.replace(QUICK if args.quick else Size(), seed=args.seed, trainings=args.trainings)
     started_s = time.monotonic()
     try:
         args.out.mkdir(parents=True, exist_ok=True)
@@ -44,6 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="paper", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/paper"), help="folder of tables and pictures")
     parser.add_argument("--seed", type=int, default=0, help="of everything that is drawn")
+    parser.add_argument("--trainings", type=int, default=Size().trainings, help="of every model, from different seeds")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--quick", action="store_true", help="run through everything in seconds; the numbers mean nothing")
     return parser
