@@ -107,3 +107,23 @@ def leaves(config: object, prefix: str = "") -> Iterator[tuple[str, Any, Mapping
             yield from leaves(value, f"{prefix}{item.name}.")
         else:
             yield f"{prefix}{item.name}", value, item.metadata
+
+
+def usage() -> str:
+    """What ``--help`` says: every parameter with default, range and unit."""
+    lines = ["usage: simulator [--ros-args [-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ...]"]
+    lines += ["for instance --ros-args -p soil:=regolith -p duration:=60.0", ""]
+    for name, value, metadata in leaves(SimulatorConfig()):
+        default = f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else f"{value:g}"
+        unit = metadata.get("unit", "1")
+        lines += [f"  {name} (default {default}{_limits(metadata)}{'' if unit == '1' else f' {unit}'})", f"      {metadata['description']}"]
+    return "\n".join(lines)
+
+
+def _limits(metadata: Mapping[str, Any]) -> str:
+    low, high = metadata.get("low", -math.inf), metadata.get("high", math.inf)
+    if math.isinf(low):
+        return ""
+    if math.isinf(high):
+        return f", {'above' if metadata['exclusive'] else 'at least'} {low:g}"
+    return f", {low:g} to {high:g}"

@@ -22,7 +22,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import TerrainTruth
-from rover_sim_node.config import configure
+from rover_sim_node.config import configure, usage
 from rover_sim_node.declare import declare, given_parameters
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
@@ -189,15 +189,19 @@ def main() -> int:
     """Simulate until the drive is over, SIGINT or SIGTERM.
 
     Returns:
-        0 at the end of the drive and after a signal, 1 where the run could not start or go on, 2 for wrong parameters.
+        0 at the end of the drive, after a signal and after ``--help``, 1 where the run could not start or go on, 2 for wrong parameters.
     """
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    if unknown := remove_ros_args(sys.argv)[1:]:
-        return _refuse(f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p soil:=loose_sand", 2)
     torch.set_num_threads(1)
     try:
+        others = remove_ros_args(sys.argv)[1:]
+        if {"-h", "--help"} & set(others):
+            print(usage())  # noqa: T201 - the user asked for it
+            return 0
+        if others:
+            return _refuse(f"unknown argument {others[0]!r}; parameters are given as --ros-args -p soil:=loose_sand; --help lists them", 2)
         # With rclpy's own handlers the context would end at the signal, and the readers would lose what is on its way.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; a damaged parameter file ends here

@@ -173,3 +173,17 @@ def test_an_unknown_argument_is_an_error(start: Starter) -> None:
     recorder = start("terrain_estimator", "recorder", "--output", "run")
     assert recorder.wait() == 2
     assert "unknown argument '--output'" in recorder.output
+
+
+def test_help_lists_every_parameter(start: Starter) -> None:
+    recorder = start("terrain_estimator", "recorder", "--help")
+    assert recorder.wait() == 0
+    assert all(f"  {name} (default " in recorder.output for name in ("output", "topics", "fsync_interval"))
+
+
+@pytest.mark.parametrize("arguments", [("--params-file", "missing.yaml"), ("-p", "output"), ("-r", "__ns:=rover1/")])
+def test_ros_arguments_that_cannot_be_parsed_are_an_error_and_no_traceback(start: Starter, arguments: tuple[str, str]) -> None:
+    recorder = start("terrain_estimator", "recorder", "--ros-args", *arguments)
+    assert recorder.wait() == 2
+    assert f"'{' '.join(arguments)}'" in recorder.output
+    assert "Traceback" not in recorder.output

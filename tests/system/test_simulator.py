@@ -177,6 +177,15 @@ def test_a_misspelt_name_in_a_parameter_file_and_an_unknown_argument_are_refused
     assert "unknown argument '--fast'" in argument.output
 
 
+def test_a_missing_parameter_file_is_refused_and_help_lists_the_parameters(start: Starter) -> None:
+    missing = start("rover_sim_node", "simulator", "--ros-args", "--params-file", "missing.yaml")
+    usage = start("rover_sim_node", "simulator", "--help")
+    assert (missing.wait(), usage.wait()) == (2, 0)
+    assert "missing.yaml" in missing.output
+    assert "Traceback" not in missing.output
+    assert "  soil_overrides.cohesion (default nan, at least 0 Pa)" in usage.output
+
+
 def test_parameters_are_described_with_their_ranges_and_cannot_be_changed(start: Starter, listener: Listener) -> None:
     process = simulator(start, "real_time_factor:=1.0")
     names = ["rate", "seed", "soil", "soil_overrides.cohesion"]

@@ -3,7 +3,6 @@
 """The estimator as a node: wiring only. Messages in, the pipeline, messages out."""
 
 import gc
-import signal
 import sys
 import threading
 import time
@@ -16,14 +15,13 @@ from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCal
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.health import HealthMonitor
 from terrain_estimator.messages import health_message
 from terrain_estimator.model_file import ModelFileError, load_model
+from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.parameters import ParameterError
@@ -127,19 +125,13 @@ def main() -> int:
     """Estimate until SIGINT or SIGTERM.
 
     Returns:
-        0 after a signal, 2 where parameters or the model are wrong.
+        0 after a signal or ``--help``, 2 where arguments, parameters or the model are wrong.
     """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    if unknown := remove_ros_args(sys.argv)[1:]:
-        return _refuse(f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p model:=FILE")
-    torch.set_num_threads(1)
     try:
-        # With rclpy's own handlers the context would end at the signal, and what waits in the queues would be lost.
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; a damaged parameter file ends here
+        stop = begin("estimator", "model:=FILE", EstimatorConfig)
+    except ParameterError as error:
         return _refuse(str(error))
+    torch.set_num_threads(1)
     try:
         return _run(stop)
     finally:

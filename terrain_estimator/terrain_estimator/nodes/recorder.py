@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records topics to a bag: raw subscriptions in, MCAP out. Survives kill -9 with every message that reached it."""
 
-import signal
 import sys
 import threading
 import time
@@ -18,14 +17,14 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from rclpy.utilities import remove_ros_args, try_shutdown
+from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
 from terrain_estimator.bags import BagError, BagWriter, Qos, Topic
 from terrain_estimator.bags.qos import INFINITE_NS
+from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
 from terrain_estimator.parameters import ParameterError, parameter
@@ -191,16 +190,12 @@ def main() -> int:
     """Record until SIGINT or SIGTERM.
 
     Returns:
-        0 after a signal, 1 where the disk fails, 2 where parameters or the folder are wrong.
+        0 after a signal or ``--help``, 1 where the disk fails, 2 where arguments, parameters or the folder are wrong.
     """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    if unknown := remove_ros_args(sys.argv)[1:]:
-        print(f"recorder: unknown argument {unknown[0]!r}; parameters are given as --ros-args -p output:=bags/run", file=sys.stderr)  # noqa: T201
-        return 2
-    # With rclpy's own handlers the context would end at the signal, and what waits in the queues would be lost.
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        stop = begin("recorder", "output:=bags/run", RecorderConfig)
+    except ParameterError as error:
+        return _refuse(str(error))
     try:
         return _run(stop)
     finally:
@@ -212,8 +207,7 @@ def _run(stop: threading.Event) -> int:
     try:
         recorder = Recorder(node)
     except (ParameterError, BagError) as error:
-        print(f"recorder: {error}", file=sys.stderr)  # noqa: T201 (the user typed it, the user reads it)
-        return 2
+        return _refuse(str(error))
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
@@ -228,6 +222,11 @@ def _run(stop: threading.Event) -> int:
     finally:
         node.destroy_node()
     return 0
+
+
+def _refuse(text: str) -> int:
+    print(f"recorder: {text}", file=sys.stderr)  # noqa: T201 - the user typed it, the user reads it
+    return 2
 
 
 def _drain(executor: SingleThreadedExecutor, recorder: Recorder) -> None:
