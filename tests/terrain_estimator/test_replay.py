@@ -6,6 +6,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,9 @@ import pytest
 
 from terrain_estimator.bags import BagReader, BagWriter, Types, compare
 from terrain_estimator.cli import replay
+from terrain_estimator.cli.replaying import Replay
+from terrain_estimator.cli.summary import print_table
+from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import STEP_NS, drive_messages, write_bag
 
@@ -228,3 +232,18 @@ def test_bad_messages_are_counted_and_the_outputs_stay_sound(tmp_path: Path) -> 
     for message in estimates(tmp_path / "out/bad_estimates"):
         assert np.isfinite(message.covariance).all()
         assert np.linalg.eigvalsh(message.covariance.reshape(2, 2))[0] >= 0.0
+
+
+def test_a_second_replay_is_told_how_to_replace_the_first(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path, bag)[0] == 0
+    assert run(tmp_path, bag)[0] == 2
+    assert "give --overwrite, or another folder by --out" in capsys.readouterr().err
+    assert run(tmp_path, bag, "--overwrite")[0] == 0
+
+
+def test_many_observations_that_contradict_the_estimate_raise_the_question_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:
+    ten, twelve = ([Replay(Path("drive"), Path("out"), outcomes=Counter({Outcome.ACCEPTED: 100 - n, Outcome.GATED: n}))] for n in (10, 12))
+    print_table(ten)
+    assert "--model" not in capsys.readouterr().out
+    print_table(twelve)
+    assert "drive: 12% are GATED: is the model (--model) that of this rover and soil?" in capsys.readouterr().out

@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, default=Path("out/replay"), help="folder for estimates bags and summary.json (default: %(default)s)"
     )
-    parser.add_argument("--model", default="", help="model file (default: the installed one)")
+    parser.add_argument("--model", default="", help="name of an installed model or path of a model file (default: mars_rover-loose_sand)")
     parser.add_argument("--params-file", type=Path, action="append", default=[], help="parameters as the node takes them; later files win")
     parser.add_argument("-p", "--param", action="append", default=[], metavar="NAME:=VALUE", help="one parameter; wins over the files")
     parser.add_argument("--namespace", default="", help="namespace of the topics in the bag, such as /rover1")
@@ -92,8 +92,10 @@ def _replay_all(options: argparse.Namespace, model: LoadedModel, config: Estimat
 
 
 def _output(folder: Path, bag: Path, *, overwrite: bool) -> Path:
-    """Folder of the estimates bag; an earlier one is removed where the user says so."""
+    """Folder of the estimates bag; an earlier one is removed where the user says so. Raises BagError where it is in the way."""
     output = folder / f"{bag.resolve().stem}_estimates"
+    if output.exists() and not overwrite:
+        raise BagError(f"{output} exists from an earlier replay: give --overwrite, or another folder by --out")
     if overwrite and output.is_dir():
         for file in (*output.glob("*.mcap"), output / "metadata.yaml"):
             file.unlink(missing_ok=True)

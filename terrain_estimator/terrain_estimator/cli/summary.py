@@ -16,10 +16,13 @@ from rich.table import Table
 from terrain_estimator.cli.replaying import Replay
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel
+from terrain_estimator.outcome import Outcome
 from terrain_estimator.parameters import effective
 
 WIDTH = 150
 """[characters] of the table where stdout is no terminal."""
+SUSPICIOUS_SHARE = 0.1
+"""[1] of the observations: more that contradict the estimate come from a wrong model rather than from the ground."""
 
 
 def summary(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> dict[str, Any]:
@@ -117,6 +120,8 @@ def _remarks(replay: Replay) -> list[str]:
         for outcome, count in sorted(replay.outcomes.items())
         if outcome.advice
     ]
+    if (gated := replay.outcomes[Outcome.GATED]) > SUSPICIOUS_SHARE * replay.estimates:
+        lines.append(f"{replay.bag.name}: {gated / replay.estimates:.0%} are GATED: is the model (--model) that of this rover and soil?")
     for topic, counters in replay.inputs.items():
         troubles = {"unpaired": counters.unpaired, "out of order": counters.out_of_order, "lost": counters.lost}
         if any(troubles.values()):
