@@ -111,9 +111,7 @@ class PairingConfig:
 class EstimatorConfig:
     """All parameters of the estimator node and of replay."""
 
-    model: str = parameter(
-        "model", default="", description="name of an installed model or path of a file; empty: mars_rover-loose_sand"
-    )
+    model: str = parameter("model", default="", description="name of an installed model or path of a file; empty: mars_rover-loose_sand")
     rover: str = parameter("rover", default="", description="name or file of the rover; empty takes the model's")
     core: CoreConfig = field(default_factory=CoreConfig)
     conversion: ConversionConfig = field(default_factory=ConversionConfig)
