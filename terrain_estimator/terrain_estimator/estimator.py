@@ -224,7 +224,9 @@ class Report(NamedTuple):
     def of(cls, state: State) -> "Report":
         """Read it from the state."""
         values = state["report"].tolist()
-        return cls(*values[:6], closed=values[6] > 0.0, usable=[value > 0.0 for value in values[7:]])
+        velocity, variance, innovation, innovation_variance, misfit, degrees, closed = values[:7]
+        usable = [value > 0.0 for value in values[7:]]
+        return cls(velocity, variance, innovation, innovation_variance, misfit, degrees, closed > 0.0, usable)
 
     @property
     def distance(self) -> float:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the rover measured at one instant."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,3 +35,10 @@ class Observation:
     pitch_sd: float  # [rad]
     acceleration: float  # [m/s^2] specific force along body x: dv/dt + g sin(pitch)
     acceleration_sd: float  # [m/s^2]
+
+
+AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is Floats)
+"""Names of the arrays, in order."""
+
+SCALAR_FIELDS = tuple(field.name for field in fields(Observation) if field.type is float)
+"""Names of the measured scalars, in order: with the stamp before and the arrays between they are all of it."""

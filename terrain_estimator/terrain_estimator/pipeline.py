@@ -70,7 +70,11 @@ class Pipeline:
 
     def flush(self) -> list[Answer]:
         """At the end of the input: answer the sets that still waited for an optional message."""
-        return [self.answer(self.convert(complete)) for complete in self._synchronizer.flush()]
+        return [self.answer(self.convert(complete)) for complete in self.rest()]
+
+    def rest(self) -> list[MessageSet]:
+        """At the end of the input, in place of ``flush``: the sets that it would answer."""
+        return self._synchronizer.flush()
 
     def pair(self, topic: str, message: Message) -> list[MessageSet]:
         """First step of ``add``: the sets that a message completes."""

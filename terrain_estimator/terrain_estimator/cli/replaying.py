@@ -7,11 +7,12 @@ import itertools
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from terrain_estimator.bags import BagReader, BagWriter, Message, RawMessage, Types, compare
+from terrain_estimator.cli.alongside import Answered, Converted, answering
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import check_inputs
 from terrain_estimator.config import EstimatorConfig
@@ -68,7 +69,7 @@ class _Output:
             self._types.make(type_name)  # the first of a type takes some ms
         self._topics = {name: writer.add_topic(names[name], type_name) for name, type_name in OUTPUT_TYPES.items()}
 
-    def write(self, answers: list[tuple[RawMessage, Answer]]) -> None:
+    def write(self, answers: Answered) -> None:
         """Log times are those of the messages that completed the sets, so that both bags play side by side."""
         made = [(cause, answer.messages(self._types.make, self._pipeline.meta)) for cause, answer in answers]
         for cause, messages in made:
@@ -112,28 +113,34 @@ def _run(reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[
 
     The answers are the same: every step keeps the order, and none looks back at another.
     """
+    with answering(pipeline) as answered, ProgressReport(f"replay {result.bag.name}") as progress:
+        for answers in answered(_converted(reader, pipeline, names, result, progress)):
+            _keep(answers, output, result)
+
+
+def _converted(
+    reader: BagReader, pipeline: Pipeline, names: Mapping[str, str], result: Replay, progress: ProgressReport
+) -> Iterator[Converted]:
+    """The sets of the bag, each with the message that completed it, in batches; what still waits at the end comes last."""
     ours = {names[name]: name for name in (*pipeline.inputs, TRUTH)}
     span = reader.span
     cause: RawMessage | None = None
     messages = reader.messages(ours)
-    with ProgressReport(f"replay {result.bag.name}") as progress:
-        while batch := list(itertools.islice(messages, BATCH)):
-            progress.at((batch[0].log_time_ns - span.first_ns) / max(1, span.duration_ns))
-            decoded = [(raw, ours[raw.topic], reader.decode(raw)) for raw in batch]
-            for _, name, message in decoded:
-                if name == TRUTH:
-                    result.truth = message
-            inputs = [(raw, name, message) for raw, name, message in decoded if name != TRUTH]
-            sets = [(raw, complete) for raw, name, message in inputs for complete in pipeline.pair(name, message)]
-            conversions = [(raw, pipeline.convert(complete)) for raw, complete in sets]
-            answers = [(raw, pipeline.answer(conversion)) for raw, conversion in conversions]
-            _keep(answers, output, result)
-            cause = inputs[-1][0] if inputs else cause
+    while batch := list(itertools.islice(messages, BATCH)):
+        progress.at((batch[0].log_time_ns - span.first_ns) / max(1, span.duration_ns))
+        decoded = [(raw, ours[raw.topic], reader.decode(raw)) for raw in batch]
+        for _, name, message in decoded:
+            if name == TRUTH:
+                result.truth = message
+        inputs = [(raw, name, message) for raw, name, message in decoded if name != TRUTH]
+        sets = [(raw, complete) for raw, name, message in inputs for complete in pipeline.pair(name, message)]
+        yield [(raw, pipeline.convert(complete)) for raw, complete in sets]
+        cause = inputs[-1][0] if inputs else cause
     if cause is not None:
-        _keep([(cause, answer) for answer in pipeline.flush()], output, result)
+        yield [(cause, pipeline.convert(complete)) for complete in pipeline.rest()]
 
 
-def _keep(answers: list[tuple[RawMessage, Answer]], output: _Output, result: Replay) -> None:
+def _keep(answers: Answered, output: _Output, result: Replay) -> None:
     output.write(answers)
     for _, answer in answers:
         result.outcomes[answer.update.decision.outcome] += 1
