@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated drive with estimator and recorder:  ros2 launch terrain_estimator drive.launch.py soil:=regolith namespace:=rover1.
+"""A simulated drive with estimator and recorder:  ros2 launch terrain_estimator drive.launch.py schedule:=S4 namespace:=rover1.
 
 Ends when the simulator ends. For an installed ROS 2; without one start the three executables by `ros2 run`.
 """
@@ -20,7 +20,7 @@ ARGUMENTS = {
     "schedule": ("S1", "how the wheels are driven"),
     "duration": ("60.0", "[s] of the drive"),
     "seed": ("0", "of the sensor noise"),
-    "model": ("", "path of the model file; empty takes the installed one"),
+    "model": ("", "name of an installed model or path of a file; empty: mars_rover-loose_sand"),
     "output": ("", "folder of the bag; empty: bags/<UTC time>"),
 }
 
