@@ -27,6 +27,9 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: trained and checked; 2: an argument, rover or soil file is wrong, or the export differs."""
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
+    if args.tasks < Recipe().batch or args.iterations < 1:
+        sys.stderr.write(f"train: --tasks {args.tasks} --iterations {args.iterations}: give at least {Recipe().batch} and 1\n")
+        return 2
     try:
         for rover_name in args.rover:
             for soil_name in args.soil:
