@@ -106,15 +106,27 @@ def _errors(parameter: ParameterScore) -> list[str]:
 
 def _velocity(cells: list[Cell]) -> str:
     explanation = (
-        "Spread is the median predicted deviation over that of the velocity sensor. Identified is the share of episodes whose status\n"
-        "calls the parameter identified (at most a tenth of the prior's variance left); narrowest is the 1 % quantile of the published\n"
-        "deviation over the bound.\n\n"
+        "Spread is the median predicted deviation over that of the velocity sensor: more than 1, as the force that moves the rover is\n"
+        "known through noisy slip and sinkage. Calibration is the rms predicted deviation over the rms innovation. Identified is the\n"
+        "share of episodes whose status calls the parameter identified (at most a tenth of the prior's variance left); narrowest is the\n"
+        "1 % quantile of the published deviation over the bound.\n\n"
     )
-    head = (*_PLACE, "in 95 %", "spread", "NLL", "c identified %", "tan phi identified %", "c narrowest", "tan phi narrowest")
+    head = (
+        *_PLACE,
+        "in 95 %",
+        "spread",
+        "calibration",
+        "NLL",
+        "c identified %",
+        "tan phi identified %",
+        "c narrowest",
+        "tan phi narrowest",
+    )
     lines = []
     for cell in cells:
         score = cell.score
-        line = [_percent(score.velocity_coverage_95), f"{score.velocity_spread:.2f}", f"{score.velocity_nll:.2f}"]
+        line = [_percent(score.velocity_coverage_95), f"{score.velocity_spread:.2f}", f"{score.velocity_calibration:.2f}"]
+        line.append(f"{score.velocity_nll:.2f}")
         line += [_percent(score.cohesion.identified), _percent(score.tan_phi.identified)]
         lines.append([*_place(cell), *line, f"{score.cohesion.narrowest:.2f}", f"{score.tan_phi.narrowest:.2f}"])
     return explanation + _table(head, lines)

@@ -91,6 +91,7 @@ class Score:
     nis_above_95: float  # share of blocks above the 95 % quantile of chi-square
     velocity_coverage_95: float  # of the one-step predictive interval
     velocity_spread: float  # median predicted deviation over that of the sensor [1]
+    velocity_calibration: float  # rms predicted deviation over rms innovation, 1 for a consistent estimator
     velocity_nll: float  # mean negative log predictive density of the velocity [nat]
 
 
@@ -158,6 +159,7 @@ def score(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor, velocit
         nis_above_95=float(np.mean(misfit.numpy() > chi2.ppf(0.95, degrees.numpy()))),
         velocity_coverage_95=float((scaled < norm.ppf(0.975) ** 2).double().mean()),
         velocity_spread=float(variance.sqrt().median()) / velocity_sd,
+        velocity_calibration=float((variance.mean() / innovation.square().mean()).sqrt()),
         velocity_nll=float(0.5 * (scaled + torch.log(2.0 * np.pi * variance)).mean()),
     )
 

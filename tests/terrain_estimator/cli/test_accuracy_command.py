@@ -57,6 +57,7 @@ def test_innovations_and_misfits_are_consistent(figures: dict[str, Any]) -> None
     """60 episodes x 350 predictions and x 40 blocks."""
     for cell in figures["cells"]:
         assert 0.93 < cell["score"]["velocity_coverage_95"] < 0.97, cell["rows"]
+        assert 0.95 < cell["score"]["velocity_calibration"] < 1.05, cell["rows"]
         assert 0.9 < cell["score"]["nis"] < 1.1, cell["rows"]
 
 
