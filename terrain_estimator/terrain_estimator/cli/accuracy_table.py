@@ -79,7 +79,7 @@ def _coverage(share: Share) -> str:
 def _final(cells: list[Cell]) -> str:
     head = (
         *_PLACE, "c median / p90 %", "c bound %", "c ratio", "tan phi median / p90 %", "tan phi bound %", "tan phi ratio",
-        "c in 95 %", "tan phi in 95 %", "c / tan phi in 68 %", "NIS", "NLL", "stuck %",
+        "c in 95 %", "tan phi in 95 %", "c / tan phi in 68 %", "both in 95 % ellipse", "NIS", "NLL", "stuck %",
     )  # fmt: skip
     lines = []
     for cell in cells:
@@ -89,6 +89,7 @@ def _final(cells: list[Cell]) -> str:
             line += [errors, _percent(parameter.bound[-1]), f"{parameter.ratio_to_bound[-1]:.2f}"]
         inner = f"{_percent(score.cohesion.coverage_68.share)} / {_percent(score.tan_phi.coverage_68.share)}"
         line += [_coverage(score.cohesion.coverage_95), _coverage(score.tan_phi.coverage_95), inner]
+        line.append(_coverage(score.joint_coverage_95))
         lines.append([*line, f"{score.nis:.2f}", f"{score.nll:.2f}", _percent(score.stuck)])
     return _table(head, lines)
 

@@ -86,6 +86,7 @@ class Score:
     stuck: float  # share of episodes that end early
     cohesion: ParameterScore
     tan_phi: ParameterScore
+    joint_coverage_95: Share  # of the 95 % ellipse of (c, tan phi): the marginals say nothing of its narrow direction
     nll: float  # mean negative log density of the true (c [kPa], tan phi) at the last time [nat]
     nis: float  # misfit of a block over its degrees of freedom, 1 for a consistent estimator
     nis_above_95: float  # share of blocks above the 95 % quantile of chi-square
@@ -154,6 +155,7 @@ def score(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor, velocit
         stuck=float((drives.ends < trace.innovation.shape[1]).double().mean()),
         cohesion=parameters[0],
         tan_phi=parameters[1],
+        joint_coverage_95=_joint_coverage(trace.mean[:, -1] - truth[:, 0], trace.covariance[:, -1]),
         nll=_nll(trace.mean[:, -1] - truth[:, 0], trace.covariance[:, -1]),
         nis=float(misfit.sum() / degrees.sum()),
         nis_above_95=float(np.mean(misfit.numpy() > chi2.ppf(0.95, degrees.numpy()))),
@@ -192,6 +194,11 @@ def share_of(flags: Tensor) -> Share:
     """The share of ``flags`` [N] with its confidence limits (Clopper and Pearson)."""
     limits = binomtest(int(flags.sum()), flags.shape[0]).proportion_ci(CONFIDENCE)
     return Share(float(flags.double().mean()), float(limits.low), float(limits.high))
+
+
+def _joint_coverage(error: Tensor, covariance: Tensor) -> Share:
+    distance = (error * torch.linalg.solve(covariance, error.unsqueeze(-1)).squeeze(-1)).sum(-1)
+    return share_of(distance < chi2.ppf(0.95, 2))
 
 
 def _nll(error: Tensor, covariance: Tensor) -> float:

@@ -53,6 +53,13 @@ def test_intervals_cover_the_truth_and_errors_are_near_the_bound(figures: dict[s
             assert parameter["narrowest"] > 0.5, (cell["rows"], name)
 
 
+def test_the_ellipse_of_both_parameters_covers_the_truth(figures: dict[str, Any]) -> None:
+    """60 episodes on regolith: fewer than 50 in the 95 % ellipse has a probability below 0.1 % where coverage is 95 %."""
+    assert binom.cdf(49, EPISODES, 0.95) < 1e-3
+    for cell in figures["cells"]:
+        assert cell["score"]["joint_coverage_95"]["share"] * EPISODES >= 50, cell["rows"]
+
+
 def test_innovations_and_misfits_are_consistent(figures: dict[str, Any]) -> None:
     """60 episodes x 350 predictions and x 40 blocks."""
     for cell in figures["cells"]:
