@@ -94,6 +94,7 @@ class Step(NamedTuple):
     mean: Tensor  # [H, D + 1] after the step
     precision: Tensor  # [H, D + 1, D + 1]
     factor: Tensor  # its Cholesky factor
+    noise: Tensor  # [H] log det of the covariance of the rows
     misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step foresees it
     decrement: Tensor  # [] largest squared length of the step, in standard deviations of the posterior
 
@@ -103,6 +104,7 @@ class Solution(NamedTuple):
 
     posterior: Posterior  # over D + 1 parameters
     misfit: Tensor  # [H] at the minimum
+    noise: Tensor  # [H] log det of the covariance of the rows there
 
 
 def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
@@ -158,7 +160,8 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     longest = (step[:, :2, 0].abs() / longest_step).amax(1, keepdim=True)
     gained = (gradient * step).sum(1)
     misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - gained).squeeze(-1)
-    return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, misfit, gained.amax())
+    after = mean + step.squeeze(-1) / longest.clamp(min=1.0)
+    return Step(after, precision, root, log_determinant(factor), misfit, gained.amax())
 
 
 MOST_STEPS = 8
@@ -181,4 +184,4 @@ def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: i
     before = log_determinant(cholesky(prior.precision))
     volume = log_determinant(step.factor) - torch.log(step.precision[:, -1, -1]) - before
     log_weight = prior.log_weight - 0.5 * (step.misfit + volume)
-    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit)
+    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit, step.noise)

@@ -35,7 +35,7 @@ class CoreConfig:
     )
     gate_probability: float = parameter(
         "gate_probability",
-        1e-9,
+        1e-5,
         "share of good observations that the gates may reject; 0 switches them off",
         minimum=0.0,
         maximum=0.1,

@@ -24,10 +24,9 @@ from terrain_estimator.update import Decision, Estimate, Prediction, Update
 _NAN = math.nan
 _LONGEST_GAP = 2.5
 """[steps] A longer time between two observations breaks the link between their velocities."""
-_PATIENCE = 3
-"""Blocks in a row that may contradict the posterior; the next one is believed, unless it is absurd."""
-_ABSURD = 1e5
-"""[1] Squared Mahalanobis distance that no change of the ground explains, only a sensor that fails."""
+_PATIENCE = 15
+"""Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
+ground while it crosses a border passes within that time."""
 
 
 class Estimator:
@@ -47,14 +46,19 @@ class Estimator:
 
     def reset(self) -> None:
         """Forget everything but the sequence number."""
+        self._reopen()
+        self._last_stamp: int | None = None  # the last one that came
+
+    def _reopen(self) -> None:
+        """Start over from the prior."""
         prior = (torch.from_numpy(self._beliefs.prior_mean), torch.from_numpy(self._beliefs.prior_sd))
         with torch.inference_mode():
             self._state: State = self._module.initial_with_prior(*prior)
         self._last: Observation | None = None  # the last one that entered
-        self._last_stamp: int | None = None  # the last one that came
         self._used = 0
         self._time_used_s = 0.0
         self._contradictions = 0
+        self._change = 0.0  # probability that the ground changed, as of the last closed block
         self._forecast = (_NAN, _NAN)  # of the velocity at the next observation: mean and variance
         self._estimate = self._summarise()
 
@@ -87,6 +91,8 @@ class Estimator:
         with torch.inference_mode():
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
+        if report.closed and math.isfinite(report.changed):
+            self._change = report.changed
         refusal = self._refuse(observation, state, report) or (self._refuse_block(report) if report.closed else None)
         if refusal is not None:
             return self._answer(observation.stamp_ns, refusal)
@@ -126,12 +132,15 @@ class Estimator:
         """Why the block that was closed is left out; a contradiction that lasts is believed."""
         degrees = int(report.degrees)
         threshold = _threshold(self._config.gate_probability, degrees)
-        if report.misfit <= threshold or (self._contradictions >= _PATIENCE and report.misfit < _ABSURD):
+        if report.misfit <= threshold:
             self._contradictions = 0
             return None
         self._contradictions += 1
         self._discard_block()
-        detail = "the last second contradicts the posterior and is left out"
+        detail = "the last second fits no ground that the model knows, and is left out"
+        if self._contradictions >= _PATIENCE:
+            self._reopen()
+            detail += f"; after {_PATIENCE} of them the prior holds again"
         return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
 
     def _discard_block(self) -> None:
@@ -179,12 +188,14 @@ class Estimator:
         with torch.inference_mode():
             values = self._module.estimate(self._state).numpy()
         self._condition = _condition(values[1:])
-        return summarise(values[0], values[1:], self._beliefs, self._used, self._time_used_s)
+        return summarise(values[0], values[1:], self._beliefs)
 
     def _answer(self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None) -> Update:
         if prediction is None:
             self._forecast = (_NAN, _NAN)
-        estimate = dataclasses.replace(self._estimate, observations_used=self._used, time_used_s=self._time_used_s)
+        estimate = dataclasses.replace(
+            self._estimate, observations_used=self._used, time_used_s=self._time_used_s, change_probability=self._change
+        )
         update = Update(
             stamp_ns=stamp_ns,
             sequence=self._sequence,
@@ -218,15 +229,16 @@ class Report(NamedTuple):
     misfit: float  # [1] squared Mahalanobis distance of the last closed block
     degrees: float  # of freedom
     closed: bool  # whether this observation closed a block
+    changed: float  # [1] probability that the ground changed within the last blocks
     usable: list[bool]  # axles
 
     @classmethod
     def of(cls, state: State) -> "Report":
         """Read it from the state."""
         values = state["report"].tolist()
-        velocity, variance, innovation, innovation_variance, misfit, degrees, closed = values[:7]
-        usable = [value > 0.0 for value in values[7:]]
-        return cls(velocity, variance, innovation, innovation_variance, misfit, degrees, closed > 0.0, usable)
+        velocity, variance, innovation, innovation_variance, misfit, degrees, closed, changed = values[:8]
+        usable = [value > 0.0 for value in values[8:]]
+        return cls(velocity, variance, innovation, innovation_variance, misfit, degrees, closed > 0.0, changed, usable)
 
     @property
     def distance(self) -> float:

@@ -15,8 +15,13 @@ its recursion is biased by noise in the regressors (slip and sinkage are measure
   and Schnabel 1987), a few Gauss-Newton steps a block.
 
 As that sum is not convex far from its minimum, a small bank of posteriors starts from a grid over the prior (a
-Gaussian sum: Alspach and Sorenson 1972). All run as one batch, and the published posterior is their mixture. Between
-blocks each observation moves a scalar Kalman filter of the velocity, driven by the force that the posterior predicts.
+Gaussian sum: Alspach and Sorenson 1972). All run as one batch, and the published posterior is their mixture. The
+ground may change: before each block some posteriors are born from the prior anew, with the weight of a hazard rate, and
+after it the best of all are kept (Bayesian changepoint detection with a pruned bank: Adams and MacKay 2007). So the
+estimate is re-opened where the data say that the ground is another, instead of being dragged along.
+
+Between blocks each observation moves a scalar Kalman filter of the velocity, driven by the force that the posterior
+predicts.
 """
 
 from typing import NamedTuple
@@ -24,8 +29,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.block import LINK_VARIANCE, Posterior, block_rows, fixed_columns, solve_block
-from terrain_estimator.gaussian import drop, mixture, project
+from terrain_estimator.block import LINK_VARIANCE, Posterior, Solution, block_rows, fixed_columns, solve_block
+from terrain_estimator.gaussian import cholesky, drop, mixture, project
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.rows import PA_PER_UNIT, Contact, drive_row, regression_rows, usable_wheels
 from terramechanics.contact import CONSTANTS, quadrature
@@ -35,6 +40,12 @@ OPEN = 1e-2
 """[(m/s)^-2] Precision of a velocity that nothing is known of."""
 BLOCK = 10
 """Observations in a block: one second at 10 Hz."""
+BANK = 9
+"""Posteriors that are kept."""
+HAZARD = 1e-3
+"""[1] Prior probability that the ground changes within one block."""
+RECENT = 3
+"""[blocks] Age up to which a posterior speaks for a change of the ground."""
 
 
 class Body(NamedTuple):
@@ -64,13 +75,17 @@ State = dict[str, Tensor]
 
 - ``mean`` [H, D], ``precision`` [H, D, D], ``log_weight`` [H]: the bank at the start of the open block
 - ``block`` [n, 8 A + 8]: packed observations
+- ``weight`` [H]: of each posterior in the mixture; what it puts on negative c or tan phi does not count
+- ``age`` [H]: blocks since each was born from the prior; those of the start are older than any
+- ``prior`` [2, 2]: mean and deviation of (c [kPa], tan phi), the user's or the model's
 - ``expected`` [D], ``covariance`` [D, D]: of the bank's mixture
 - ``velocity`` [2]: mean [m/s] and variance, now
 - ``drive`` [3]: last acceleration [m/s^2], variance of the noise of its features, mean square change a step
 - ``innovation`` [2]: measured minus predicted velocity, and its variance; NaN where there was none
 - ``misfit`` [2]: squared Mahalanobis distance of the last block, and its degrees of freedom; NaN where there was none
-- ``report`` [7 + A]: what a caller reads after each observation: the forecast one step ahead [2], ``innovation`` [2],
-  ``misfit`` [2], 1 where a block was closed, and 1 for each axle that is measured and in the model's range
+- ``report`` [8 + A]: what a caller reads after each observation: the forecast one step ahead [2], ``innovation`` [2],
+  ``misfit`` [2], 1 where a block was closed, the probability that the ground changed within the last RECENT blocks,
+  and 1 for each axle that is measured and in the model's range
 """
 
 
@@ -101,6 +116,9 @@ class PAlpaca(nn.Module):
     offsets: Tensor
     offset_log_weight: Tensor
     offset_spread: Tensor
+    born_offsets: Tensor
+    born_spread: Tensor
+    born_log_weight: Tensor
     other_precision: Tensor
     stand_in: Tensor
     uncertain: Tensor
@@ -127,6 +145,7 @@ class PAlpaca(nn.Module):
         self.first_constant = 2 + net.columns
         self.size = self.first_constant + uncertain.shape[0] + 2
         self.open_precision, self.link_variance, self.block_size, self.step_s = OPEN, LINK_VARIANCE, BLOCK, TIME_STEP
+        self.bank, self.recent = BANK, RECENT
         self.net = net
         prior_mean = [prior.cohesion_pa, prior.tan_phi]
         prior_sd = [prior.cohesion_sd_pa, prior.tan_phi_sd]
@@ -137,6 +156,10 @@ class PAlpaca(nn.Module):
         self.register_buffer("offset_log_weight", torch.cartesian_prod(weight, weight).log().sum(1))
         # with this spread, mean and variance of the mixture are exactly those of the prior
         self.register_buffer("offset_spread", (1.0 - (weight * place**2).sum()).sqrt())
+        corner = torch.tensor([-0.8, 0.8], dtype=torch.float64)
+        self.register_buffer("born_offsets", torch.cartesian_prod(corner, corner))
+        self.register_buffer("born_spread", torch.tensor(0.6, dtype=torch.float64))  # likewise
+        self.register_buffer("born_log_weight", torch.tensor(HAZARD / 4.0, dtype=torch.float64).log())
         other = [1.0] * uncertain.shape[0] + [prior.acceleration_bias_sd**-2, OPEN]
         self.register_buffer("other_precision", torch.tensor(other, dtype=torch.float64))
         self.register_buffer("uncertain", uncertain)
@@ -166,9 +189,10 @@ class PAlpaca(nn.Module):
     @torch.jit.export
     def initial_with_prior(self, mean: Tensor, sd: Tensor) -> dict[str, Tensor]:
         """The same with a user's prior: ``mean`` [2] and ``sd`` [2] of (c [Pa], tan phi)."""
+        prior = torch.stack([mean, sd]) / self.unit
         start = torch.zeros(self.offsets.shape[0], self.size, dtype=torch.float64)
-        start[:, :2] = (mean + self.offsets * sd) / self.unit
-        theta_precision = (self.offset_spread * sd / self.unit) ** -2.0
+        start[:, :2] = prior[0] + self.offsets * prior[1]
+        theta_precision = (self.offset_spread * prior[1]) ** -2.0
         precision = torch.diag(torch.cat([theta_precision, self.net_precision, self.other_precision]))
         nothing = torch.full((2,), float("nan"), dtype=torch.float64)
         state = {
@@ -177,9 +201,13 @@ class PAlpaca(nn.Module):
             "drive": torch.zeros(3, dtype=torch.float64),
             "innovation": nothing,
             "misfit": nothing,
-            "report": torch.cat([nothing, nothing, nothing, torch.zeros(1 + self.axles, dtype=torch.float64)]),
+            "prior": prior,
+            "age": torch.full((start.shape[0],), 1e9, dtype=torch.float64),
+            "report": torch.cat([nothing, nothing, nothing, torch.zeros(2 + self.axles, dtype=torch.float64)]),
         }
-        return self.commit(state, Posterior(start, precision.expand(start.shape[0], -1, -1), self.offset_log_weight))
+        opening = Posterior(start, precision.expand(start.shape[0], -1, -1), self.offset_log_weight)
+        log_weight = self.offset_log_weight - self.log_physical(opening)  # so that the mixture is exactly the prior
+        return self.commit(state, Posterior(start, opening.precision, log_weight))
 
     @torch.jit.export
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
@@ -199,8 +227,9 @@ class PAlpaca(nn.Module):
             closes = True
             state = self.close(state)
         closed = torch.full((1,), 1.0 if closes else 0.0, dtype=torch.float64)
+        changed = (state["weight"] * (state["age"] <= self.recent)).sum().unsqueeze(0)
         ahead = self.forecast(state, self.step_s)
-        state["report"] = torch.cat([ahead, state["innovation"], state["misfit"], closed, usable.to(torch.float64)])
+        state["report"] = torch.cat([ahead, state["innovation"], state["misfit"], closed, changed, usable.to(torch.float64)])
         return state
 
     @torch.jit.export
@@ -276,9 +305,12 @@ class PAlpaca(nn.Module):
         """The state with another bank, and its mixture."""
         directions = torch.eye(self.size, dtype=torch.float64)
         mean, covariance = project(posterior.mean, posterior.precision, directions)
+        weight = posterior.log_weight + self.log_physical(posterior)
         state = state.copy()
-        state["mean"], state["precision"], state["log_weight"] = posterior.mean, posterior.precision, posterior.log_weight
-        state["expected"], state["covariance"] = mixture(posterior.log_weight, mean, covariance)
+        state["mean"], state["precision"] = posterior.mean, posterior.precision
+        state["log_weight"] = posterior.log_weight - torch.logsumexp(weight, 0)
+        state["weight"] = torch.softmax(weight, 0)
+        state["expected"], state["covariance"] = mixture(weight, mean, covariance)
         return state
 
     def close(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -291,18 +323,64 @@ class PAlpaca(nn.Module):
         step = measured[:, 6] * rows.used[:, 0]
         expansion = state["expected"][self.first_constant : self.size - 2]
         averaged = block_rows(rows, columns, step, velocity, expansion, self.fixed_columns, self.link_variance)
+        state = self.born(state)
         before = Posterior(state["mean"], state["precision"], state["log_weight"])
-        solution = solve_block(before, averaged, self.longest_step)
-        best = solution.posterior
-        mean, precision = drop(best.mean, best.precision, self.size - 1)
-        state = self.commit(state, Posterior(mean, precision, best.log_weight))
+        state = self.survive(state, solve_block(before, averaged, self.longest_step))
         expected = state["expected"]
         noise = rows.noise[0, :, 0] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
         state["velocity"] = torch.stack([expected[-1], state["covariance"][-1, -1]])
         state["drive"] = torch.stack([state["drive"][0], noise.square().sum(1).mean(), state["drive"][2]])
-        state["misfit"] = torch.stack([torch.dot(torch.softmax(best.log_weight, 0), solution.misfit), averaged.present.sum() - 1.0])
+        state["misfit"] = torch.stack([state["misfit"][0], averaged.present.sum() - 1.0])
         state["block"] = packed[:0]
         return state
+
+    def born(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
+        """The bank with four more posteriors, for ground that has just changed: all but bias and velocity is prior."""
+        prior, expected = state["prior"], state["expected"]
+        count, others = self.born_offsets.shape[0], self.size - 4
+        theta = prior[0] + self.born_offsets * prior[1]
+        mean = torch.cat([theta, torch.zeros(count, others, dtype=torch.float64), expected[-2:].expand(count, 2)], 1)
+        eye = torch.eye(2, dtype=torch.float64)
+        kept = torch.cholesky_solve(eye, cholesky(state["covariance"][-2:, -2:]))
+        fresh = torch.cat([(self.born_spread * prior[1]) ** -2.0, self.net_precision, self.other_precision[:-2], torch.zeros_like(prior[0])])
+        precision = torch.diag(fresh) + nn.functional.pad(kept, [self.size - 2, 0, self.size - 2, 0])
+        precision = precision.expand(mean.shape[0], -1, -1)
+        weight = self.born_log_weight.expand(mean.shape[0])
+        weight = weight - self.log_physical(Posterior(mean, precision, weight))
+        state = state.copy()
+        state["mean"] = torch.cat([state["mean"], mean])
+        state["precision"] = torch.cat([state["precision"], precision])
+        state["log_weight"] = torch.cat([state["log_weight"], weight])
+        state["age"] = torch.cat([state["age"], torch.zeros_like(weight)])
+        return state
+
+    def survive(self, state: dict[str, Tensor], solution: Solution) -> dict[str, Tensor]:
+        """The best of the solved bank go on, without the velocity at the block's start.
+
+        The log det of the rows' covariance belongs to the evidence between posteriors of different birth. Between those
+        of one birth it would bring back the bias of noisy regressors, so they share their mean of it.
+        """
+        solved = solution.posterior
+        kin = (state["age"].unsqueeze(1) == state["age"]) * torch.softmax(solved.log_weight, 0)
+        kin = kin.clamp(min=1e-300)
+        log_weight = solved.log_weight - 0.5 * (kin @ solution.noise) / kin.sum(1)
+        mean, precision = drop(solved.mean, solved.precision, self.size - 1)
+        weight = log_weight + self.log_physical(Posterior(mean, precision, log_weight))
+        kept = torch.topk(weight, self.bank)[1]
+        state = self.commit(state, Posterior(mean[kept], precision[kept], log_weight[kept]))
+        misfit = torch.dot(state["weight"], solution.misfit[kept])
+        state["age"] = state["age"][kept] + 1.0
+        state["misfit"] = torch.stack([misfit, misfit])
+        return state
+
+    def log_physical(self, posterior: Posterior) -> Tensor:
+        """log of the mass [H] that each posterior puts on c > 0 and tan phi > 0, taken as independent.
+
+        A prior that ends at zero multiplies the evidence of a posterior by its mass above zero over that of its prior.
+        """
+        mean, covariance = project(posterior.mean, posterior.precision, torch.eye(2, self.size, dtype=torch.float64))
+        mass = 0.5 * torch.special.erfc(-mean / (2.0 * torch.diagonal(covariance, dim1=1, dim2=2)).sqrt())
+        return torch.log(mass.clamp(min=1e-300)).sum(1)
 
     def unlink(self, state: dict[str, Tensor], velocity: Tensor, variance: Tensor) -> dict[str, Tensor]:
         """Open the velocity again: what was known of it says nothing about the one that ``velocity`` measures."""

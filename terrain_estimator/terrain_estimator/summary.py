@@ -35,8 +35,11 @@ class Beliefs:
         return cls(mean.astype(np.float64), sd.astype(np.float64))
 
 
-def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, observations_used: int, time_used_s: float) -> Estimate:
-    """The record of a marginal posterior: ``mean`` [2] and ``covariance`` [2, 2] of (c [Pa], tan phi)."""
+def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs) -> Estimate:
+    """The record of a marginal posterior: ``mean`` [2] and ``covariance`` [2, 2] of (c [Pa], tan phi).
+
+    What a caller has counted is left for it to fill in.
+    """
     sd = np.sqrt(np.diagonal(covariance))
     below = [0.5 * math.erfc(m / (s * math.sqrt(2.0))) for m, s in zip(mean.tolist(), sd.tolist(), strict=True)]
     cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
@@ -47,8 +50,8 @@ def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, observations_u
         upper_95=np.maximum(mean + HALF_WIDTH_95 * sd, 0.0),
         identified=(cohesion_known, friction_known),
         mass_below_zero=min(sum(below), 1.0),
-        change_probability=math.nan,
+        change_probability=0.0,
         effects=(),
-        observations_used=observations_used,
-        time_used_s=time_used_s,
+        observations_used=0,
+        time_used_s=0.0,
     )

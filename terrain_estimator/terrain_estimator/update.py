@@ -28,7 +28,7 @@ class Estimate:
     upper_95: Floats  # [2]
     identified: tuple[bool, bool]
     mass_below_zero: float
-    change_probability: float  # NaN where the model does not test it
+    change_probability: float  # [1] that the ground changed within the last three seconds of driving
     effects: tuple[NamedEffect, ...]
     observations_used: int
     time_used_s: float

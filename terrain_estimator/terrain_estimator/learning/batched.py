@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, block_rows, gauss_newton
-from terrain_estimator.gaussian import cholesky, drop, log_determinant
+from terrain_estimator.gaussian import cholesky, log_determinant
 from terrain_estimator.palpaca import PAlpaca, State
 from terrain_estimator.rows import regression_rows, usable_wheels
 
@@ -166,17 +166,15 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     expansion = state["expected"][:, model.first_constant : model.size - 2]
     average = torch.vmap(block_rows, in_dims=(0, 0, 0, 0, 0, None, None))
     averaged = average(rows, columns, step, velocity, expansion, model.fixed_columns, model.link_variance)
+    state = torch.vmap(model.born)(state)
     solution = solve_blocks(Posterior(state["mean"], state["precision"], state["log_weight"]), averaged, model.longest_step)
-    best = solution.posterior
-    mean, precision = torch.vmap(drop, in_dims=(0, 0, None))(best.mean, best.precision, model.size - 1)
-    state = torch.vmap(model.commit)(state, Posterior(mean, precision, best.log_weight))
+    state = torch.vmap(model.survive)(state, solution)
     expected = state["expected"]
     theta = torch.cat([expected[:, :2], torch.ones_like(expected[:, :1])], 1)
     noise = (rows.noise[:, 0, :, 0] @ theta[:, None, :, None]).squeeze(-1)
     state["velocity"] = torch.stack([expected[:, -1], state["covariance"][:, -1, -1]], 1)
     state["drive"] = torch.stack([state["drive"][:, 0], noise.square().sum(-1).mean(-1), state["drive"][:, 2]], 1)
-    misfit = (torch.softmax(best.log_weight, -1) * solution.misfit).sum(-1)
-    state["misfit"] = torch.stack([misfit, averaged.present.sum(-1) - 1.0], 1)
+    state["misfit"] = torch.stack([state["misfit"][:, 0], averaged.present.sum(-1) - 1.0], 1)
     return state
 
 
@@ -196,4 +194,4 @@ def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Sol
     before = log_determinant(cholesky(prior.precision))
     volume = log_determinant(step.factor) - torch.log(step.precision[..., -1, -1]) - before
     log_weight = prior.log_weight - 0.5 * (step.misfit + volume)
-    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit)
+    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit, step.noise)

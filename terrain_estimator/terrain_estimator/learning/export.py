@@ -17,7 +17,7 @@ from terramechanics.rover import Rover
 from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import Soil
 
-VERSION = "2"
+VERSION = "3"
 """Of the model's structure and training, part of the model's id."""
 
 
