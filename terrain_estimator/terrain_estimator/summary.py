@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the posterior says about the ground: intervals, and whether the data or the prior set them."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.model_file import Metadata
@@ -41,15 +41,16 @@ def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs) -> Estimate:
     What a caller has counted is left for it to fill in.
     """
     sd = np.sqrt(np.diagonal(covariance))
-    below = [0.5 * math.erfc(m / (s * math.sqrt(2.0))) for m, s in zip(mean.tolist(), sd.tolist(), strict=True)]
+    above = ndtr(mean / sd)
     cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
     return Estimate(
         mean=mean,
         covariance=covariance,
         lower_95=np.maximum(mean - HALF_WIDTH_95 * sd, 0.0),
-        upper_95=np.maximum(mean + HALF_WIDTH_95 * sd, 0.0),
+        # with little mass above zero, 95 % of what lies there
+        upper_95=np.maximum(mean + HALF_WIDTH_95 * sd, mean - sd * ndtri(np.maximum(0.05 * above, 1e-300))),
         identified=(cohesion_known, friction_known),
-        mass_below_zero=min(sum(below), 1.0),
+        mass_below_zero=min(float((1.0 - above).sum()), 1.0),
         change_probability=0.0,
         effects=(),
         observations_used=0,

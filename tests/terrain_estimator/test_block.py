@@ -87,7 +87,7 @@ def test_log_weight_is_the_log_evidence_up_to_what_no_parameter_changes() -> Non
         wide[:4, :4], wide[4, 4] = torch.linalg.inv(p), 1e8
         covariance = block.linear @ wide @ block.linear.T + torch.from_numpy(noise_of(block))
         centre = block.offset + block.linear[:, :4] @ mean
-        expected.append(torch.distributions.MultivariateNormal(centre, covariance).log_prob(block.target))
+        expected.append(torch.distributions.MultivariateNormal(centre, covariance).log_prob(block.target))  # type: ignore[no-untyped-call]
     assert abs(float((found[1] - found[0]) - (expected[1] - expected[0]))) < 1e-5
 
 

@@ -185,7 +185,7 @@ def test_a_change_of_the_ground_is_told_and_followed(model: LoadedModel) -> None
     measurement = measure_drive(model.rover, drives.sample, Noise(), generator)
     delays = []
     for index in range(8):
-        first, last = ((drives.sample.position[index] + reach < 5.0).sum().item() for reach in (0.7, -0.7))
+        first, last = (int((drives.sample.position[index] + reach < 5.0).sum()) for reach in (0.7, -0.7))
         updates = run(model, observations_of(measurement, index)[: last + 200])
         changed = [k for k, update in enumerate(updates) if update.estimate.change_probability > 0.5]
         assert changed
@@ -211,9 +211,8 @@ def test_random_hostile_numbers_never_give_a_covariance_that_is_none(model: Load
         if generator.random() < 0.2:
             name = names[generator.integers(len(names))]
             value = hostile[generator.integers(len(hostile))]
-            observation = dataclasses.replace(
-                observation, **{name: np.full(3, value) if isinstance(getattr(observation, name), np.ndarray) else value}
-            )
+            changed: object = np.full(3, value) if isinstance(getattr(observation, name), np.ndarray) else value
+            observation = dataclasses.replace(observation, **{name: changed})  # type: ignore[arg-type]
         stamp += STEP_NS
         update = estimator.update(dataclasses.replace(observation, stamp_ns=stamp))
         used += update.decision.outcome.used

@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Intervals that end at zero, and what counts as identified."""
+
+import numpy as np
+import pytest
+from scipy.stats import truncnorm
+
+from terrain_estimator.summary import Beliefs, summarise
+
+BELIEFS = Beliefs(np.array([2750.0, 0.6]), np.array([1300.0, 0.22]))
+
+
+def estimate_of(cohesion: float, deviation: float) -> tuple[float, float]:
+    found = summarise(np.array([cohesion, 0.6]), np.diag([deviation**2, 0.01]), BELIEFS)
+    return float(found.lower_95[0]), float(found.upper_95[0])
+
+
+def test_far_from_zero_the_interval_is_that_of_the_gaussian() -> None:
+    assert estimate_of(1000.0, 100.0) == pytest.approx((804.0, 1196.0), abs=0.1)
+
+
+@pytest.mark.parametrize("cohesion", [100.0, 0.0, -300.0, -3000.0])
+def test_an_interval_cut_at_zero_still_holds_95_percent_of_what_is_above(cohesion: float) -> None:
+    lower, upper = estimate_of(cohesion, 100.0)
+    assert lower == 0.0
+    assert upper > 0.0
+    physical = truncnorm(-cohesion / 100.0, np.inf, loc=cohesion, scale=100.0)
+    assert physical.cdf(upper) >= 0.95 - 1e-6
+
+
+def test_a_parameter_is_identified_when_the_data_left_a_tenth_of_its_prior_variance() -> None:
+    covariance = np.diag([(0.31 * 1300.0) ** 2, (0.33 * 0.22) ** 2])
+    assert summarise(np.array([1000.0, 0.6]), covariance, BELIEFS).identified == (True, False)
+
+
+def test_mass_below_zero_is_that_of_both_parameters() -> None:
+    found = summarise(np.array([0.0, 0.6]), np.diag([1.0, 0.01]), BELIEFS)
+    assert found.mass_below_zero == pytest.approx(0.5, abs=1e-6)
