@@ -87,7 +87,7 @@ class Estimator:
     def _learn(self, screening: Screening) -> Update:
         observation = screening.observation
         step_s, linked = self._link(observation)
-        packed = pack(self._without_inertia(observation, step_s, linked=linked), step_s, linked=linked)
+        packed = pack(observation, self._torque(observation, step_s, linked=linked), step_s, linked=linked)
         with torch.inference_mode():
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
@@ -108,12 +108,12 @@ class Estimator:
         step_s = (observation.stamp_ns - self._last.stamp_ns) * 1e-9
         return step_s, step_s <= _LONGEST_GAP * self._step_s
 
-    def _without_inertia(self, observation: Observation, step_s: float, *, linked: bool) -> Observation:
+    def _torque(self, observation: Observation, step_s: float, *, linked: bool) -> Floats:
         """Motor torque less I dw/dt, which is the torque on the ground (Banerjee et al. eq. 6)."""
         if not linked or self._last is None or self._rover.wheel_inertia == 0.0:
-            return observation
+            return observation.torque
         change = (observation.wheel_rate - self._last.wheel_rate) * (self._rover.wheel_inertia / step_s)
-        return dataclasses.replace(observation, torque=observation.torque - change)
+        return observation.torque - change
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""

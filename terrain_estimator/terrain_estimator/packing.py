@@ -9,7 +9,7 @@ One tensor instead of sixteen keeps the call of the exported model cheap, and it
 import torch
 from torch import Tensor
 
-from terrain_estimator.observation import Observation
+from terrain_estimator.observation import Floats, Observation
 
 AXLE_FIELDS = (
     "slip",
@@ -41,12 +41,13 @@ def packed_size(axles: int) -> int:
     return len(AXLE_FIELDS) * axles + len(SCALAR_FIELDS)
 
 
-def pack(observation: Observation, step_s: float, *, linked: bool) -> Tensor:
+def pack(observation: Observation, torque: Floats, step_s: float, *, linked: bool) -> Tensor:
     """The observation as a float64 tensor of shape [packed_size(axles)].
 
-    ``observation.torque`` has to be free of the wheel's own inertia already (see rows of MODEL: M_k).
+    ``torque`` [axles] is the observation's, free of the wheel's own inertia (see rows of MODEL: M_k).
     """
-    values = [value for name in AXLE_FIELDS for value in getattr(observation, name).tolist()]
+    groups = (torque if name == "torque" else getattr(observation, name) for name in AXLE_FIELDS)
+    values = [value for group in groups for value in group.tolist()]
     values += (
         observation.velocity,
         observation.velocity_sd,
