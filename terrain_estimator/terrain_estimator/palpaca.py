@@ -342,7 +342,8 @@ class PAlpaca(nn.Module):
         mean = torch.cat([theta, torch.zeros(count, others, dtype=torch.float64), expected[-2:].expand(count, 2)], 1)
         eye = torch.eye(2, dtype=torch.float64)
         kept = torch.cholesky_solve(eye, cholesky(state["covariance"][-2:, -2:]))
-        fresh = torch.cat([(self.born_spread * prior[1]) ** -2.0, self.net_precision, self.other_precision[:-2], torch.zeros_like(prior[0])])
+        theta_precision = (self.born_spread * prior[1]) ** -2.0
+        fresh = torch.cat([theta_precision, self.net_precision, self.other_precision[:-2], torch.zeros_like(theta_precision)])
         precision = torch.diag(fresh) + nn.functional.pad(kept, [self.size - 2, 0, self.size - 2, 0])
         precision = precision.expand(mean.shape[0], -1, -1)
         weight = self.born_log_weight.expand(mean.shape[0])
