@@ -80,7 +80,9 @@ class SimulatorNode(Node):
     def check_clock(self, expected: int) -> None:
         """Raise SimulatorError where the clock has more publishers than ``expected``."""
         if self.count_publishers(CLOCK) > expected:
-            names = sorted({f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in self.get_publishers_info_by_topic(CLOCK)})
+            found = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in self.get_publishers_info_by_topic(CLOCK)}
+            # A publisher can be discovered before the node that it belongs to.
+            names = sorted("a node not yet known by name" if "UNKNOWN" in name else name for name in found)
             raise SimulatorError(
                 f"{CLOCK} has more than one owner: {', '.join(names)}. Stop the other, or simulate in real time without it."
             )

@@ -22,7 +22,7 @@ class Run:
     net: list[NetShare]
 
 
-_LICENCE = "<!-- SPDX-FileCopyrightText: 2026 The terrain_estimator authors -->\n<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+_LICENCE = "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier: Apache-2.0\n-->\n"
 _INTRODUCTION = """# Accuracy
 
 Written by `make accuracy` on {date}: {episodes} episodes of 40 s a cell, seed {seed}. The figures do not depend on the machine.
