@@ -82,7 +82,7 @@ def block_rows(
         nuisance=features[1:].permute(2, 1, 0).flatten(1),
         expansion=expansion,
         gram=gram,
-        target=target + torch.cat([measured[:1], zero[:1] * 0.0, zero]),
+        target=target + torch.cat([measured[:1], zero[:1], zero]),
         variance=variance + torch.cat([measured[1:] / n, zero[:1] + link_variance, zero]),
         present=present,
     )

@@ -44,7 +44,7 @@ def packed_size(axles: int) -> int:
 def pack(observation: Observation, torque: Floats, step_s: float, *, linked: bool) -> Tensor:
     """The observation as a float64 tensor of shape [packed_size(axles)].
 
-    ``torque`` [axles] is the observation's, free of the wheel's own inertia (see rows of MODEL: M_k).
+    ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia (docs/method.md, rows).
     """
     groups = (torque if name == "torque" else getattr(observation, name) for name in AXLE_FIELDS)
     values = [value for group in groups for value in group.tolist()]
