@@ -14,8 +14,9 @@ from terrain_estimator.bags import BagWriter, Types
 from terrain_estimator.ros_types import INPUT_TYPES, Make
 from terramechanics.ground import Ground, Patch
 from terramechanics.rover import Rover, load_rover
+from terramechanics.sample import Sample
 from terramechanics.sensors import Measurement, Noise, measure_drive
-from terramechanics.simulation import Sample, simulate
+from terramechanics.simulation import simulate
 from terramechanics.soil import load_soil
 
 ROVER: Rover = load_rover("mars_rover")

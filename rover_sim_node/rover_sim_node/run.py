@@ -15,9 +15,10 @@ from terramechanics.ground import Ground, Patch
 from terramechanics.loading import ConfigError
 from terramechanics.profile import Profile, Ramp, Step
 from terramechanics.rover import Rover, load_rover
+from terramechanics.sample import Sample
 from terramechanics.schedules import PROFILES, SCHEDULES
 from terramechanics.sensors import Measurement, Noise, acceleration_bias, measure, per_wheel
-from terramechanics.simulation import Sample, start
+from terramechanics.simulation import start
 from terramechanics.soil import load_soil
 
 MIDDLE = 1

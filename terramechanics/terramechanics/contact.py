@@ -85,7 +85,9 @@ def _split_nodes(theta_0: Tensor, theta_1: Tensor, theta_m: Tensor, nodes: Tenso
     return u, weight
 
 
-def wheel_forces(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float, nodes: Tensor) -> Tensor:
+def wheel_forces(
+    slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float, nodes: Tensor, exit_angle: Tensor | None = None
+) -> Tensor:
     """Coefficients of N, T [N] and M [N m] of one wheel, affine in (c [Pa], tan(phi)).
 
     ``slip`` [...] and ``sinkage`` [...] [m] broadcast with ``constants`` [..., 6] (order CONSTANTS); ``nodes`` comes
@@ -94,14 +96,19 @@ def wheel_forces(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float
 
     On both sides of theta_m the normal stress goes like x^n at its outer end. With theta = theta_1 - L u^2 in front
     and theta = theta_m u^2 behind the integrand is smooth, and sigma takes the same values on both sides.
+
+    With an ``exit_angle`` [...] [rad] contact reaches from theta_1 to theta_2 = -exit_angle behind the axle: the rear
+    side is stretched to [theta_2, theta_m], theta_m stays (Ishigami et al. 2007).
     """
     theta_1 = entry_angle(sinkage, radius)
     theta_m = theta_1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)
     u, weight = nodes[0], nodes[1]
     braked = any_of(slip < 0.0)
     if braked:
-        u, weight = _split_nodes(shear_reversal_angle(slip, theta_1), theta_1, theta_m, nodes)
+        reach = torch.zeros_like(theta_1) if exit_angle is None else exit_angle
+        u, weight = _split_nodes(shear_reversal_angle(slip, theta_1) + reach, theta_1 + reach, theta_m + reach, nodes)
     t1, tm = theta_1.unsqueeze(-1), theta_m.unsqueeze(-1)
+    rear = tm if exit_angle is None else tm + exit_angle.unsqueeze(-1)
     length = t1 - tm
     front = length * u**2
     half = 0.5 * front
@@ -109,13 +116,14 @@ def wheel_forces(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float
     n, k_c, k_phi, shear_modulus = constants[..., :4].unsqueeze(-1).unbind(-2)
     sigma = (k_c / width + k_phi) * torch.pow(height, n)
 
-    theta = torch.cat([t1 - front, tm * u**2], dim=-1)
+    behind = rear * u**2 if exit_angle is None else rear * u**2 - exit_angle.unsqueeze(-1)
+    theta = torch.cat([t1 - front, behind], dim=-1)
     sine, cosine = torch.sin(theta), torch.cos(theta)
     displacement = (t1 - theta) - (1.0 - slip).unsqueeze(-1) * (torch.sin(t1) - sine)
     shear = displacement * (radius / shear_modulus)
     mobilised = torch.sign(shear) * torch.expm1(-torch.abs(shear)) if braked else torch.expm1(-shear)  # this is -E
     arc = (2.0 * radius * width) * u * weight
-    step = torch.cat([length * arc, tm * arc], dim=-1)
+    step = torch.cat([length * arc, rear * arc], dim=-1)
     normal = torch.cat([sigma, sigma], dim=-1) * step
     stress = torch.stack([step * mobilised, normal * mobilised], dim=-1)
     affine = torch.matmul(torch.stack([sine, cosine, torch.full_like(sine, radius)], dim=-2), stress)

@@ -18,7 +18,7 @@ from terramechanics.contact import MAX_SLIP, MIN_SLIP
 from terramechanics.roots import Rows, bracketed_root, quasi_newton
 from terramechanics.rover import Rover
 from terramechanics.sinkage import DEEPEST, SHALLOWEST, WheelGround, equilibrium_sinkage, slip_under_torque
-from terramechanics.suspension import Pose, balance_matrix, balance_target, wheel_loads
+from terramechanics.suspension import Body, Pose, balance_matrix, balance_target, wheel_loads
 
 Search = Callable[[Tensor], Tensor]
 """Unknowns [rows, m] of the episodes with the given indices [rows]."""
@@ -48,24 +48,28 @@ class Step:
     pose: Pose
     wheel: WheelGround
     coarse: WheelGround  # the same with few quadrature points: good enough for a Jacobian
+    body: Body
     matrix: Tensor  # [batch, 4, axles, 3] balance_matrix
     velocity: Tensor  # [batch] at the start of the step [m/s]
     duration: float  # [s]
 
     @classmethod
-    def of(cls, rover: Rover, pose: Pose, wheel: WheelGround, coarse: WheelGround, velocity: Tensor, duration: float) -> "Step":
-        """The step from ``velocity`` over ``duration`` in ``pose``."""
-        return cls(rover, pose, wheel, coarse, balance_matrix(rover, pose), velocity, duration)
+    def of(
+        cls, rover: Rover, pose: Pose, wheel: WheelGround, coarse: WheelGround, velocity: Tensor, duration: float, body: Body | None = None
+    ) -> "Step":
+        """The step from ``velocity`` over ``duration`` in ``pose``; ``body`` is by default that of the rover."""
+        body = body or Body.of(rover)
+        return cls(rover, pose, wheel, coarse, body, balance_matrix(rover, pose, body), velocity, duration)
 
     def rows(self, index: Tensor) -> "Step":
         """The same for some of the episodes."""
         pose = Pose(*(getattr(self.pose, name)[index] for name in Pose.__slots__))
         wheel, coarse = self.wheel.rows(index), self.coarse.rows(index)
-        return Step(self.rover, pose, wheel, coarse, self.matrix[index], self.velocity[index], self.duration)
+        return Step(self.rover, pose, wheel, coarse, self.body.rows(index), self.matrix[index], self.velocity[index], self.duration)
 
     def imbalance(self, forces: Tensor, velocity: Tensor) -> Tensor:
         """Imbalances [batch, 4] in units of the weight and of weight times wheelbase."""
-        target = balance_target(self.rover, self.pose.pitch, (velocity - self.velocity) / self.duration)
+        target = balance_target(self.body, self.pose.pitch, (velocity - self.velocity) / self.duration)
         balance = torch.einsum("...raf,...af->...r", self.matrix, forces)
         return (balance - target) / self.scale
 
@@ -109,7 +113,7 @@ def solve_rates(step: Step, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> 
     def jacobian(u: Tensor, index: Tensor) -> Tensor:
         part, slip, depth, _ = contacts(u, index)
         by_depth, by_slip = part.sensitivities(_clamped(slip), depth)
-        inertia = step.rover.mass / step.duration / step.scale[0] * unit[index]
+        inertia = part.body.mass / step.duration / step.scale[0] * unit[index]
         moving = torch.where(slip == _clamped(slip), -unit[index].unsqueeze(-1) / speed[index], 0.0)
         by_velocity = (by_slip * moving.unsqueeze(-2)).sum(-1)
         by_velocity = by_velocity - inertia.unsqueeze(-1) * torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
@@ -160,7 +164,8 @@ def solve_torques(step: Step, torque: Tensor, sinkage: Tensor, slip: Tensor) -> 
     depth, slips = unknown[:, :axles].exp(), unknown[:, axles:]
     forces = step.wheel.forces(slips, depth)
     along = torch.einsum("...af,...af->...", step.matrix[:, 0], forces)
-    acceleration = (along - step.rover.weight * torch.sin(step.pose.pitch)) / step.rover.mass
+    at_rest = balance_target(step.body, step.pose.pitch, torch.zeros_like(step.velocity))[..., 0]
+    acceleration = (along - at_rest) / step.body.mass
     obeyed = (forces[..., 2] - torque).abs() < NEARLY * unit
     return Contacts(slips, depth, forces, step.velocity + step.duration * acceleration, solved, obeyed)
 
@@ -213,7 +218,7 @@ def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, 
     """Sinkages and slips wheel by wheel: loads from the statics, slip from the torque, in turn."""
     traction, slip, depth = torch.zeros_like(torque), torch.zeros_like(torque), start
     for _ in range(4):
-        load = wheel_loads(step.rover, step.pose, traction, torque)
+        load = wheel_loads(step.rover, step.pose, traction, torque, step.body)
         slip, depth = slip_under_torque(step.wheel, torque, load, depth)
         traction = step.wheel.forces(slip, depth)[..., 1]
     return depth, slip
@@ -224,7 +229,7 @@ def _carried(step: Step, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
     depth = start
     for _ in range(rounds):
         forces = step.wheel.forces(slip, depth)
-        load = wheel_loads(step.rover, step.pose, forces[..., 1], forces[..., 2])
+        load = wheel_loads(step.rover, step.pose, forces[..., 1], forces[..., 2], step.body)
         before, depth = depth, equilibrium_sinkage(step.wheel, slip, load, depth)
         if bool(((depth - before).abs() < 1e-9 * depth).all()):
             break

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from terramechanics.loading import number
 from terramechanics.rover import Rover
-from terramechanics.simulation import Sample
+from terramechanics.sample import Sample
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Longitudinal dynamics of a planar rocker-bogie rover on deformable ground, in steps of 0.1 s, batched over episodes."""
 
+import dataclasses
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import fields
 
 import torch
 from torch import Tensor
@@ -11,11 +13,13 @@ from torch import Tensor
 from terramechanics.contact import in_range
 from terramechanics.equilibrium import Contacts, Step, solve_rates, solve_torques
 from terramechanics.ground import Ground
+from terramechanics.plant import Plant, Situation
 from terramechanics.profile import Profile
 from terramechanics.rover import Rover
+from terramechanics.sample import Drive, Sample
 from terramechanics.schedules import Command, Schedule, make_profile, make_schedule
 from terramechanics.sinkage import DEEPEST, WheelGround, equilibrium_sinkage
-from terramechanics.suspension import Pose, level_pose, solve_pose, wheel_loads
+from terramechanics.suspension import Body, Pose, balance_target, level_pose, solve_pose, wheel_loads
 
 TIME_STEP = 0.1
 """[s] Step of the simulation, the period of the samples, unless another is asked for."""
@@ -33,67 +37,33 @@ LONG_STEP = 1e3
 """[s] Step that lets a drive start in its steady state."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """What is true at time t_j; slip, forces, torque and acceleration hold over (t_{j-1}, t_j].
-
-    Shapes [batch] and [batch, axles], in a Drive [batch, time] and [batch, time, axles].
-    """
-
-    time: Tensor  # [s] t_j
-    position: Tensor  # [m] horizontal place of the body
-    height: Tensor  # [m] of the body's origin on the ground line
-    velocity: Tensor  # [m/s] along body x
-    acceleration: Tensor  # [m/s^2] dv/dt: v_j - v_{j-1} = dt a_j
-    pitch: Tensor  # [rad] nose-up
-    bogie_angle: Tensor  # [rad] nose-up, relative to the body
-    stuck: Tensor  # bool, from the first stuck second on
-    standing: Tensor  # bool: the wheels stand, slip is not defined
-    slip: Tensor  # [1] NaN where the wheels stand
-    sinkage: Tensor  # [m]
-    contact: Tensor  # [m] horizontal place at which the wheel touches the ground
-    contact_angle: Tensor  # [rad] ground relative to the body
-    wheel_rate: Tensor  # [rad/s]
-    torque: Tensor  # [N m] drive torque of one wheel: ground_torque + wheel_inertia dw/dt
-    normal: Tensor  # [N] N of one wheel
-    traction: Tensor  # [N] T of one wheel
-    ground_torque: Tensor  # [N m] M of one wheel
-    valid: Tensor  # bool: the wheel is in the range of the contact model
-    constants: Tensor  # [..., axles, 6] soil constants below the wheel
-    strength: Tensor  # [..., axles, 2] c [Pa] and tan(phi) below the wheel
-
-    def specific_force(self, gravity: float) -> Tensor:
-        """What an accelerometer along body x reads: dv/dt + g sin ab [m/s^2]."""
-        return self.acceleration + gravity * torch.sin(self.pitch)
-
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """A whole run: ``sample`` has a time axis after the batch axis."""
-
-    rover: Rover
-    sample: Sample
-    start_velocity: Tensor  # [batch] [m/s] v_0, one step before the first sample
-
-    def measurable(self) -> Tensor:
-        """[batch, time] bool: the rover moves, is not stuck, and every wheel is in the range of the model."""
-        return ~self.sample.stuck & ~self.sample.standing & self.sample.valid.all(-1)
-
-
 class Simulation:
     """Steps a batch of rovers. The same inputs give the same samples; nothing here is random."""
 
-    def __init__(self, rover: Rover, ground: Ground, profile: Profile, start_velocity: Tensor, time_step: float = TIME_STEP) -> None:
-        """Rovers at x = 0 with ``start_velocity`` [batch] [m/s], wheels rolling without slip; steps of ``time_step`` [s]."""
+    def __init__(
+        self,
+        rover: Rover,
+        ground: Ground,
+        profile: Profile,
+        start_velocity: Tensor,
+        time_step: float = TIME_STEP,
+        plant: Plant | None = None,
+    ) -> None:
+        """Rovers at x = 0 with ``start_velocity`` [batch] [m/s], wheels rolling without slip; steps of ``time_step`` [s].
+
+        ``plant`` holds the effects that act besides the nominal model.
+        """
         batch = start_velocity.shape[0]
-        self.rover, self.ground, self.profile, self.time_step = rover, ground, profile, time_step
+        self.rover, self.ground, self.profile, self.time_step, self.plant = rover, ground, profile, time_step, plant
+        if plant is not None:
+            plant.begin(rover, batch)
         self.steps = 0
         self.velocity = start_velocity.clone()
         self.position = torch.zeros(batch, dtype=torch.float64)
         self.rate = (self.velocity / rover.wheel_radius).unsqueeze(-1).expand(batch, rover.axles).clone()
         self._pose = solve_pose(rover, profile, self.position, level_pose(rover, self.position))
         self._slip = torch.full_like(self.rate, 0.1)
-        self._sinkage = self._carried(self._pose, self._slip)
+        self._sinkage = self._carried(self._pose, self._situation(self._pose, self.rate), self._slip)
         self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
         self._struggling = torch.zeros(batch, dtype=torch.float64)
         self._stuck = torch.zeros(batch, dtype=torch.bool)
@@ -116,41 +86,62 @@ class Simulation:
         if kind is Command.TORQUE:
             rate = velocity.clamp(min=0.0).unsqueeze(-1) / (self.rover.wheel_radius * (1.0 - contacts.slip))
         standing = (rate <= lowest).all(-1)
-        contacts = self._standing(pose, contacts, standing)
+        where = self._situation(pose, rate)
+        contacts = self._standing(pose, where, contacts, standing)
         # A rover that would roll back digs in and stands: backwards is outside the model.
         velocity = torch.where(standing, 0.0, velocity.clamp(min=0.0))
         self._count_struggle(contacts, velocity, standing & (kind is Command.RATE))
         sample = self._sample(pose, contacts, velocity, rate, standing)
+        if self.plant is not None and where is not None:
+            sample = dataclasses.replace(sample, torque=sample.torque + self.plant.friction(where))
+            self.plant.remember(sample)
         self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
         self.velocity, self.rate, self._slip, self._sinkage = velocity, rate, contacts.slip, contacts.sinkage
         return sample
 
+    def sensed(self, sample: Sample) -> Sample:
+        """What the sensors are given of the latest sample, before noise; to be called once a step."""
+        return sample if self.plant is None else self.plant.sensed(sample)
+
+    def _situation(self, pose: Pose, rate: Tensor) -> Situation | None:
+        if self.plant is None:
+            return None
+        time = (self.steps + 1) * self.time_step
+        return Situation(self.rover, time, torch.arange(rate.shape[0]), pose.contact, rate, self.velocity)
+
+    def _wheel(self, pose: Pose, where: Situation | None, points: int) -> WheelGround:
+        return WheelGround.of(self.rover, *self.ground.at(pose.contact), points, self.plant, where)
+
+    def _body(self, where: Situation | None) -> Body:
+        return Body.of(self.rover) if self.plant is None or where is None else self.plant.body(where)
+
     def _contacts(self, pose: Pose, kind: Command, command: Tensor, duration: float) -> Contacts:
-        constants, strength = self.ground.at(pose.contact)
-        fine = WheelGround.of(self.rover, constants, strength, POINTS)
-        coarse = WheelGround.of(self.rover, constants, strength, COARSE_POINTS)
-        step = Step.of(self.rover, pose, fine, coarse, self.velocity, duration)
+        where = self._situation(pose, command if kind is Command.RATE else self.rate)
+        fine, coarse = (self._wheel(pose, where, points) for points in (POINTS, COARSE_POINTS))
+        step = Step.of(self.rover, pose, fine, coarse, self.velocity, duration, self._body(where))
         # Extrapolated, so that the first imbalance is of the order of the step squared.
         sinkage = self._sinkage * (self._sinkage / self._last_sinkage).clamp(0.5, 2.0)
         if kind is Command.TORQUE:
-            return solve_torques(step, command, sinkage, self._slip)
+            to_ground = command if self.plant is None or where is None else command - self.plant.friction(where)
+            return solve_torques(step, to_ground, sinkage, self._slip)
         return solve_rates(step, command, sinkage, 2.0 * self.velocity - self._last_velocity)
 
-    def _carried(self, pose: Pose, slip: Tensor) -> Tensor:
+    def _carried(self, pose: Pose, where: Situation | None, slip: Tensor) -> Tensor:
         """Sinkages at ``slip`` under the loads of a rover without traction."""
         zero = torch.zeros_like(slip)
-        wheel = WheelGround.of(self.rover, *self.ground.at(pose.contact), POINTS)
-        return equilibrium_sinkage(wheel, slip, wheel_loads(self.rover, pose, zero, zero))
+        load = wheel_loads(self.rover, pose, zero, zero, self._body(where))
+        return equilibrium_sinkage(self._wheel(pose, where, POINTS), slip, load)
 
-    def _standing(self, pose: Pose, contacts: Contacts, standing: Tensor) -> Contacts:
+    def _standing(self, pose: Pose, where: Situation | None, contacts: Contacts, standing: Tensor) -> Contacts:
         """Replace the contacts of rovers that stand: the wheels hold the slope in equal parts, without slip."""
         if not bool(standing.any()):
             return contacts
-        share = self.rover.weight / len(self.rover.wheels)
-        traction = (share * torch.sin(pose.pitch)).unsqueeze(-1).expand_as(contacts.slip)
+        body = self._body(where)
+        share = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 0] / len(self.rover.wheels)
+        traction = share.unsqueeze(-1).expand_as(contacts.slip)
         torque = self.rover.wheel_radius * traction
-        load = wheel_loads(self.rover, pose, traction, torque)
-        wheel = WheelGround.of(self.rover, *self.ground.at(pose.contact), POINTS)
+        load = wheel_loads(self.rover, pose, traction, torque, body)
+        wheel = self._wheel(pose, where, POINTS)
         zero = torch.zeros_like(load)
         held = torch.stack([load, traction, torque], dim=-1)
         here = standing.unsqueeze(-1)
@@ -210,6 +201,7 @@ def start(
     batch: int,
     profile: str | Profile = "",
     time_step: float = TIME_STEP,
+    plant: Plant | None = None,
 ) -> tuple[Simulation, Schedule]:
     """A simulation that is ready for its first step, and the schedule that drives it.
 
@@ -221,7 +213,7 @@ def start(
     named = isinstance(schedule, str)
     if isinstance(schedule, str):
         schedule = make_schedule(schedule, rover, ground, batch, generator)
-    simulation = Simulation(rover, ground, profile, schedule.start_velocity, time_step)
+    simulation = Simulation(rover, ground, profile, schedule.start_velocity, time_step, plant)
     if named and schedule.kind is Command.RATE:
         simulation.settle(schedule.command(0.0))
     return simulation, schedule
@@ -235,10 +227,19 @@ def simulate(
     generator: torch.Generator,
     batch: int,
     profile: str | Profile = "",
+    plant: Plant | None = None,
 ) -> Drive:
     """A batch of drives of ``duration_s``, begun as by :func:`start`; the same state of the generator gives the same drives."""
-    simulation, schedule = start(rover, ground, schedule, generator, batch, profile)
+    simulation, schedule = start(rover, ground, schedule, generator, batch, profile, TIME_STEP, plant)
     start_velocity = simulation.velocity
-    samples = [simulation.step(schedule.kind, schedule.command((j + 1) * TIME_STEP)) for j in range(round(duration_s / TIME_STEP))]
-    series = Sample(*(torch.stack([getattr(sample, item.name) for sample in samples], dim=1) for item in fields(Sample)))
-    return Drive(rover, series, start_velocity)
+    samples, seen = [], []
+    for j in range(round(duration_s / TIME_STEP)):
+        samples.append(simulation.step(schedule.kind, schedule.command((j + 1) * TIME_STEP)))
+        seen.append(simulation.sensed(samples[-1]))
+    series = _series(samples)
+    return Drive(rover, series, start_velocity, series if plant is None else _series(seen))
+
+
+def _series(samples: Sequence[Sample]) -> Sample:
+    """Samples in order, with a time axis behind the batch axis."""
+    return Sample(*(torch.stack([getattr(sample, item.name) for sample in samples], dim=1) for item in fields(Sample)))

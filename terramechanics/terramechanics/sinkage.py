@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.contact import MAX_SLIP, MIN_SLIP, quadrature, wheel_forces
+from terramechanics.contact import MAX_SLIP, MIN_SLIP, quadrature
+from terramechanics.plant import Contact, Plant, Situation
 from terramechanics.roots import bracketed_root
 from terramechanics.rover import Rover
 
@@ -32,33 +33,40 @@ class WheelGround:
     constants: Tensor  # [..., 6] in the order of CONSTANTS
     strength: Tensor  # [..., 2] c [Pa] and tan(phi) [1]
     nodes: Tensor  # quadrature(points)
+    plant: Plant | None = None  # what acts besides the nominal model
+    where: Situation | None = None  # what that depends on; there if a plant is
 
     @classmethod
-    def of(cls, rover: Rover, constants: Tensor, strength: Tensor, points: int) -> "WheelGround":
+    def of(
+        cls, rover: Rover, constants: Tensor, strength: Tensor, points: int, plant: Plant | None = None, where: Situation | None = None
+    ) -> "WheelGround":
         """The wheels of ``rover``, forces by quadrature with ``points`` nodes a side."""
-        return cls(rover.wheel_radius, rover.wheel_width, constants, strength, quadrature(points))
+        return cls(rover.wheel_radius, rover.wheel_width, constants, strength, quadrature(points), plant, where)
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
         """N, T [N] and M [N m] of one wheel, shape [..., 3]."""
-        braked = slip < 0.0
-        if slip.numel() < FEW or not bool(braked.any()):
-            return _forces(self, slip, sinkage, self.constants, self.strength)
+        contact = Contact(slip, sinkage, self.constants, self.strength)
+        if self.plant is None or self.where is None:
+            return self._integrated(contact)
+        contact = self.plant.contact(self.where, contact)
+        return self.plant.push(self.where, contact, self._integrated(contact))
+
+    def _integrated(self, contact: Contact) -> Tensor:
+        braked = contact.slip < 0.0
+        if braked.numel() < FEW or not bool(braked.any()):
+            return contact.forces(self.radius, self.width, self.nodes)
         # Braked wheels need twice the nodes: do not let a few of them make all the others pay.
-        constants = self.constants.expand(*slip.shape, 6)
-        strength = self.strength.expand(*slip.shape, 2)
-        forces = slip.new_empty(*slip.shape, 3)
+        contact = contact.expanded()
+        forces = contact.slip.new_empty(*contact.slip.shape, 3)
+        braked = contact.slip < 0.0
         for part in (braked, ~braked):
-            forces[part] = _forces(self, slip[part], sinkage[part], constants[part], strength[part])
+            forces[part] = contact.part(part).forces(self.radius, self.width, self.nodes)
         return forces
 
     def rows(self, index: Tensor) -> "WheelGround":
         """The same for some of the episodes."""
-        return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes)
-
-
-def _forces(wheel: WheelGround, slip: Tensor, sinkage: Tensor, constants: Tensor, strength: Tensor) -> Tensor:
-    coefficients = wheel_forces(slip, sinkage, constants, wheel.radius, wheel.width, wheel.nodes)
-    return torch.matmul(coefficients[..., :2], strength.unsqueeze(-1)).squeeze(-1) + coefficients[..., 2]
+        where = None if self.where is None else self.where.rows(index)
+        return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes, self.plant, where)
 
 
 def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: Tensor | None = None) -> Tensor:

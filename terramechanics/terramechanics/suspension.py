@@ -36,6 +36,44 @@ class Pose:
     axle: Tensor  # [batch, axles, 2] x and z of the axles in the body frame
 
 
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The rover's mass and the outer forces on it; numbers, or tensors [batch] where episodes differ."""
+
+    gravity: float  # [m/s^2]
+    mass: float | Tensor  # [kg]
+    x: float | Tensor  # [m] centre of mass along the body
+    height: float | Tensor  # [m] of the centre of mass
+    outer: Tensor | None = None  # [batch, 4] what outer forces add to the balances of :func:`balance_matrix`
+
+    @classmethod
+    def of(cls, rover: Rover) -> "Body":
+        """The body as the rover file has it."""
+        return cls(rover.gravity, rover.mass, rover.centre_of_mass_x, rover.centre_of_mass_height)
+
+    @property
+    def weight(self) -> float | Tensor:
+        """Weight m g [N]."""
+        return self.mass * self.gravity
+
+    def loaded(self, mass: Tensor, x: Tensor, height: Tensor) -> "Body":
+        """The body with ``mass`` [batch] [kg] more at ``x`` and ``height`` [batch] [m]."""
+        total = self.mass + mass
+        centre = ((self.x * self.mass + x * mass) / total, (self.height * self.mass + height * mass) / total)
+        return Body(self.gravity, total, *centre, self.outer)
+
+    def pulled(self, along: Tensor, up: Tensor, x: float, height: float) -> "Body":
+        """The body with a force ``along``, ``up`` [batch] [N] more that acts at ``x``, ``height`` [m]; payload comes first."""
+        moment = (x - self.x) * up - (height - self.height) * along
+        force = torch.stack([along, up, moment, torch.zeros_like(along)], dim=-1)
+        return Body(self.gravity, self.mass, self.x, self.height, force if self.outer is None else self.outer + force)
+
+    def rows(self, index: Tensor) -> "Body":
+        """The same for some of the episodes."""
+        mass, x, height = (value[index] if isinstance(value, Tensor) else value for value in (self.mass, self.x, self.height))
+        return Body(self.gravity, mass, x, height, None if self.outer is None else self.outer[index])
+
+
 def level_pose(rover: Rover, x: Tensor) -> Pose:
     """The pose on level ground at height 0, body origin at ``x`` [batch] [m]: a start for :func:`solve_pose`."""
     zero = torch.zeros_like(x)
@@ -112,42 +150,51 @@ def _corrected(
     return height + lift, pitch + turn, bogie + bend
 
 
-def balance_matrix(rover: Rover, pose: Pose) -> Tensor:
+def balance_matrix(rover: Rover, pose: Pose, body: Body | None = None) -> Tensor:
     """Balances of the rover as functions of the wheels' N, T, M: shape [batch, 4, axles, 3].
 
     Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre of mass [N m], moment
     of the bogie about its pivot [N m]. All wheels of an axle are counted. The bogie has no mass, so its row sums to zero;
     the ground acts on an axle with N, T and, by way of the motor's mount, with the moment M of the shear stresses.
+    ``body`` is by default that of the rover.
     """
+    body = body or Body.of(rover)
     sine, cosine = torch.sin(pose.contact_angle), torch.cos(pose.contact_angle)
     zero, one = torch.zeros_like(sine), torch.ones_like(sine)
     along = torch.stack([-sine, cosine, zero], dim=-1)
     up = torch.stack([cosine, sine, zero], dim=-1)
     turn = torch.stack([zero, zero, one], dim=-1)
 
-    def moment(x: float, z: float) -> Tensor:
-        return (pose.axle[..., 0:1] - x) * up - (pose.axle[..., 1:2] - z) * along + turn
+    def moment(x: float | Tensor, z: float | Tensor) -> Tensor:
+        return (pose.axle[..., 0:1] - _per_wheel(x)) * up - (pose.axle[..., 1:2] - _per_wheel(z)) * along + turn
 
-    whole = moment(rover.centre_of_mass_x, rover.centre_of_mass_height)
+    whole = moment(body.x, body.height)
     bogie = moment(rover.bogie_pivot_x, rover.bogie_pivot_height) * torch.tensor([[0.0], [1.0], [1.0]], dtype=sine.dtype)
     return torch.stack([along, up, whole, bogie], dim=-3) * float(rover.wheels_per_axle)
 
 
-def balance_target(rover: Rover, pitch: Tensor, acceleration: Tensor) -> Tensor:
-    """What the balances of :func:`balance_matrix` sum to, [batch, 4]: m (dv/dt + g sin ab), m g cos ab, 0, 0."""
+def _per_wheel(value: float | Tensor) -> float | Tensor:
+    """A number, or [batch] as [batch, 1, 1]."""
+    return value[..., None, None] if isinstance(value, Tensor) else value
+
+
+def balance_target(body: Body, pitch: Tensor, acceleration: Tensor) -> Tensor:
+    """What the balances of :func:`balance_matrix` sum to, [batch, 4]: m (dv/dt + g sin ab), m g cos ab, 0, 0 less outer forces."""
     zero = torch.zeros_like(pitch)
-    along = rover.mass * acceleration + rover.weight * torch.sin(pitch)
-    return torch.stack([along, rover.weight * torch.cos(pitch), zero, zero], dim=-1)
+    along = body.mass * acceleration + body.weight * torch.sin(pitch)
+    target = torch.stack([along, body.weight * torch.cos(pitch), zero, zero], dim=-1)
+    return target if body.outer is None else target - body.outer
 
 
-def wheel_loads(rover: Rover, pose: Pose, traction: Tensor, torque: Tensor) -> Tensor:
+def wheel_loads(rover: Rover, pose: Pose, traction: Tensor, torque: Tensor, body: Body | None = None) -> Tensor:
     """Normal force N [batch, axles] [N] of one wheel of each axle, for given traction [N] and torque [N m] of one wheel.
 
     Solves the vertical balance, the moment of the whole rover and the moment of the bogie. A negative load means that
     the rover would lift that wheel.
     """
-    matrix = balance_matrix(rover, pose)[..., 1:, :, :]
+    body = body or Body.of(rover)
+    matrix = balance_matrix(rover, pose, body)[..., 1:, :, :]
     known = (matrix[..., 1] * traction.unsqueeze(-2) + matrix[..., 2] * torque.unsqueeze(-2)).sum(-1)
-    target = balance_target(rover, pose.pitch, torch.zeros_like(pose.pitch))[..., 1:]
+    target = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 1:]
     loads: Tensor = torch.linalg.solve(matrix[..., 0], target - known)
     return loads

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from terramechanics.ground import Ground
 from terramechanics.rover import Rover, load_rover
+from terramechanics.sample import Sample
 from terramechanics.sensors import Measurement, Noise, acceleration_bias, measure, measure_drive, per_wheel
-from terramechanics.simulation import Sample, simulate
+from terramechanics.simulation import simulate
 from terramechanics.soil import load_soil
 
 SAMPLES = 40_000

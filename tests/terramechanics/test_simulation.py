@@ -15,8 +15,9 @@ from terramechanics.equilibrium import Step, _search_rates, solve_rates
 from terramechanics.ground import Ground, Patch
 from terramechanics.profile import Flat, Ramp
 from terramechanics.rover import Rover, load_rover, rover_names
+from terramechanics.sample import Drive, Sample
 from terramechanics.schedules import Command, make_schedule
-from terramechanics.simulation import TIME_STEP, Drive, Sample, Simulation, simulate
+from terramechanics.simulation import TIME_STEP, Simulation, simulate
 from terramechanics.sinkage import WheelGround
 from terramechanics.soil import Soil, load_soil, soil_names
 from terramechanics.suspension import level_pose, wheel_loads

@@ -11,7 +11,7 @@ from scipy import optimize
 
 from terramechanics.profile import Flat, Profile, Ramp, Step, random_hills
 from terramechanics.rover import Rover, load_rover
-from terramechanics.suspension import Pose, TerrainError, balance_matrix, balance_target, level_pose, solve_pose, wheel_loads
+from terramechanics.suspension import Body, Pose, TerrainError, balance_matrix, balance_target, level_pose, solve_pose, wheel_loads
 
 ROVERS = [load_rover("mars_rover"), load_rover("paper_rover")]
 PLACES = torch.linspace(0.3, 9.7, 24, dtype=torch.float64)
@@ -181,6 +181,6 @@ def test_driving_torque_takes_load_off_the_front_wheels_and_a_climb_does_too() -
 
 def test_the_target_of_the_balances_is_gravity_and_inertia() -> None:
     rover = ROVERS[0]
-    target = balance_target(rover, torch.tensor([0.1], dtype=torch.float64), torch.tensor([0.5], dtype=torch.float64))
+    target = balance_target(Body.of(rover), torch.tensor([0.1], dtype=torch.float64), torch.tensor([0.5], dtype=torch.float64))
     weight = 185.0 * 3.72
     assert target[0].tolist() == pytest.approx([185.0 * 0.5 + weight * math.sin(0.1), weight * math.cos(0.1), 0.0, 0.0])

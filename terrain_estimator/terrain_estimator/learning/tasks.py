@@ -11,8 +11,9 @@ from torch import Tensor
 from terrain_estimator.packing import AXLE_FIELDS
 from terramechanics.ground import Ground, Patch
 from terramechanics.rover import Rover
+from terramechanics.sample import Drive
 from terramechanics.sensors import Measurement, Noise, measure_drive
-from terramechanics.simulation import TIME_STEP, Drive, simulate
+from terramechanics.simulation import TIME_STEP, simulate
 from terramechanics.soil import Soil
 
 COHESION_PA = (500.0, 5000.0)
