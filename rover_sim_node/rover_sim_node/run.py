@@ -11,8 +11,10 @@ from torch import Tensor
 
 from rover_sim_node.config import FOLLOW, SimulatorConfig
 from rover_sim_node.velocity_commands import VelocityCommands
+from terramechanics.effects import describe, make_effect
 from terramechanics.ground import Ground, Patch
 from terramechanics.loading import ConfigError
+from terramechanics.plant import Plant
 from terramechanics.profile import Profile, Ramp, Step
 from terramechanics.rover import Rover, load_rover
 from terramechanics.sample import Sample
@@ -70,7 +72,7 @@ class Run:
             raise ConfigError(f"parameter schedule: {config.schedule!r} is unknown, give one of {', '.join(SCHEDULES)}, {FOLLOW}")
         schedule = self.commands or config.schedule
         self._step = 1.0 / config.rate
-        self._simulation, self._schedule = start(self.rover, self._ground, schedule, drive, 1, _profile(config), self._step)
+        self._simulation, self._schedule = start(self.rover, self._ground, schedule, drive, 1, _profile(config), self._step, _plant(config))
         self._bias = acceleration_bias(self._noise, 1, self._sensing)
         self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
         self._odometry, self._variance = (0.0, 0.0), (0.0, 0.0)
@@ -80,7 +82,9 @@ class Run:
         """The next reading."""
         time = (self._simulation.steps + 1) * self._step
         sample = self._simulation.step(self._schedule.kind, self._schedule.command(time))
-        measured = _first(measure(self.rover, per_wheel(self.rover, sample), self._noise, self._bias, self._sensing))
+        measured = _first(
+            measure(self.rover, per_wheel(self.rover, self._simulation.sensed(sample)), self._noise, self._bias, self._sensing)
+        )
         self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
         self._integrate(measured)
         angle = float(sample.bogie_angle)
@@ -128,6 +132,16 @@ def _ground(config: SimulatorConfig) -> Ground:
     if config.change.soil:
         patches.append(Patch.of(load_soil(config.change.soil), config.change.position, config.change.transition))
     return Ground(patches)
+
+
+def _plant(config: SimulatorConfig) -> Plant | None:
+    if not config.effect:
+        return None
+    try:
+        size = describe(config.effect).checked(config.effect_size)
+        return Plant([make_effect(config.effect, size, config.effect_axle)])
+    except ConfigError as error:
+        raise ConfigError(f"parameters of the effect: {error}") from error
 
 
 def _profile(config: SimulatorConfig) -> str | Profile:

@@ -166,6 +166,9 @@ def test_another_rate_gives_other_steps() -> None:
     ("config", "message"),
     [
         (SimulatorConfig(soil="mud"), "mud: neither one of the soils"),
+        (SimulatorConfig(effect="ice"), "effect: unknown effect 'ice'; known effects are slope_bias, bulldozing"),
+        (SimulatorConfig(effect="payload", effect_size=900.0), r"payload: size 900 is outside its physical range, -80 to 150 \[kg\]"),
+        (SimulatorConfig(effect="lateral_bulldozing"), "lateral_bulldozing acts sideways"),
         (SimulatorConfig(rover="car"), "car: neither one of the rovers"),
         (SimulatorConfig(schedule="S9"), "parameter schedule: 'S9' is unknown, give one of S1, S2, S3, S4, cmd_vel"),
         (SimulatorConfig(profile="moon"), "parameter profile: 'moon' is unknown, give one of flat, hills, ramp, step or nothing"),
@@ -180,3 +183,17 @@ def test_a_wrong_name_is_refused(config: SimulatorConfig, message: str) -> None:
 def test_the_clock_message_carries_the_time() -> None:
     clock = clock_message(12_300_000_000).clock
     assert (clock.sec, clock.nanosec) == (12, 300_000_000)
+
+
+def test_an_effect_acts_on_what_is_measured_and_without_size_on_nothing() -> None:
+    plain, nothing, biased = (
+        Run(config).step().measured
+        for config in (
+            SimulatorConfig(seed=3),
+            SimulatorConfig(seed=3, effect="sinkage_bias"),
+            SimulatorConfig(seed=3, effect="sinkage_bias", effect_size=0.004, noise=1.0),
+        )
+    )
+    assert plain.sinkage.tolist() == nothing.sinkage.tolist()
+    assert (biased.sinkage - plain.sinkage).tolist() == pytest.approx([0.004] * 6, rel=0.2)
+    assert biased.torque.tolist() == plain.torque.tolist()
