@@ -71,13 +71,17 @@ def acceleration_bias(noise: Noise, batch: int, generator: torch.Generator) -> T
     return noise.factor * noise.acceleration * torch.randn(batch, generator=generator, dtype=torch.float64)
 
 
-def measure(rover: Rover, sample: Sample, noise: Noise, bias: Tensor, generator: torch.Generator) -> Measurement:
-    """Measure one sample or a whole drive. ``bias`` from :func:`acceleration_bias` broadcasts against the sample's velocity."""
+def measure(rover: Rover, sample: Sample, noise: Noise, bias: Tensor, generator: torch.Generator, correlation: float = 0.0) -> Measurement:
+    """Measure one sample or a whole drive. ``bias`` from :func:`acceleration_bias` broadcasts against the sample's velocity.
+
+    ``correlation`` [1] of the noise of two samples that follow each other; other than 0 needs a whole drive.
+    """
     torque_unit = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
 
     def measured(true: Tensor, relative: float, constant: float) -> tuple[Tensor, Tensor]:
         spread = torch.sqrt((relative * true) ** 2 + constant**2)
-        value = true + noise.factor * spread * torch.randn(true.shape, generator=generator, dtype=torch.float64)
+        white = torch.randn(true.shape, generator=generator, dtype=torch.float64)
+        value = true + noise.factor * spread * (_coloured(white, correlation) if correlation else white)
         claimed = torch.sqrt((relative * value) ** 2 + constant**2) * max(noise.factor, LEAST_FACTOR)
         return value, claimed
 
@@ -94,7 +98,16 @@ def measure(rover: Rover, sample: Sample, noise: Noise, bias: Tensor, generator:
     )  # fmt: skip
 
 
-def measure_drive(rover: Rover, sample: Sample, noise: Noise, generator: torch.Generator) -> Measurement:
-    """Measure a batch of whole drives, [batch, time, ...]: one accelerometer bias a drive."""
+def measure_drive(rover: Rover, sample: Sample, noise: Noise, generator: torch.Generator, correlation: float = 0.0) -> Measurement:
+    """Measure a batch of whole drives, [batch, time, ...]: one accelerometer bias a drive; ``correlation`` as in :func:`measure`."""
     bias = acceleration_bias(noise, sample.velocity.shape[0], generator)
-    return measure(rover, sample, noise, bias.unsqueeze(-1), generator)
+    return measure(rover, sample, noise, bias.unsqueeze(-1), generator, correlation)
+
+
+def _coloured(white: Tensor, correlation: float) -> Tensor:
+    """Noise of unit variance [batch, time, ...] in which each sample keeps ``correlation`` of the one before."""
+    fresh = math.sqrt(1.0 - correlation**2)
+    series = [white[:, 0]]
+    for now in white[:, 1:].unbind(1):
+        series.append(correlation * series[-1] + fresh * now)
+    return torch.stack(series, dim=1)

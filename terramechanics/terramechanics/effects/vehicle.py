@@ -4,13 +4,14 @@
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from terramechanics.contact import MAX_SLIP, MIN_SLIP, quadrature
 from terramechanics.plant import Contact, Effect, Payload, Situation, Size
+from terramechanics.rover import Rover
 
 REAR = 2
 """Axle that fails unless another is named."""
@@ -69,6 +70,12 @@ class FailedWheel(Effect):
 
     size: Size
     axle: int = REAR
+    _lag: Tensor = field(default_factory=lambda: torch.zeros(0), init=False, repr=False)  # slip lost when last asked for
+
+    def begin(self, rover: Rover, batch: int) -> None:
+        """See Effect."""
+        del rover
+        self._lag = torch.zeros(batch, 1, dtype=torch.float64)
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         """See Effect."""
@@ -80,13 +87,18 @@ class FailedWheel(Effect):
             return dataclasses.replace(failing, slip=slip).forces(rover.wheel_radius, rover.wheel_width, NODES)[..., 2]
 
         left = (1.0 - where.of(self.size)) * torque(failing.slip)
-        return dataclasses.replace(contact, slip=torch.where(here, _slip_under(torque, left, failing.slip), contact.slip))
+        lag = self._lag[where.episode] if self._lag.numel() else torch.zeros_like(where.rate[:, :1])
+        slip = _slip_under(torque, left, failing.slip - lag)
+        if self._lag.numel():
+            # Where the next search starts; what it finds does not depend on that.
+            self._lag[where.episode] = (failing.slip - slip).reshape(-1, *lag.shape)[0]
+        return dataclasses.replace(contact, slip=torch.where(here, slip, contact.slip))
 
 
 def _slip_under(torque: Callable[[Tensor], Tensor], wanted: Tensor, start: Tensor) -> Tensor:
     """Slip at which ``torque`` takes the value ``wanted``, by Newton: torque rises with slip, less and less."""
     small = 1e-6
-    slip = start
+    slip = start.clamp(MIN_SLIP, MAX_SLIP)
     for _ in range(ROUNDS):
         here, there = torque(torch.stack([slip, slip + small]))
         move = ((wanted - here) * small / (there - here).clamp(min=1e-9)).clamp(-LARGEST_MOVE, LARGEST_MOVE)

@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hidden cases: sets of five one-minute drives on one soil, with the same hidden effects in all of them.
+
+What a case is follows from its plan, its number and one seed. Many cases of one plan are simulated together.
+"""
+
+import dataclasses
+import math
+import zlib
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terramechanics.plant import Plant
+from terramechanics.rover import Rover, load_rover
+from terramechanics.sample import Drive
+from terramechanics.sensors import Measurement, Noise, measure_drive, per_wheel
+from terramechanics.simulation import STUCK_TIME, TIME_STEP, simulate
+from tests.hidden.generators import GENERATORS, Draw, sizes_of
+from tests.hidden.ground import SOILS, draw_ground, draw_terrain, uniform
+
+DRIVES = 5
+SPARE = 3
+"""Drives of a case that are simulated in addition, to replace those that get stuck."""
+EACH = DRIVES + SPARE
+TERRAINS = ("hills", "flat", "hills", "ramp")
+"""Terrains of cases in turn."""
+SECONDS = 60.0
+SHORTEST = 30.0
+"""[s] A drive that gets stuck earlier is replaced while there are spare ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is hidden in a case. ``parts`` are names of hidden effects with the share of the size that matters."""
+
+    parts: tuple[tuple[str, float], ...] = ()
+    torque: bool = True  # whether motor torque is measured
+    noise_time: float = 0.0  # [s] time constant of the sensors' noise, 0: white
+    soil: str = ""  # empty: drawn for every case
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What a right verdict names; empty where it is "none"; ("unknown",) where the library lacks an effect."""
+        if any(not GENERATORS[name].known for name, _ in self.parts):
+            return ("unknown",)
+        return tuple(name for name, _ in self.parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What only the judge may see."""
+
+    plan: Plan
+    soil: str  # the workflow is told it, bags do not say it
+    terrain: str
+    sizes: tuple[float, ...]  # of the plan's parts, in the units of the hidden laws
+    axle: int  # of a failed wheel
+    cohesion_pa: tuple[float, ...]  # of each drive
+    tan_phi: tuple[float, ...]
+    constants: tuple[tuple[float, ...], ...]
+    seconds: tuple[float, ...]  # length of each drive: it ends where the rover gets stuck
+    stuck: float  # share of all simulated drives of the case that got stuck
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Five measured drives and the truth about them."""
+
+    rover: Rover
+    drives: list[Measurement]  # [time, wheels] and [time]
+    truth: Truth
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """The drives of some cases of one plan, EACH of one case after the other, and what was drawn for them."""
+
+    drive: Drive
+    measured: Measurement  # of every wheel
+    soils: list[str]  # of each case
+    terrains: list[str]
+    sizes: list[Tensor]  # of each part of the plan: [cases]
+    axle: Tensor  # [cases]
+
+
+def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover") -> Simulated:
+    """Simulate and measure ``count`` cases. What is hidden has random numbers of its own: other plans see the same drives."""
+    generator, hiding = torch.Generator().manual_seed(2 * seed), torch.Generator().manual_seed(2 * seed + 1)
+    car = load_rover(rover)
+    soils = [plan.soil or SOILS[k % len(SOILS)] for k in range(count)]
+    terrains = [TERRAINS[k // len(SOILS) % len(TERRAINS)] for k in range(count)]
+    ground = draw_ground([name for name in soils for _ in range(EACH)], generator)
+    terrain = draw_terrain([name for name in terrains for _ in range(EACH)], car, ground, generator)
+    axle = torch.randint(car.axles, (count,), generator=hiding)
+    place = uniform((2.0, 5.0), (count * EACH,), hiding)
+    sizes = [sizes_of(GENERATORS[name], share, count, hiding) for name, share in plan.parts]
+    draws = [Draw(size.repeat_interleave(EACH), axle.repeat_interleave(EACH), place) for size in sizes]
+    effects = [GENERATORS[name].make(draw) for (name, _), draw in zip(plan.parts, draws, strict=True)]
+    drive = simulate(car, ground, "S1", SECONDS, generator, count * EACH, terrain, Plant(effects))
+    correlation = math.exp(-TIME_STEP / plan.noise_time) if plan.noise_time else 0.0
+    measured = measure_drive(car, per_wheel(car, drive.seen), Noise(), generator, correlation)
+    if not plan.torque:
+        measured = dataclasses.replace(measured, torque=torch.full_like(measured.torque, math.nan))
+    return Simulated(drive, measured, soils, terrains, sizes, axle)
+
+
+def draw_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover") -> list[Case]:
+    """``count`` cases of one plan; the same plan, count and seed give the same cases, other plans others."""
+    simulated = simulate_cases(plan, count, seed + zlib.crc32(repr(plan).encode()) % 1_000_000, rover)
+    return [_case(plan, simulated, k) for k in range(count)]
+
+
+def _case(plan: Plan, simulated: Simulated, k: int) -> Case:
+    sample, ends = simulated.drive.sample, drive_ends(simulated.drive)
+    chosen = _chosen(ends, k * EACH)
+    strength, constants = sample.strength[chosen, 0, 0], sample.constants[chosen, 0, 0]
+    truth = Truth(
+        plan=plan,
+        soil=simulated.soils[k],
+        terrain=simulated.terrains[k],
+        sizes=tuple(float(size[k]) for size in simulated.sizes),
+        axle=int(simulated.axle[k]),
+        cohesion_pa=tuple(strength[:, 0].tolist()),
+        tan_phi=tuple(strength[:, 1].tolist()),
+        constants=tuple(tuple(row) for row in constants.tolist()),
+        seconds=tuple(float(ends[j]) * TIME_STEP for j in chosen),
+        stuck=float(sample.stuck[k * EACH : (k + 1) * EACH, -1].double().mean()),
+    )
+    return Case(simulated.drive.rover, [_cut(simulated.measured, j, int(ends[j])) for j in chosen], truth)
+
+
+def drive_ends(drive: Drive) -> Tensor:
+    """Samples of every drive before the first second in which the rover is stuck, [batch]."""
+    stuck = drive.sample.stuck
+    moving = (~stuck).sum(1)
+    struggling = round(STUCK_TIME / TIME_STEP) - 1
+    return torch.where(stuck[:, -1], (moving - struggling).clamp(min=1), moving)
+
+
+def _chosen(ends: Tensor, first: int) -> list[int]:
+    """Numbers of the five drives of a case: the first that last long enough, and if need be the longest of the others."""
+    lasting = [min(float(ends[j]) * TIME_STEP, SHORTEST) for j in range(first, first + EACH)]
+    ranked = sorted(range(EACH), key=lambda j: -lasting[j])  # stable: equals stay in their order
+    return sorted(first + j for j in ranked[:DRIVES])
+
+
+def _cut(measured: Measurement, drive: int, end: int) -> Measurement:
+    """One drive of a batch up to its end."""
+    batch, time = measured.velocity.shape
+    values = {}
+    for item in dataclasses.fields(Measurement):
+        value = torch.as_tensor(getattr(measured, item.name))
+        values[item.name] = (value if value.dim() == 3 else value.expand(batch, time))[drive, :end]
+    return Measurement(**values)

@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hidden effects that the library of named effects does not have: a right verdict about them is "unknown"."""
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from terramechanics.plant import Contact, Pull, Situation
+from terramechanics.rover import Rover
+from terramechanics.sample import Sample
+from tests.hidden.sensing import Sensed
+from tests.hidden.soil import Sized
+
+TETHER_LENGTH = 10.0
+"""[m] Distance at which a tether pulls with size."""
+TETHER_MOUNT = (-0.8, 0.5)
+"""[m] Place along the body and height at which it is fastened."""
+DRIFT_TIME = 60.0
+"""[s] Time after which a torque gain has drifted by size."""
+EDGE = 0.1
+"""[m] Length of track over which a crust gives way."""
+MEMORY = 60
+"""Samples that a slow clock can be behind."""
+
+
+class Tether(Sized):
+    """A tether that unrolls behind the rover pulls it back, the harder the further it is: size x / (10 m)."""
+
+    def pull(self, where: Situation) -> Pull:
+        driven = where.place[:, -1].clamp(min=0.0)
+        force = self.sizes[where.episode] * driven / TETHER_LENGTH
+        return Pull(-force, torch.zeros_like(force), *TETHER_MOUNT)
+
+
+class GainDrift(Sensed):
+    """The gain of the torque measurement drifts: (1 + size t / (60 s))."""
+
+    def sensed(self, sample: Sample) -> Sample:
+        gain = 1.0 + self.sizes * sample.time / DRIFT_TIME
+        return dataclasses.replace(sample, torque=sample.torque * gain.unsqueeze(-1))
+
+
+class Crust(Sized):
+    """A crust makes the ground (1 + size) times as stiff, up to the place where it breaks."""
+
+    def __init__(self, sizes: Tensor, ends: Tensor) -> None:
+        super().__init__(sizes)
+        self.ends = ends  # [batch] [m]
+
+    def contact(self, where: Situation, contact: Contact) -> Contact:
+        whole = torch.sigmoid((self.ends[where.episode, None] - where.place) / EDGE)
+        factor = 1.0 + self.size(where) * whole
+        columns = contact.constants.expand(*contact.slip.shape, 6).unbind(-1)
+        constants = torch.stack([columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1)
+        return dataclasses.replace(contact, constants=constants)
+
+
+class SlowClock(Sensed):
+    """The clock that stamps odometry and inertial unit loses size seconds each second.
+
+    Stamped alike, wheel signals are then older than those of the body, by size t: in the time of the slow clock they lag.
+    """
+
+    def begin(self, rover: Rover, batch: int) -> None:
+        super().begin(rover, batch)
+        self.count = 0
+        self.past: list[dict[str, Tensor]] = []
+
+    def sensed(self, sample: Sample) -> Sample:
+        names = ("slip", "sinkage", "contact_angle", "wheel_rate", "torque")
+        self.past.append({name: getattr(sample, name) for name in names})
+        self.past = self.past[-MEMORY:]
+        self.count += 1
+        step = float(sample.time[0]) / self.count
+        back = (self.sizes * sample.time / step).clamp(0.0, len(self.past) - 1.0)
+        whole, episode = back.floor().long(), torch.arange(back.shape[0])
+        share = (back - whole).unsqueeze(-1)
+        late: dict[str, Tensor] = {}
+        for name in names:
+            series = torch.stack([entry[name] for entry in reversed(self.past)])
+            older = series[(whole + 1).clamp(max=len(self.past) - 1), episode]
+            late[name] = torch.lerp(series[whole, episode], older, share)
+        return dataclasses.replace(sample, **late)

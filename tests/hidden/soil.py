@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hidden effects of the soil: other laws than the library of named effects has, from the literature where it offers one."""
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from terramechanics.plant import Contact, Effect, Situation
+from terramechanics.rover import Rover
+from terramechanics.sample import Sample
+
+SOIL_DENSITY = 1600.0
+"""[kg/m^3]"""
+WEDGE_COHESION = 1000.0
+"""[Pa] of the remoulded soil in front of a wheel."""
+CELL = 0.05
+"""[m] Length of track that remembers one rut depth."""
+CELLS = 1000
+TIP_SPEED = 0.05
+"""[m/s] Vertical speed of the rim at first contact at which the soil constants hold."""
+
+
+def entry(contact: Contact, radius: float) -> Tensor:
+    """Angle at which the rim meets the undisturbed soil [rad]."""
+    return torch.acos((1.0 - contact.sinkage / radius).clamp(0.05, 1.0))
+
+
+class Sized(Effect):
+    """An effect with one size for each episode of a batch."""
+
+    def __init__(self, sizes: Tensor) -> None:
+        self.sizes = sizes
+
+    def size(self, where: Situation) -> Tensor:
+        """[rows, 1]"""
+        return self.sizes[where.episode, None]
+
+
+class PassiveWedge(Sized):
+    """Rankine's passive earth pressure on the buried width: b (rho g z^2 K_p / 2 + 2 c z sqrt(K_p)), K_p = tan^2(45 deg + phi / 2)."""
+
+    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+        tan_phi = contact.strength[..., 1]
+        root = tan_phi + torch.sqrt(1.0 + tan_phi**2)  # tan(45 deg + phi / 2)
+        z = contact.sinkage
+        weight = SOIL_DENSITY * where.rover.gravity * z**2 * root**2 / 2.0
+        force = self.size(where) * where.rover.wheel_width * (weight + 2.0 * WEDGE_COHESION * z * root)
+        return forces - force.unsqueeze(-1) * torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+
+
+class LugThrust(Sized):
+    """Bekker's thrust of lugs of height h = size: what its two lug terms add, mobilised with slip as the soil between lugs shears.
+
+    H = b l c 2 h / b + W tan(phi) 0.64 (h / b) atan(b / h), times 1 - (K / (s l)) (1 - exp(-s l / K)); the moment has the arm r + h.
+    """
+
+    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+        r, b, h = where.rover.wheel_radius, where.rover.wheel_width, self.size(where)
+        cohesion, tan_phi = contact.strength.unbind(-1)
+        length = r * entry(contact, r)
+        aspect = h / b
+        full = 2.0 * h * length * cohesion + forces[..., 0] * tan_phi * 0.64 * aspect * torch.atan(1.0 / aspect.clamp(min=1e-9))
+        shear = (contact.slip.abs() * length / contact.constants[..., 3]).clamp(min=1e-6)
+        thrust = torch.sign(contact.slip) * full * (1.0 + torch.expm1(-shear) / shear)
+        return forces + torch.stack([torch.zeros_like(thrust), thrust, (r + h) * thrust], dim=-1)
+
+
+class Excavation(Sized):
+    """Lyasko: z = z_0 ((1 + i) / (1 - i / 2))^size. The stresses are those of the depth z_0 that load alone would give."""
+
+    def contact(self, where: Situation, contact: Contact) -> Contact:
+        slip = contact.slip.clamp(min=0.0)
+        shrink = ((1.0 - 0.5 * slip) / (1.0 + slip)) ** self.size(where)
+        return dataclasses.replace(contact, sinkage=contact.sinkage * shrink)
+
+
+class Rut(Sized):
+    """Elastic reload in the rut of the wheels before: a share (size) of its depth z_u stays when they have passed.
+
+    The rim meets the soil at size z_u below the surface, and cameras see the depth from there. Down to z_u soil is reloaded so
+    that at z_u the pressure is the virgin one again; deeper, the pressure at the bottom follows the virgin law.
+    """
+
+    def begin(self, rover: Rover, batch: int) -> None:
+        self.depth = torch.zeros(batch, rover.axles, CELLS, dtype=torch.float64)  # that each axle left behind
+        self.passed: Tensor | None = None  # places of the contacts at the last step
+        self.offset = 1.0 - min(rover.axle_x)
+
+    def remember(self, sample: Sample) -> None:
+        cell = torch.arange(CELLS, dtype=torch.float64) * CELL - self.offset
+        here = cell <= sample.contact.unsqueeze(-1)
+        left = sample.sinkage.cummax(-1).values
+        if self.passed is None:  # the rover came from behind, in the same way
+            left = sample.sinkage[:, :1].expand_as(left)
+        else:
+            here = here & (cell > self.passed.unsqueeze(-1))
+        self.depth = torch.where(here, left.unsqueeze(-1), self.depth)
+        self.passed = sample.contact
+
+    def contact(self, where: Situation, contact: Contact) -> Contact:
+        rut = self._rut(where.place, where.episode)
+        floor = self.size(where) * rut
+        z = contact.sinkage
+        reach = (z - floor).clamp(min=1e-3 * z)
+        reload = (rut / (rut - floor).clamp(min=1e-9)).clamp(min=1.0)
+        factor = torch.where(z > rut, z / reach, reload) ** contact.constants[..., 0]
+        columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
+        constants = torch.stack([columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1)
+        return dataclasses.replace(contact, sinkage=reach, constants=constants)
+
+    def sensed(self, sample: Sample) -> Sample:
+        floor = self.sizes.unsqueeze(-1) * self._rut(sample.contact, torch.arange(self.sizes.shape[0]))
+        return dataclasses.replace(sample, sinkage=sample.sinkage - floor)
+
+    def _rut(self, places: Tensor, episode: Tensor) -> Tensor:
+        """Depth of the rut that each wheel finds [rows, axles]; none below the front wheel."""
+        place = ((places[:, 1:] + self.offset) / CELL).clamp(0.0, CELLS - 2.0)
+        index = place.long().unsqueeze(-1)
+        depth = self.depth[episode, :-1]
+        found = torch.lerp(depth.gather(2, index), depth.gather(2, index + 1), place.unsqueeze(-1) - index)
+        return torch.cat([torch.zeros_like(place[:, :1]), found.squeeze(-1)], dim=1)
+
+
+class PenetrationRate(Sized):
+    """k (1 + size ln(1 + v / v_0)) with v the speed at which the rim enters the soil, r w sin(theta_1)."""
+
+    def contact(self, where: Situation, contact: Contact) -> Contact:
+        speed = where.speed * torch.sin(entry(contact, where.rover.wheel_radius))
+        factor = (1.0 + self.size(where) * torch.log1p(speed / TIP_SPEED)).clamp(min=0.1)
+        columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
+        constants = torch.stack([columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1)
+        return dataclasses.replace(contact, constants=constants)
+
+
+class TrailingContact(Sized):
+    """theta_2 = -size theta_1 (1 + i / 2): contact behind the axle in proportion to the entry angle, and growing with slip."""
+
+    def contact(self, where: Situation, contact: Contact) -> Contact:
+        angle = self.size(where) * entry(contact, where.rover.wheel_radius) * (1.0 + 0.5 * contact.slip)
+        return dataclasses.replace(contact, exit_angle=angle)
