@@ -13,6 +13,9 @@ class CoreConfig:
 
     use_torque: bool = parameter("use_torque", default=True, description="use the wheel torques of joint_states")
     use_imu: bool = parameter("use_imu", default=True, description="use pitch and acceleration of imu; else pitch of odom")
+    use_moments: bool = parameter(
+        "use_moments", default=True, description="use the moment balances of rover and bogie; they need the bogie's angle in joint_states"
+    )
     prior_cohesion_mean_pa: float = parameter(
         "prior.cohesion_mean", 0.0, "site knowledge: mean of the cohesion (with prior.cohesion_sd)", unit="Pa", minimum=0.0, maximum=1e6
     )
@@ -68,6 +71,14 @@ class ConversionConfig:
         unit="N m",
         minimum=0.0,
         maximum=1e6,
+    )
+    bogie_joint: str = parameter(
+        "bogie_joint", default="bogie", description="name of the bogie's joint, or of several by commas, in joint_states"
+    )
+    bogie_nose_down: bool = parameter(
+        "bogie_nose_down",
+        default=False,
+        description="the bogie's joint counts nose down as positive (a y axis as in REP-103); else nose up",
     )
     default_velocity_sd: float = parameter(
         "default_sd.velocity",

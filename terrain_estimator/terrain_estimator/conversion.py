@@ -81,6 +81,7 @@ class Converter:
         self._torque_absolute = config.torque_absolute_sd or absolute
         self._slip_bounds = _Bounds(core.slip_minimum, core.slip_maximum)
         self._sinkage_bounds = _Bounds(0.0, rover.wheel_radius)
+        self._bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
         self._groups: dict[str, tuple[list[str], Groups]] = {}  # by topic: the last names and their groups
 
     def convert(self, stamp_ns: int, messages: tuple[Message, ...]) -> Conversion:
@@ -139,6 +140,7 @@ class Converter:
             pitch_sd=pitch_sd,
             acceleration=acceleration,
             acceleration_sd=acceleration_sd,
+            bogie_angle=self._bogie_angle(joints),
         )
 
     def _axle_means(self, signal: _Signal, notes: _Notes) -> tuple[list[float], list[float]]:
@@ -201,6 +203,14 @@ class Converter:
         if math.inf in values or -math.inf in values:
             notes.texts.append(f"joint_states: infinite {what} left out")
         return [_finite_mean([values[at] for at in group]) for group in groups]
+
+    def _bogie_angle(self, joints: Message) -> float:
+        """Mean angle [rad] of the bogies' joints, nose up; NaN where it is not measured."""
+        if joints is None:
+            return math.nan
+        angles = [angle for name, angle in zip(joints.name, joints.position.tolist(), strict=False) if name in self._bogie_joints]
+        mean = sum(angles) / len(angles) if angles else math.nan
+        return -mean if self._config.bogie_nose_down else mean
 
     def _torque_deviation(self, group: tuple[int, ...], efforts: list[float]) -> float:
         relative, absolute = self._config.torque_relative_sd, self._torque_absolute

@@ -82,6 +82,8 @@ class Estimator:
             changes["torque"] = np.full_like(observation.torque, np.nan)
         if not self._config.use_imu:
             changes["acceleration"] = math.nan
+        if not self._config.use_moments:
+            changes["bogie_angle"] = math.nan
         return dataclasses.replace(observation, **changes) if changes else observation  # type: ignore[arg-type]
 
     def _learn(self, screening: Screening) -> Update:

@@ -33,8 +33,8 @@ class NetFeatures(nn.Module):
         )
 
     def forward(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:
-        """Inputs [..., A] and pitch [..., 1]; returns [..., A + 3, columns]: velocity, load, torques, acceleration."""
+        """Inputs [..., A] and pitch [..., 1]; returns [..., A + 5, columns]: nothing in the moment rows."""
         x = torch.cat([slip, sinkage, angle, pitch], dim=-1) / self.input_scale
         out = self.layers(x)
         columns = out.unflatten(-1, [self.rows, self.columns]) * self.row_scale.unsqueeze(-1)
-        return torch.cat([columns, columns[..., :1, :]], dim=-2)
+        return torch.cat([columns, columns[..., :1, :], torch.zeros_like(columns[..., :2, :])], dim=-2)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the rover measured at one instant."""
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -16,7 +17,7 @@ class Observation:
 
     Arrays have shape ``[axles]``, front to rear. Every ``*_sd`` is one standard deviation of the value
     before it. NaN means "not measured": required are velocity and pitch; a wheel without slip or sinkage
-    loses its own row; torque and acceleration are optional.
+    loses its own row; torque, acceleration and the bogie's angle are optional.
     """
 
     stamp_ns: int
@@ -35,6 +36,7 @@ class Observation:
     pitch_sd: float  # [rad]
     acceleration: float  # [m/s^2] specific force along body x: dv/dt + g sin(pitch)
     acceleration_sd: float  # [m/s^2]
+    bogie_angle: float = math.nan  # [rad] of the bogie relative to the body, nose up
 
 
 AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is Floats)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One observation as one flat tensor: what the exported model takes.
 
-With A axles the layout is eight groups of A values, then eight scalars, all SI and float64, NaN for "not measured".
+With A axles the layout is eight groups of A values, then SCALARS scalars, all SI and float64, NaN for "not measured".
 One tensor instead of sixteen keeps the call of the exported model cheap, and its layout is part of the model file.
 """
 
@@ -30,15 +30,19 @@ SCALAR_FIELDS = (
     "pitch_sd",
     "acceleration",
     "acceleration_sd",
+    "bogie_angle",
     "step",
     "linked",
 )
 """``step`` [s]: time since the observation before. ``linked``: 1 where that one was used and the step is short."""
 
+SCALARS = len(SCALAR_FIELDS)
+"""Number of scalars."""
+
 
 def packed_size(axles: int) -> int:
     """Length of the packed observation."""
-    return len(AXLE_FIELDS) * axles + len(SCALAR_FIELDS)
+    return len(AXLE_FIELDS) * axles + SCALARS
 
 
 def pack(observation: Observation, torque: Floats, step_s: float, *, linked: bool) -> Tensor:
@@ -55,6 +59,7 @@ def pack(observation: Observation, torque: Floats, step_s: float, *, linked: boo
         observation.pitch_sd,
         observation.acceleration,
         observation.acceleration_sd,
+        observation.bogie_angle,
         step_s,
         1.0 if linked else 0.0,
     )

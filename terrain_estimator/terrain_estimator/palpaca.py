@@ -32,9 +32,20 @@ from torch import Tensor, nn
 from terrain_estimator.block import LINK_VARIANCE, Posterior, Solution, block_rows, fixed_columns, solve_block
 from terrain_estimator.gaussian import cholesky, drop, mixture, project
 from terrain_estimator.net import NetFeatures
-from terrain_estimator.rows import PA_PER_UNIT, Contact, drive_row, regression_rows, usable_wheels
+from terrain_estimator.packing import packed_size
+from terrain_estimator.rows import (
+    MOMENT_VARIANCE,
+    PA_PER_UNIT,
+    Contact,
+    drive_row,
+    likely_inputs,
+    regression_rows,
+    row_names,
+    usable_wheels,
+)
 from terramechanics.contact import CONSTANTS, quadrature
 from terramechanics.simulation import TIME_STEP
+from terramechanics.suspension import Geometry
 
 OPEN = 1e-2
 """[(m/s)^-2] Precision of a velocity that nothing is known of."""
@@ -57,6 +68,7 @@ class Body(NamedTuple):
     gravity: float  # [m/s^2]
     radius_m: float
     width_m: float
+    geometry: Geometry
 
 
 class Prior(NamedTuple):
@@ -74,7 +86,7 @@ State = dict[str, Tensor]
 """All that the model remembers, of constant size but for the n < 10 observations of the open block:
 
 - ``mean`` [H, D], ``precision`` [H, D, D], ``log_weight`` [H]: the bank at the start of the open block
-- ``block`` [n, 8 A + 8]: packed observations
+- ``block`` [n, 8 A + 9]: packed observations
 - ``weight`` [H]: of each posterior in the mixture; what it puts on negative c or tan phi does not count
 - ``age`` [H]: blocks since each was born from the prior; those of the start are older than any
 - ``prior`` [2, 2]: mean and deviation of (c [kPa], tan phi), the user's or the model's
@@ -129,7 +141,11 @@ class PAlpaca(nn.Module):
     prior_sd: Tensor
     net_precision: Tensor
     body_scale: Tensor
+    axle_x: Tensor
+    centre: Tensor
+    pivot: Tensor
     fixed_columns: Tensor
+    every_row: Tensor
     longest_step: Tensor
     unit: Tensor
     column_unit: Tensor
@@ -146,10 +162,12 @@ class PAlpaca(nn.Module):
         self.size = self.first_constant + uncertain.shape[0] + 2
         self.open_precision, self.link_variance, self.block_size, self.step_s = OPEN, LINK_VARIANCE, BLOCK, TIME_STEP
         self.bank, self.recent = BANK, RECENT
+        self.observation_size, self.moment_variance = packed_size(body.axles), MOMENT_VARIANCE
         self.net = net
         prior_mean = [prior.cohesion_pa, prior.tan_phi]
         prior_sd = [prior.cohesion_sd_pa, prior.tan_phi_sd]
-        scale = [[body.wheels_per_axle / body.mass_kg], [body.wheels_per_axle / (body.mass_kg * body.gravity)]]
+        by_mass, by_weight = body.wheels_per_axle / body.mass_kg, body.wheels_per_axle / (body.mass_kg * body.gravity)
+        by_moment = by_weight / float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
         # Buffers, not literals in the methods: TorchScript rounds the numbers of torch.tensor([...]) to float32.
         place, weight = torch.tensor([-1.2, 0.0, 1.2], dtype=torch.float64), torch.tensor([0.2, 0.6, 0.2], dtype=torch.float64)
         self.register_buffer("offsets", torch.cartesian_prod(place, place))
@@ -171,8 +189,12 @@ class PAlpaca(nn.Module):
         self.register_buffer("prior_mean", torch.tensor(prior_mean, dtype=torch.float64))
         self.register_buffer("prior_sd", torch.tensor(prior_sd, dtype=torch.float64))
         self.register_buffer("net_precision", torch.ones(net.columns, dtype=torch.float64))
-        self.register_buffer("body_scale", torch.tensor(scale, dtype=torch.float64))
-        self.register_buffer("fixed_columns", fixed_columns(body.axles + 3))
+        self.register_buffer("body_scale", torch.tensor([by_mass, by_weight, by_moment, by_moment], dtype=torch.float64))
+        self.register_buffer("axle_x", body.geometry.axle_x)
+        self.register_buffer("centre", body.geometry.centre)
+        self.register_buffer("pivot", body.geometry.pivot)
+        self.register_buffer("fixed_columns", fixed_columns(len(row_names(body.axles))))
+        self.register_buffer("every_row", torch.ones(len(row_names(body.axles)), dtype=torch.float64))
         self.register_buffer("longest_step", torch.tensor([1.0, 0.25], dtype=torch.float64))
         self.register_buffer("unit", torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64))
         self.register_buffer("column_unit", torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64))
@@ -196,7 +218,7 @@ class PAlpaca(nn.Module):
         precision = torch.diag(torch.cat([theta_precision, self.net_precision, self.other_precision]))
         nothing = torch.full((2,), float("nan"), dtype=torch.float64)
         state = {
-            "block": torch.zeros(0, 8 * self.axles + 8, dtype=torch.float64),
+            "block": torch.zeros(0, self.observation_size, dtype=torch.float64),
             "velocity": torch.stack([start[0, -1], 1.0 / self.other_precision[-1]]),
             "drive": torch.zeros(3, dtype=torch.float64),
             "innovation": nothing,
@@ -211,11 +233,11 @@ class PAlpaca(nn.Module):
 
     @torch.jit.export
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
-        """Take one packed observation [8 A + 8] into the state; every tenth closes a block and moves the posterior."""
+        """Take one packed observation [8 A + 9] into the state; every tenth closes a block and moves the posterior."""
         measured = observation[8 * self.axles :]
         wheels = observation[: 8 * self.axles].view(1, 8, self.axles)
         usable = usable_wheels(wheels, self.contact(state["expected"]))[0]
-        linked = bool((measured[7] > 0.0) & (state["velocity"][1] * self.open_precision < 0.5) & usable.all())
+        linked = bool((measured[-1] > 0.0) & (state["velocity"][1] * self.open_precision < 0.5) & usable.all())
         closes = state["block"].shape[0] > 0 and not linked
         if linked:
             state = self.track(state, observation)
@@ -261,15 +283,16 @@ class PAlpaca(nn.Module):
         """The physics that the rows need, with the soil constants that the parameters ``expected`` [D] say."""
         constants = self.constants + expected[self.first_constant : self.size - 2] @ self.uncertain
         return Contact(
-            constants, self.varied, self.nodes, self.column_unit, self.body_scale, self.stand_in, self.gravity, self.radius, self.width
-        )
+            constants, self.varied, self.nodes, self.column_unit, Geometry(self.axle_x, self.centre, self.pivot, self.radius),
+            self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius, self.width,
+        )  # fmt: skip
 
     def nominal_contact(self) -> Contact:
         """The same with the soil constants as given."""
         return self.contact(torch.zeros(self.size, dtype=torch.float64))
 
     def learnt(self, packed: Tensor) -> Tensor:
-        """Net features [n, R, net] of packed observations [n, 8 A + 8]."""
+        """Net features [n, R, net] of packed observations [n, 8 A + 9]."""
         a = self.axles
         wheels = packed[:, : 8 * a].view(-1, 8, a)
         return self.net(wheels[:, 0], wheels[:, 2], wheels[:, 4], packed[:, 8 * a + 2 : 8 * a + 3])
@@ -283,7 +306,7 @@ class PAlpaca(nn.Module):
         known = direction.shape[0]
         explained = torch.dot(direction[: self.first_constant], expected[: self.first_constant]) + rows[0, 2]
         acceleration = explained - self.gravity * torch.sin(observation[8 * a + 2])
-        step = observation[8 * a + 6]
+        step = observation[-2]
         spread = torch.dot(direction, torch.mv(state["covariance"][:known, :known], direction)) + state["drive"][1]
         velocity = state["velocity"]
         return torch.stack([velocity[0] + step * acceleration, velocity[1] + step**2 * spread, acceleration])
@@ -317,10 +340,11 @@ class PAlpaca(nn.Module):
         """Solve the open block and commit it; of its two velocities the newest goes on."""
         packed = state["block"]
         measured = packed[:, 8 * self.axles :]
-        rows = regression_rows(packed, self.contact(state["expected"]))
+        contact, theta = self.contact(state["expected"]), torch.cat([state["expected"][:2], torch.ones_like(state["expected"][:1])])
+        rows = regression_rows(packed, likely_inputs(packed, contact, theta, self.every_row), contact)
         velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
         columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0)  # needs every wheel
-        step = measured[:, 6] * rows.used[:, 0]
+        step = measured[:, -2] * rows.used[:, 0]
         expansion = state["expected"][self.first_constant : self.size - 2]
         averaged = block_rows(rows, columns, step, velocity, expansion, self.fixed_columns, self.link_variance)
         state = self.born(state)

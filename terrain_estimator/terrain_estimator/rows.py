@@ -8,10 +8,17 @@ Rows (A axles, p wheels per axle, m mass, g gravity, al = contact angle relative
     1        cos ab           = SUM_k p (N_k cos al_k + T_k sin al_k) / (m g)   [1]       balance normal to the body
     2..A+1   torque_k         = M_k                                             [N m]     drive torque of one wheel
     A+2      acceleration     = SUM_k p (T_k cos al_k - N_k sin al_k) / m       [m/s^2]   specific force of the imu
+    A+3      0                = moment of the rover about its centre of mass / (m g b)     [1]
+    A+4      0                = moment of the bogie about its pivot / (m g b)              [1]       b wheelbase
 
-(Banerjee et al. eqs. 1, 15 and 17 with gravity along the slope; Iagnemma et al. 2004 for the torque.) Each measured
-slip, sinkage and angle enters several rows, so its error is carried along as one unit-variance source per value and
-turned into the full covariance of the rows, not into a variance of each.
+(Banerjee et al. eqs. 1, 15 and 17 with gravity along the slope; Iagnemma et al. 2004 for the torque; the moments are those
+of terramechanics.suspension.) The load and moment rows need no force sensor: together they say what each axle carries.
+Each measured slip, sinkage and angle enters several rows, so its error is carried along as one unit-variance source per
+value and turned into the full covariance of the rows, not into a variance of each. The bogie's encoder is taken for exact.
+
+The rows are linear in those errors only near the true inputs: a sinkage of 1.3 mm measured to 0.3 mm is far from them, and
+forces that are convex in it come out 1.5 % too large. So they are expanded not where the inputs were measured but where
+all rows of the instant agree best (``likely_inputs``), as orthogonal distance regression does in every iteration.
 """
 
 from typing import NamedTuple
@@ -19,14 +26,19 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from terrain_estimator.gaussian import cholesky
 from terramechanics.contact import in_range, wheel_forces
+from terramechanics.suspension import Geometry, axle_places, balances, directions
 
 PA_PER_UNIT = 1000.0
 """c is carried in kPa, so that both parameters are of order one."""
 
+MOMENT_VARIANCE = 1e-6
+"""[1] Of a moment row of one observation: what the joints' friction and a rolling wheel's own inertia may amount to, 0.1 % of m g b."""
+
 
 class Rows(NamedTuple):
-    """The rows of n observations: R = A + 3 rows, E = 3 A + 1 sources of noise, each of unit variance.
+    """The rows of n observations: R = A + 5 rows, E = 3 A + 1 sources of noise, each of unit variance.
 
     The leading C = 1 + M: first the values, then their change for one prior deviation of each uncertain soil constant.
     """
@@ -40,14 +52,7 @@ class Rows(NamedTuple):
 
 def row_names(axles: int) -> tuple[str, ...]:
     """Names of the rows, in their order."""
-    return ("velocity", "load", *(f"torque_{k}" for k in range(axles)), "acceleration")
-
-
-def turn(forces: Tensor, angle: Tensor) -> Tensor:
-    """Forces [..., A, 3, 3] turned by the contact angles [..., A] into the body: [..., A, 2, 3], along x and normal to it."""
-    cosine, sine = torch.cos(angle).unsqueeze(-1), torch.sin(angle).unsqueeze(-1)
-    normal, traction = forces[..., 0, :], forces[..., 1, :]
-    return torch.stack([traction * cosine - normal * sine, normal * cosine + traction * sine], dim=-2)
+    return ("velocity", "load", *(f"torque_{k}" for k in range(axles)), "acceleration", "moment", "bogie_moment")
 
 
 class Contact(NamedTuple):
@@ -57,7 +62,9 @@ class Contact(NamedTuple):
     varied: Tensor  # [C, 6] nothing, then a thousandth of the prior deviation of each of M uncertain constants
     nodes: Tensor  # of terramechanics.contact.quadrature
     column_unit: Tensor  # [3] Pa per kPa, 1, 1
-    body_scale: Tensor  # [2, 1] p / m [1/kg] and p / (m g) [1/N]
+    geometry: Geometry
+    body_scale: Tensor  # [4] p / m [1/kg], p / (m g) [1/N], and twice p / (m g b) [1/(N m)]
+    moment_variance: float  # [1] of the moment rows themselves
     stand_in: Tensor  # [8, 1] harmless values of the packed groups, for a wheel that is not usable
     gravity: float  # [m/s^2]
     radius: float  # [m]
@@ -76,12 +83,15 @@ def drive_row(wheels: Tensor, contact: Contact) -> Tensor:
     """
     constants = (contact.constants + contact.varied).unsqueeze(1)
     forces = wheel_forces(wheels[0], wheels[2], constants, contact.radius, contact.width, contact.nodes) * contact.column_unit
-    row = (turn(forces, wheels[4])[:, :, 0] * contact.body_scale[0]).sum(1)
+    along = directions(wheels[4])[:, 0].unsqueeze(-1)
+    row = (along * forces).sum([1, 2]) * contact.body_scale[0]
     return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
 
 
 def force_changes(wheels: Tensor, contact: Contact) -> Tensor:
     """Forces and their change for one standard deviation of slip and of sinkage: [3, C, n, A, 3, 3], as ``wheel_forces``.
+
+    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed groups.
 
     The change is a central difference over plus and minus one deviation, so that a curved law is averaged over the
     spread of its input; a sinkage smaller than its deviation is varied by less. C as in Rows.
@@ -104,36 +114,106 @@ def force_changes(wheels: Tensor, contact: Contact) -> Tensor:
     return torch.cat([central.unsqueeze(1), changes], 1) * contact.column_unit
 
 
-def regression_rows(packed: Tensor, contact: Contact) -> Rows:
-    """Rows of n packed observations [n, 8 A + 8]; a wheel that is not usable takes the rows that need it along."""
-    axles = (packed.shape[1] - 8) // 8
+def body_parts(forces: Tensor, wheels: Tensor, bogie_angle: Tensor, contact: Contact) -> tuple[Tensor, Tensor]:
+    """What each wheel contributes to the four balances of the body, [..., n, 4, A, 3] for forces [..., n, A, 3, 3].
+
+    And its change for one standard deviation of the contact angle, of the first of the ``forces`` alone [C, n, A, 3, 3].
+    """
+    axle, action = axle_places(contact.geometry, bogie_angle), directions(wheels[:, 4])
+    along, up, turn = action.unbind(-2)
+    turned = torch.stack([-up, along, torch.zeros_like(turn)], -2) * wheels[:, 5].unsqueeze(-1).unsqueeze(-1)
+    scale = contact.body_scale.view(4, 1, 1)
+    part, change = (balances(contact.geometry, axle, x) * scale for x in (action, turned))
+    return (part.unsqueeze(-1) * forces.unsqueeze(-4)).sum(-2), (change.unsqueeze(-1) * forces[0].unsqueeze(-4)).sum(-2)
+
+
+def values_alone(contact: Contact) -> Contact:
+    """The same without the changes for uncertain constants (TorchScript has no ``_replace``)."""
+    return Contact(
+        contact.constants, contact.varied[:1], contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
+        contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
+    )  # fmt: skip
+
+
+class Wheels(NamedTuple):
+    """The wheels of n observations and where their forces are expanded."""
+
+    measured: Tensor  # [n, 8, A] packed groups, harmless where a wheel is not usable
+    usable: Tensor  # [n, A] bool
+    forces: Tensor  # [3, C, n, A, 3, 3] at the measured inputs, expanded; their change with slip and with sinkage
+
+
+def expanded_wheels(packed: Tensor, likely: Tensor, contact: Contact) -> Wheels:
+    """Forces at the measured slips and sinkages, to first order around those of ``likely``; both [n, 8 A + SCALARS]."""
+    axles = contact.geometry.axle_x.shape[0]
     wheels = packed[:, : 8 * axles].view(-1, 8, axles)
     usable = usable_wheels(wheels, contact)
     wheels = torch.where(usable.unsqueeze(1), wheels, contact.stand_in)
-    forces = force_changes(wheels, contact)
-    turned = turn(forces, wheels[:, 4])
-    scale = contact.body_scale
-    by_angle = torch.stack([-turned[0, :, :, :, 1], turned[0, :, :, :, 0]], dim=3) * wheels[:, 5].unsqueeze(-1).unsqueeze(-1)
-    body_noise = (torch.cat([turned[1], turned[2], by_angle], 2) * scale).transpose(2, 3)  # [C, n, 2, 3 A, 3]
-    nominal = torch.cat([(turned[0] * scale).sum(2), forces[0, :, :, :, 2]], 2)
+    place = torch.where(usable.unsqueeze(1), likely[:, : 8 * axles].view(-1, 8, axles), contact.stand_in)
+    forces = force_changes(place, contact)
+    away = torch.stack([(wheels[:, 0] - place[:, 0]) / wheels[:, 1], (wheels[:, 2] - place[:, 2]) / wheels[:, 3]])
+    shifted = forces[0] + (away.view(2, 1, -1, axles, 1, 1) * forces[1:]).sum(0)
+    return Wheels(wheels, usable, torch.cat([shifted.unsqueeze(0), forces[1:]]))
+
+
+LARGEST_ERROR = 3.0
+"""[standard deviations] by which an input is moved at most."""
+
+
+def likely_inputs(packed: Tensor, contact: Contact, theta: Tensor, chosen: Tensor, largest: float = LARGEST_ERROR) -> Tensor:
+    """Packed observations with each slip and sinkage where the rows of its instant agree best, given ``theta`` [3].
+
+    One step of the projection that orthogonal distance regression makes, e = G' S^-1 r, by the rows that are ``chosen``
+    [R] (1 or 0), without the velocity's, whose dv/dt no single instant measures. As a place to expand the rows around, it
+    need not be exact, nor ``theta`` = (c [kPa], tan phi, 1).
+    """
+    axles = contact.geometry.axle_x.shape[0]
+    rows = regression_rows(packed, packed, values_alone(contact))
+    used = (rows.used * chosen)[:, 1:]
+    noise = (rows.noise[0, :, 1:] @ theta) * used.unsqueeze(-1)
+    residual = (rows.target[:, 1:] - rows.features[0, :, 1:] @ theta) * used
+    covariance = noise @ noise.transpose(1, 2) + torch.diag_embed(rows.variance[:, 1:] * used + (1.0 - used))
+    error = (noise.transpose(1, 2) @ torch.cholesky_solve(residual.unsqueeze(-1), cholesky(covariance))).squeeze(-1)
+    error = error.clamp(-largest, largest)
+    wheels = packed[:, : 8 * axles].view(-1, 8, axles)
+    slip = wheels[:, 0] + wheels[:, 1] * error[:, :axles]
+    sinkage = torch.maximum(wheels[:, 2] + wheels[:, 3] * error[:, axles : 2 * axles], 0.3 * wheels[:, 2])
+    moved = torch.cat([torch.stack([slip, wheels[:, 1], sinkage], 1), wheels[:, 3:]], 1)
+    possible = usable_wheels(moved, contact).unsqueeze(1)
+    return torch.cat([torch.where(possible, moved, wheels).flatten(1), packed[:, 8 * axles :]], 1)
+
+
+def regression_rows(packed: Tensor, likely: Tensor, contact: Contact) -> Rows:
+    """Rows of n packed observations [n, 8 A + SCALARS], expanded around the inputs of ``likely``, which has the same shape.
+
+    A wheel that is not usable takes the rows that need it along.
+    """
+    axles = contact.geometry.axle_x.shape[0]
+    wheels, usable, forces = expanded_wheels(packed, likely, contact)
+    scalars = packed[:, 8 * axles :]
+    bogie = torch.isfinite(scalars[:, 6])
+    parts, by_angle = body_parts(forces, wheels, torch.where(bogie, scalars[:, 6], 0.0), contact)
+    body, body_noise = parts[0].sum(-2), torch.cat([parts[1], parts[2], by_angle], -2)  # [C, n, 4, 3], [C, n, 4, 3 A, 3]
     eye = torch.eye(axles, dtype=packed.dtype).unsqueeze(-1)
     own = [eye * forces[1, :, :, :, 2].unsqueeze(2), eye * forces[2, :, :, :, 2].unsqueeze(2)]
     torque_noise = torch.cat([own[0], own[1], torch.zeros_like(own[0])], 3)  # [C, n, A, 3 A, 3]
-    noise = torch.cat([body_noise, torque_noise, body_noise[:, :, :1]], 2)
+    noise = torch.cat([body_noise[:, :, :2], torque_noise, body_noise[:, :, :1], body_noise[:, :, 2:]], 2)
 
-    pitch, pitch_sd = packed[:, 8 * axles + 2], packed[:, 8 * axles + 3]
+    pitch, pitch_sd = scalars[:, 2], scalars[:, 3]
     tilt = torch.zeros_like(noise[:, :, :, :1])
     tilt[0, :, 0, 0, 2] = -contact.gravity * torch.cos(pitch) * pitch_sd
     tilt[0, :, 1, 0, 2] = torch.sin(pitch) * pitch_sd
     every = usable.all(1, keepdim=True)
-    measured = torch.cat([packed[:, 6 * axles : 7 * axles], packed[:, 8 * axles + 4 : 8 * axles + 5]], 1)
-    measured_sd = torch.cat([packed[:, 7 * axles : 8 * axles], packed[:, 8 * axles + 5 : 8 * axles + 6]], 1)
+    measured = torch.cat([packed[:, 6 * axles : 7 * axles], scalars[:, 4:5]], 1)
+    measured_sd = torch.cat([packed[:, 7 * axles : 8 * axles], scalars[:, 5:6]], 1)
     holds = torch.isfinite(measured) & torch.isfinite(measured_sd) & torch.cat([usable, every], 1)
     balance = torch.stack([contact.gravity * torch.sin(pitch), torch.cos(pitch)], 1)
+    carried = every & bogie.unsqueeze(1)
+    nothing = torch.zeros_like(balance)
     return Rows(
-        features=torch.cat([nominal, nominal[:, :, :1]], 2),
+        features=torch.cat([body[:, :, :2], forces[0, :, :, :, 2], body[:, :, :1], body[:, :, 2:]], 2),
         noise=torch.cat([noise, tilt], 3),
-        target=torch.cat([balance, torch.where(holds, measured, 0.0)], 1),
-        variance=torch.cat([torch.zeros_like(balance), torch.where(holds, measured_sd**2, 0.0)], 1),
-        used=torch.cat([every, every, holds], 1).to(packed.dtype),
+        target=torch.cat([balance, torch.where(holds, measured, 0.0), nothing], 1),
+        variance=torch.cat([nothing, torch.where(holds, measured_sd**2, 0.0), nothing + contact.moment_variance], 1),
+        used=torch.cat([every, every, holds, carried, carried], 1).to(packed.dtype),
     )

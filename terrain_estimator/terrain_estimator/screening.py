@@ -21,6 +21,7 @@ from terrain_estimator.outcome import Outcome
 NOISE_BOUND = 4.0
 """[standard deviations] what noise explains: further outside the possible range a value is a sensor error."""
 
+_STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
 _STANDSTILL_BOUND = 3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
 
 
@@ -137,9 +138,12 @@ def _wheel_fault(wheel: tuple[float, ...], radius: float, config: CoreConfig) ->
 
 
 def _mask_optional(observation: Observation, changes: dict[str, Floats | float]) -> list[str]:
-    """Mask torque and acceleration that are given but unusable. NaN is a sensor that is not there, and no fault."""
+    """Mask torque, acceleration and bogie angle that are given but unusable. NaN is a sensor that is not there, and no fault."""
     details = []
-    torque, acceleration = observation.torque, observation.acceleration
+    torque, acceleration, bogie = observation.torque, observation.acceleration, observation.bogie_angle
+    if not math.isnan(bogie) and not abs(bogie) < _STEEPEST_BOGIE:
+        changes["bogie_angle"] = math.nan
+        details.append(f"bogie angle {bogie:g} rad is not within +-{_STEEPEST_BOGIE:g}")
     if not math.isnan(acceleration) and not (math.isfinite(acceleration) and _is_deviation(observation.acceleration_sd)):
         changes["acceleration"] = math.nan
         details.append(f"acceleration {acceleration:g} m/s^2 with standard deviation {observation.acceleration_sd:g}")

@@ -35,7 +35,7 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """Measured values and standard deviations (``_sd``); shapes as in the Sample. Wheel rates are exact."""
+    """Measured values and standard deviations (``_sd``); shapes as in the Sample. Wheel rates are exact, as is the bogie's angle."""
 
     slip: Tensor
     slip_sd: Tensor
@@ -52,6 +52,7 @@ class Measurement:
     pitch_sd: Tensor
     acceleration: Tensor  # specific force dv/dt + g sin ab
     acceleration_sd: Tensor  # noise and bias together
+    bogie_angle: Tensor  # [rad] an encoder's, exact
 
 
 LEAST_FACTOR = 1e-3
@@ -94,7 +95,7 @@ def measure(rover: Rover, sample: Sample, noise: Noise, bias: Tensor, generator:
     force, force_sd = measured(sample.specific_force(rover.gravity) + bias, 0.0, noise.acceleration)
     return Measurement(
         slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, sample.wheel_rate, torque, torque_sd,
-        velocity, velocity_sd, pitch, pitch_sd, force, math.sqrt(2.0) * force_sd,
+        velocity, velocity_sd, pitch, pitch_sd, force, math.sqrt(2.0) * force_sd, sample.bogie_angle,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ of the body. Wheels roll on the undisturbed profile: sinkage is small beside the
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -74,6 +75,57 @@ class Body:
         return Body(self.gravity, mass, x, height, None if self.outer is None else self.outer[index])
 
 
+class Geometry(NamedTuple):
+    """Where the forces of a rover act, in the body frame; for functions that TorchScript compiles."""
+
+    axle_x: Tensor  # [axles] [m]
+    centre: Tensor  # [2] centre of mass [m]
+    pivot: Tensor  # [2] of the bogie [m]
+    radius: float  # [m] of the wheels
+
+
+def geometry_of(rover: Rover) -> Geometry:
+    """The geometry of ``rover``."""
+    centre = torch.tensor((rover.centre_of_mass_x, rover.centre_of_mass_height), dtype=torch.float64)
+    pivot = torch.tensor((rover.bogie_pivot_x, rover.bogie_pivot_height), dtype=torch.float64)
+    return Geometry(torch.tensor(rover.axle_x, dtype=torch.float64), centre, pivot, rover.wheel_radius)
+
+
+def axle_places(geometry: Geometry, bogie: Tensor) -> Tensor:
+    """x and z of the axles in the body frame, [..., axles, 2] [m], with the bogie turned by ``bogie`` [...] [rad] nose-up."""
+    sine, cosine = torch.sin(bogie).unsqueeze(-1), torch.cos(bogie).unsqueeze(-1)
+    arm, drop = geometry.axle_x[1:] - geometry.pivot[0], geometry.radius - geometry.pivot[1]
+    along = geometry.pivot[0] + arm * cosine - drop * sine
+    up = geometry.pivot[1] + arm * sine + drop * cosine
+    front = torch.zeros_like(sine)
+    return torch.stack([torch.cat([front + geometry.axle_x[0], along], -1), torch.cat([front + geometry.radius, up], -1)], -1)
+
+
+def directions(contact_angle: Tensor) -> Tensor:
+    """What N, T, M of a wheel do along body x, along body z and about the axle: [..., axles, 3, 3] for angles [..., axles]."""
+    sine, cosine = torch.sin(contact_angle), torch.cos(contact_angle)
+    zero = torch.zeros_like(sine)
+    along = torch.stack([-sine, cosine, zero], dim=-1)
+    up = torch.stack([cosine, sine, zero], dim=-1)
+    return torch.stack([along, up, torch.stack([zero, zero, zero + 1.0], dim=-1)], dim=-2)
+
+
+def balances(geometry: Geometry, axle: Tensor, action: Tensor) -> Tensor:
+    """Force and moment balances as functions of N, T, M of one wheel an axle: shape [..., 4, axles, 3].
+
+    Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre of mass [N m], moment
+    of the bogie about its pivot [N m]. The bogie has no mass, so its row sums to zero; the ground acts on an axle with
+    N, T and, by way of the motor's mount, with the moment M of the shear stresses. ``axle`` from :func:`axle_places`,
+    ``action`` from :func:`directions`.
+    """
+    along, up, turn = action.unbind(-2)
+    from_centre, from_pivot = (axle - geometry.centre).unsqueeze(-1), (axle - geometry.pivot).unsqueeze(-1)
+    whole = from_centre[..., 0, :] * up - from_centre[..., 1, :] * along + turn
+    bogie = from_pivot[..., 0, :] * up - from_pivot[..., 1, :] * along + turn
+    carried = torch.cat([torch.zeros_like(bogie[..., :1, :]), bogie[..., 1:, :]], dim=-2)
+    return torch.stack([along, up, whole, carried], dim=-3)
+
+
 def level_pose(rover: Rover, x: Tensor) -> Pose:
     """The pose on level ground at height 0, body origin at ``x`` [batch] [m]: a start for :func:`solve_pose`."""
     zero = torch.zeros_like(x)
@@ -90,9 +142,10 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
     ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan h'(s). Raises TerrainError where the profile is
     curved more sharply than the wheel.
     """
+    geometry = geometry_of(rover)
     contact, height, pitch, bogie = start.contact + (x - start.x).unsqueeze(-1), start.height, start.pitch, start.bogie_angle
     for _ in range(MAX_ITERATIONS):
-        axle = _axles(rover, bogie)
+        axle = axle_places(geometry, bogie)
         x_axle, z_axle = _to_world(axle, x, height, pitch)
         ground, slope, curvature = profile.shape(contact)
         cosine = torch.rsqrt(1.0 + slope**2)
@@ -108,20 +161,7 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
             break
     # One more move of the contacts would change them by less than the tolerance; the angles follow from the last slope.
     angle = torch.atan(profile.shape(contact)[1])
-    return Pose(x, height, pitch, bogie, contact, angle - pitch.unsqueeze(-1), _axles(rover, bogie))
-
-
-def _axles(rover: Rover, bogie: Tensor) -> Tensor:
-    """Axles in the body frame [batch, 3, 2]: the bogie's turn about its pivot by ``bogie`` [batch]."""
-    sine, cosine = torch.sin(bogie), torch.cos(bogie)
-    drop = rover.wheel_radius - rover.bogie_pivot_height
-    front = torch.stack([torch.full_like(bogie, rover.axle_x[0]), torch.full_like(bogie, rover.wheel_radius)], dim=-1)
-    turned = [front]
-    for axle_x in rover.axle_x[1:]:
-        arm = axle_x - rover.bogie_pivot_x
-        along = rover.bogie_pivot_x + arm * cosine - drop * sine
-        turned.append(torch.stack([along, rover.bogie_pivot_height + arm * sine + drop * cosine], dim=-1))
-    return torch.stack(turned, dim=-2)
+    return Pose(x, height, pitch, bogie, contact, angle - pitch.unsqueeze(-1), axle_places(geometry, bogie))
 
 
 def _to_world(point: Tensor, x: Tensor, height: Tensor, pitch: Tensor) -> tuple[Tensor, Tensor]:
@@ -153,29 +193,17 @@ def _corrected(
 def balance_matrix(rover: Rover, pose: Pose, body: Body | None = None) -> Tensor:
     """Balances of the rover as functions of the wheels' N, T, M: shape [batch, 4, axles, 3].
 
-    Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre of mass [N m], moment
-    of the bogie about its pivot [N m]. All wheels of an axle are counted. The bogie has no mass, so its row sums to zero;
-    the ground acts on an axle with N, T and, by way of the motor's mount, with the moment M of the shear stresses.
-    ``body`` is by default that of the rover.
+    The rows are those of :func:`balances`; all wheels of an axle are counted. ``body`` is by default that of the rover.
     """
-    body = body or Body.of(rover)
-    sine, cosine = torch.sin(pose.contact_angle), torch.cos(pose.contact_angle)
-    zero, one = torch.zeros_like(sine), torch.ones_like(sine)
-    along = torch.stack([-sine, cosine, zero], dim=-1)
-    up = torch.stack([cosine, sine, zero], dim=-1)
-    turn = torch.stack([zero, zero, one], dim=-1)
-
-    def moment(x: float | Tensor, z: float | Tensor) -> Tensor:
-        return (pose.axle[..., 0:1] - _per_wheel(x)) * up - (pose.axle[..., 1:2] - _per_wheel(z)) * along + turn
-
-    whole = moment(body.x, body.height)
-    bogie = moment(rover.bogie_pivot_x, rover.bogie_pivot_height) * torch.tensor([[0.0], [1.0], [1.0]], dtype=sine.dtype)
-    return torch.stack([along, up, whole, bogie], dim=-3) * float(rover.wheels_per_axle)
+    geometry = geometry_of(rover)
+    if body is not None:
+        geometry = geometry._replace(centre=torch.stack([_per_axle(body.x), _per_axle(body.height)], dim=-1))
+    return balances(geometry, pose.axle, directions(pose.contact_angle)) * float(rover.wheels_per_axle)
 
 
-def _per_wheel(value: float | Tensor) -> float | Tensor:
-    """A number, or [batch] as [batch, 1, 1]."""
-    return value[..., None, None] if isinstance(value, Tensor) else value
+def _per_axle(value: float | Tensor) -> Tensor:
+    """A number as it is, [batch] as [batch, 1]."""
+    return value.unsqueeze(-1) if isinstance(value, Tensor) else torch.tensor(value, dtype=torch.float64)
 
 
 def balance_target(body: Body, pitch: Tensor, acceleration: Tensor) -> Tensor:

@@ -270,6 +270,19 @@ def test_an_infinite_torque_is_left_out_and_said() -> None:
     assert "infinite effort" in conversion.notes[0]
 
 
+def test_the_bogie_angle_is_the_mean_of_the_named_joints_nose_up() -> None:
+    def angle(config: ConversionConfig | None = None, **changes: Any) -> float:
+        return observed(convert(config=config or ConversionConfig(), joint_states=joint_states(OFFLINE, **changes))).bogie_angle
+
+    position = [9.0, *[5.0] * 6, 0.04]
+    assert angle(position=position) == pytest.approx(0.04)
+    assert angle(ConversionConfig(bogie_nose_down=True), position=position) == pytest.approx(-0.04)
+    both: dict[str, Any] = {"name": ["left_bogie", *WHEELS, "right_bogie"], "position": [0.02, *[5.0] * 6, 0.04]}
+    assert angle(ConversionConfig(bogie_joint="left_bogie, right_bogie"), **both) == pytest.approx(0.03)
+    assert math.isnan(angle(**both))
+    assert math.isnan(angle(position=[]))
+
+
 def test_joint_states_of_something_else_are_not_measured() -> None:
     other = joint_states(OFFLINE, name=["arm"], velocity=[1.0], effort=[1.0], position=[0.0])
     result = observed(convert(joint_states=other))

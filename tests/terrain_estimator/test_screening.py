@@ -54,6 +54,14 @@ def at(axle: int, value: float, others: float) -> Any:
     return values
 
 
+@pytest.mark.parametrize("angle", [math.inf, 30.0, -1.3])
+def test_a_bogie_angle_that_no_bogie_has_is_masked_and_named(angle: float) -> None:
+    result = verdict(bogie_angle=angle)
+    assert result.outcome.used
+    assert math.isnan(result.observation.bogie_angle)
+    assert f"bogie angle {angle:g}" in result.detail
+
+
 def test_a_good_observation_passes_unchanged() -> None:
     good = observe()
     result = screen(good, good.stamp_ns - 1, RADIUS, CONFIG)

@@ -136,7 +136,7 @@ def _velocity(cells: list[Cell]) -> str:
 def _reference(checks: list[ReferenceCheck]) -> str:
     explanation = (
         "The posterior on a grid over (c, tan phi), with velocity and bias marginalised exactly at each point, from the same block rows;\n"
-        "rows v+L+M, exact constants. Distances in standard deviations of the grid posterior, c / tan phi.\n\n"
+        f"rows {EVERY_ROW}, exact constants. Distances in standard deviations of the grid posterior, c / tan phi.\n\n"
     )
     head = ("rover", "soil", "episodes", "median shift", "largest shift", "published / grid deviation")
     lines = []

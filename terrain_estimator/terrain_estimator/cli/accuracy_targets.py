@@ -5,7 +5,7 @@
 from collections.abc import Callable, Iterator
 
 from terrain_estimator.learning.accuracy import ParameterScore, Share
-from terrain_estimator.learning.study import EVERY_ROW, Cell
+from terrain_estimator.learning.study import TARGET_ROWS, Cell
 
 MOST_OF_BOUND = 1.3
 """[1] Ratio of error to bound."""
@@ -21,7 +21,7 @@ _NAMES = ("c", "tan phi")
 
 def verdicts(cells: list[Cell]) -> list[tuple[str, str, str, str]]:
     """What is meant, the target, what was found, and yes or no, for all targets that ``cells`` can tell."""
-    hills = [c for c in cells if (c.schedule, c.truth, c.rows, c.model) == ("S1", "prior", EVERY_ROW, "physics")]
+    hills = [c for c in cells if (c.schedule, c.truth, c.model) == ("S1", "prior", "physics") and c.rows in TARGET_ROWS]
     lines = [*_median_errors(hills)]
     lines += _worst("error / bound where identified, worst cell", f"at most {MOST_OF_BOUND}", hills, _ratio)
     exact, wrong = [c for c in hills if not c.spread], [c for c in hills if c.spread]
@@ -41,7 +41,7 @@ def _yes(met: bool) -> str:  # noqa: FBT001 (one flag, its name is the function'
 
 
 def _name(cell: Cell) -> str:
-    return f"{cell.rover}, {cell.soil}, {'5 % wrong' if cell.spread else 'exact'}"
+    return f"{cell.rover}, {cell.soil}, {'5 % wrong' if cell.spread else 'exact'}, {cell.rows}"
 
 
 def _median_errors(hills: list[Cell]) -> Iterator[tuple[str, str, str, str]]:

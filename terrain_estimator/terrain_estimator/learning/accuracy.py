@@ -24,13 +24,13 @@ from terramechanics.soil import Soil
 TIMES_S = (5.0, 10.0, 20.0, 40.0)
 """[s] Times at which estimates are judged; a drive lasts until the last."""
 PARAMETERS = ("cohesion", "tan_phi")
-ROWS = {"v": (1, 0, 0), "v+L": (1, 1, 0), "v+L+M": (1, 1, 1)}
-"""Rows that an estimator is given: velocity, load, torques; the accelerometer never."""
+ROWS = {"v": (1, 0, 0, 0), "v+L": (1, 1, 0, 0), "v+L+M": (1, 1, 1, 0), "v+L+M+B": (1, 1, 1, 1)}
+"""Rows that an estimator is given: velocity, load, torques, moment balances; the accelerometer never."""
 CONFIDENCE = 0.99
 """[1] Of the limits of a coverage."""
 HALF_NORMAL_MEDIAN = float(norm.ppf(0.75))
 """[standard deviations] median of |x|."""
-_ACCELERATION = -4  # place in a packed observation
+_ACCELERATION = -5  # place in a packed observation
 _SETTLED_S = 5.0  # velocity predictions are judged from here on
 
 
@@ -97,9 +97,9 @@ class Score:
 
 
 def row_mask(rows: str, axles: int) -> Tensor:
-    """The mask [A + 3] that belongs to a name in ROWS."""
-    velocity, load, torque = ROWS[rows]
-    return torch.tensor([velocity, load, *([torque] * axles), 0], dtype=torch.float64)
+    """The mask [A + 5] that belongs to a name in ROWS."""
+    velocity, load, torque, moment = ROWS[rows]
+    return torch.tensor([velocity, load, *([torque] * axles), 0, moment, moment], dtype=torch.float64)
 
 
 def draw_drives(rover: Rover, soil: Soil, schedule: str, episodes: int, spread: float, seed: int, band: Band | None = None) -> Drives:

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, block_rows, gauss_newton
 from terrain_estimator.gaussian import cholesky, log_determinant
 from terrain_estimator.palpaca import PAlpaca, State
-from terrain_estimator.rows import regression_rows, usable_wheels
+from terrain_estimator.rows import Rows, likely_inputs, regression_rows, row_names, usable_wheels
 
 CHUNK = 8
 """Blocks whose rows are computed at once, so that they stay in the processor's cache."""
@@ -46,7 +46,7 @@ class Layout:
 
 
 def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
-    """Blocks of packed drives [N, T, 8 A + 8], of which only the first ``ends`` [N] observations count."""
+    """Blocks of packed drives [N, T, 8 A + 9], of which only the first ``ends`` [N] observations count."""
     drives, time, size = packed.shape
     axles = model.axles
     usable = usable_wheels(packed[..., : 8 * axles].reshape(-1, 8, axles), model.nominal_contact()).all(1).view(drives, time)
@@ -73,7 +73,7 @@ def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
 
 
 def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = None, rows: Tensor | None = None) -> Trace:
-    """Run ``model`` over packed drives [N, T, 8 A + 8] from its own prior.
+    """Run ``model`` over packed drives [N, T, 8 A + 9] from its own prior.
 
     The estimates are those published after the observations ``times`` [K] (counted from 0). A drive ends with its first
     ``ends`` [N] observations and keeps its last estimate. ``rows`` [R] is 1 for the rows that may be used, 0 for others.
@@ -81,7 +81,7 @@ def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = Non
     drives, time, _ = packed.shape
     layout = lay_out(model, packed, torch.full((drives,), time) if ends is None else ends)
     packed = torch.where(layout.linked.unsqueeze(-1), packed, torch.cat([packed[..., :-2], torch.zeros_like(packed[..., -2:])], -1))
-    mask = torch.ones(model.axles + 3, dtype=torch.float64) if rows is None else rows
+    mask = torch.ones(len(row_names(model.axles)), dtype=torch.float64) if rows is None else rows
     with torch.inference_mode():
         state = {name: value.expand(drives, *value.shape).clone() for name, value in model.initial().items() if name != "block"}
         trace = _empty(state, drives, time, layout.first.shape[1], times.shape[0], model)
@@ -128,7 +128,7 @@ def _groups(layout: Layout, j: int) -> Iterator[tuple[Tensor, Tensor, bool]]:
 
 
 def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, target: _Target) -> None:
-    """Take the observations [G, n, 8 A + 8] of a block, close it, and write state and results of its drives in place."""
+    """Take the observations [G, n, 8 A + 9] of a block, close it, and write state and results of its drives in place."""
     chosen, trace = target.chosen, target.trace
     part = {name: value[chosen] for name, value in state.items()}
     for i in range(packed.shape[1]):
@@ -155,14 +155,13 @@ def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: 
 
 
 def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
-    """``PAlpaca.close`` for blocks [G, n, 8 A + 8] of G drives."""
-    own_rows = torch.vmap(lambda block, expected: regression_rows(block, model.contact(expected)), chunk_size=CHUNK)
-    rows = own_rows(packed, state["expected"])
+    """``PAlpaca.close`` for blocks [G, n, 8 A + 9] of G drives."""
+    rows = torch.vmap(lambda block, expected: _rows(model, block, expected, mask), chunk_size=CHUNK)(packed, state["expected"])
     rows = rows._replace(used=rows.used * mask)
     columns = torch.where(rows.used[..., :1].unsqueeze(-1) > 0.0, torch.vmap(model.learnt)(packed), 0.0)
     measured = packed[..., 8 * model.axles :]
     velocity = torch.stack([measured[..., 0], measured[..., 1] ** 2], -1)
-    step = measured[..., 6] * rows.used[..., 0]
+    step = measured[..., -2] * rows.used[..., 0]
     expansion = state["expected"][:, model.first_constant : model.size - 2]
     average = torch.vmap(block_rows, in_dims=(0, 0, 0, 0, 0, None, None))
     averaged = average(rows, columns, step, velocity, expansion, model.fixed_columns, model.link_variance)
@@ -176,6 +175,11 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     state["drive"] = torch.stack([state["drive"][:, 0], noise.square().sum(-1).mean(-1), state["drive"][:, 2]], 1)
     state["misfit"] = torch.stack([state["misfit"][:, 0], averaged.present.sum(-1) - 1.0], 1)
     return state
+
+
+def _rows(model: PAlpaca, block: Tensor, expected: Tensor, mask: Tensor) -> Rows:
+    contact, theta = model.contact(expected), torch.cat([expected[:2], torch.ones_like(expected[:1])])
+    return regression_rows(block, likely_inputs(block, contact, theta, mask), contact)
 
 
 def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:

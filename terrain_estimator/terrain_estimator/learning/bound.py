@@ -16,7 +16,7 @@ from terrain_estimator.block import block_rows, row_noise
 from terrain_estimator.gaussian import cholesky, drop, symmetrize
 from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.palpaca import PAlpaca
-from terrain_estimator.rows import PA_PER_UNIT, Contact, Rows, regression_rows, turn, usable_wheels
+from terrain_estimator.rows import PA_PER_UNIT, Contact, Rows, body_parts, regression_rows, row_names, usable_wheels, values_alone
 from terramechanics.contact import CONSTANTS, wheel_forces
 
 CHUNK = 500
@@ -69,16 +69,15 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known) -> Tensor:
     packed = tasks.true.reshape(-1, size)
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = theta.repeat_interleave(time, 0)
-    mask = torch.ones(model.axles + 3, dtype=torch.float64) if known.rows is None else known.rows
-    contact = model.nominal_contact()
-    contact = contact._replace(varied=contact.varied[:1])
+    mask = torch.ones(len(row_names(model.axles)), dtype=torch.float64) if known.rows is None else known.rows
+    contact = values_alone(model.nominal_contact())
     constants = contact.constants.expand(batch, 6) if known.constants is None else known.constants
     constants = constants.repeat_interleave(time, 0).unsqueeze(1)  # [n, 1, 6], for every axle
     pieces = []
     for start in range(0, packed.shape[0], CHUNK):
         here = slice(start, start + CHUNK)
         local = contact._replace(constants=constants[here])
-        rows = regression_rows(packed[here], local)
+        rows = regression_rows(packed[here], packed[here], local)
         rows = rows._replace(used=rows.used * mask)
         columns = _by_constants(packed[here], local, theta[here]) if known.constants_sd else rows.features[0, ..., :0]
         pieces.append(
@@ -91,9 +90,10 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known) -> Tensor:
 
 def _by_constants(packed: Tensor, contact: Contact, theta: Tensor) -> Tensor:
     """Change of the rows for a relative change of each soil constant at the true ``theta`` [n, 2], shape [n, R, 6]."""
-    axles = (packed.shape[1] - 8) // 8
+    axles = contact.geometry.axle_x.shape[0]
     wheels = packed[:, : 8 * axles].view(-1, 8, axles)
     wheels = torch.where(usable_wheels(wheels, contact).unsqueeze(1), wheels, contact.stand_in)
+    bogie = packed[:, 8 * axles + 6].nan_to_num()
     homogeneous = torch.cat([theta, torch.ones_like(theta[:, :1])], 1).view(-1, 1, 3, 1)
 
     def at(index: int, factor: float) -> Tensor:
@@ -101,19 +101,19 @@ def _by_constants(packed: Tensor, contact: Contact, theta: Tensor) -> Tensor:
         changed[..., index] *= factor
         forces = wheel_forces(wheels[:, 0], wheels[:, 2], changed, contact.radius, contact.width, contact.nodes)
         values = (forces * contact.column_unit) @ homogeneous
-        body = (turn(values, wheels[:, 4]) * contact.body_scale).sum(1)[..., 0]
-        return torch.cat([body, values[:, :, 2, 0], body[:, :1]], 1)
+        body = body_parts(values.unsqueeze(0).unsqueeze(0), wheels, bogie, contact)[0][0, 0].sum(-2)[..., 0]
+        return torch.cat([body[:, :2], values[:, :, 2, 0], body[:, :1], body[:, 2:]], 1)
 
     return torch.stack([(at(k, 1.0 + _STEP) - at(k, 1.0 - _STEP)) / (2.0 * _STEP) for k in range(len(CONSTANTS))], -1)
 
 
 def _information(model: PAlpaca, fields: tuple[Tensor, ...]) -> Tensor:
-    """J' S^-1 J of one observation: its rows, columns of unknown constants, packed [8 A + 8], ``theta`` [2]."""
+    """J' S^-1 J of one observation: its rows, columns of unknown constants, packed [8 A + 9], ``theta`` [2]."""
     features, noise, *others, columns, packed, theta = fields
     alone = Rows(features[None, None], noise[None, None], *(field.unsqueeze(0) for field in others))
     measured = packed[8 * model.axles :]
     velocity = torch.stack([measured[0], measured[1] ** 2]).unsqueeze(0)
-    step = (measured[6] * measured[7] * alone.used[0, 0]).unsqueeze(0)
+    step = (measured[-2] * measured[-1] * alone.used[0, 0]).unsqueeze(0)
     nothing = packed.new_zeros(0)
     averaged = block_rows(alone, columns.unsqueeze(0), step, velocity, nothing, model.fixed_columns, model.link_variance)
     _, covariance = row_noise(averaged, torch.cat([theta, torch.ones_like(theta[:1])]).unsqueeze(0))

@@ -17,7 +17,7 @@ from terramechanics.rover import Rover
 from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import Soil
 
-VERSION = "3"
+VERSION = "4"
 """Of the model's structure and training, part of the model's id."""
 
 
@@ -52,7 +52,7 @@ def export(model: PAlpaca, rover: Rover, soil: Soil, training: Training, path: P
 
 
 def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:
-    """The exported file gives the Python model's numbers for packed ``observations`` [n, 8 A + 8].
+    """The exported file gives the Python model's numbers for packed ``observations`` [n, 8 A + 9].
 
     Raises ModelFileError with the largest difference where it does not.
     """

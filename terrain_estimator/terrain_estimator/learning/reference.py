@@ -15,7 +15,7 @@ from terrain_estimator.block import BlockRows, block_rows, row_noise
 from terrain_estimator.gaussian import cholesky, drop, log_determinant
 from terrain_estimator.learning.batched import lay_out
 from terrain_estimator.palpaca import PAlpaca
-from terrain_estimator.rows import regression_rows
+from terrain_estimator.rows import likely_inputs, regression_rows
 
 POINTS, REACH = 49, 6.0
 """Points of the grid along each axis, and its half width in standard deviations of the model's posterior."""
@@ -38,7 +38,7 @@ class _Bank(NamedTuple):
 
 
 def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor, mean: Tensor, covariance: Tensor) -> Reference:
-    """Posterior of one drive [T, 8 A + 8] of ``end`` observations under ``model``, for exact constants and without a net.
+    """Posterior of one drive [T, 8 A + 9] of ``end`` observations under ``model``, for exact constants and without a net.
 
     The grid lies around ``mean`` [2] along the axes of ``covariance`` [2, 2], the model's own posterior.
     """
@@ -55,7 +55,7 @@ def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor, mean:
         linked = bool(layout.linked[0, first])
         if not linked:
             bank = _unlink(model, bank)
-        bank = _close(bank, _rows(model, packed[first : first + length], mask, linked=linked), theta)
+        bank = _close(bank, _rows(model, packed[first : first + length], mean, mask, linked=linked), theta)
     weight = torch.softmax(bank.log_weight, 0)
     centre = weight @ points
     spread = points - centre
@@ -79,11 +79,12 @@ def _unlink(model: PAlpaca, bank: _Bank) -> _Bank:
     return _Bank(torch.cat([mean, torch.zeros_like(mean)], 1), opened, bank.log_weight)
 
 
-def _rows(model: PAlpaca, packed: Tensor, mask: Tensor, *, linked: bool) -> BlockRows:
-    rows = regression_rows(packed, model.nominal_contact())
+def _rows(model: PAlpaca, packed: Tensor, mean: Tensor, mask: Tensor, *, linked: bool) -> BlockRows:
+    contact, theta = model.nominal_contact(), torch.cat([mean / model.unit, torch.ones_like(mean[:1])])
+    rows = regression_rows(packed, likely_inputs(packed, contact, theta, mask), contact)
     rows = rows._replace(used=rows.used * mask)
     measured = packed[:, 8 * model.axles :]
-    step = measured[:, 6] * rows.used[:, 0]
+    step = measured[:, -2] * rows.used[:, 0]
     step = step if linked else torch.cat([torch.zeros_like(step[:1]), step[1:]])
     velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
     return block_rows(rows, rows.features[0, ..., :0], step, velocity, step[:0], model.fixed_columns, model.link_variance)

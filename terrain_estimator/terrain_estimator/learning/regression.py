@@ -25,7 +25,7 @@ class Regression:
     nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, uncertain soil constants [prior deviations]
     target: Tensor  # [tasks, blocks, Q] less the constant features
     whitener: Tensor  # [tasks, blocks, Q, Q] inverse Cholesky factor of the rows' noise
-    inputs: Tensor  # [tasks, blocks, BLOCK, 8 A + 8] measured observations, inputs of the network
+    inputs: Tensor  # [tasks, blocks, BLOCK, 8 A + 9] measured observations, inputs of the network
     valid: Tensor  # [tasks, blocks] 1 where every observation of the block is usable
 
 
@@ -43,7 +43,7 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     count, time, size = tasks.true.shape
     blocks, axles = time // BLOCK, model.axles
     packed = tasks.true[:, : blocks * BLOCK].reshape(-1, size)
-    rows = regression_rows(packed, model.nominal_contact())
+    rows = regression_rows(packed, packed, model.nominal_contact())
     kept = axles + 2
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = torch.cat([theta, torch.ones(count, 1, dtype=torch.float64)], 1)

@@ -25,7 +25,7 @@ CONSTANTS_SPREAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Tasks:
-    """A batch of drives: packed observations [batch, time, 8 A + 8], and what is true."""
+    """A batch of drives: packed observations [batch, time, 8 A + 9], and what is true."""
 
     measured: Tensor
     true: Tensor  # the same without noise, deviations as measured
@@ -49,10 +49,10 @@ def random_ground(soil: Soil, batch: int, generator: torch.Generator, spread: fl
 
 
 def pack_measurement(measurement: Measurement) -> Tensor:
-    """Packed observations [batch, time, 8 A + 8] of a batch of drives; every one is linked to the one before."""
+    """Packed observations [batch, time, 8 A + 9] of a batch of drives; every one is linked to the one before."""
     groups = torch.stack([getattr(measurement, name) for name in AXLE_FIELDS], dim=2)
     batch, time = measurement.velocity.shape
-    names = ("velocity", "velocity_sd", "pitch", "pitch_sd", "acceleration", "acceleration_sd")
+    names = ("velocity", "velocity_sd", "pitch", "pitch_sd", "acceleration", "acceleration_sd", "bogie_angle")
     scalars = [getattr(measurement, name).expand(batch, time) for name in names]
     step = torch.full((batch, time), TIME_STEP, dtype=torch.float64)
     linked = torch.ones(batch, time, dtype=torch.float64)

@@ -14,6 +14,7 @@ from terrain_estimator.net import NetFeatures
 from terrain_estimator.palpaca import Body, PAlpaca, Prior
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
+from terramechanics.suspension import geometry_of
 
 PRIOR = Prior(
     cohesion_pa=2750.0, cohesion_sd_pa=1300.0, tan_phi=0.6, tan_phi_sd=0.22, acceleration_bias_sd=0.02, constants_sd=0.05 / 3**0.5
@@ -47,7 +48,9 @@ class Progress:
 
 def build_model(rover: Rover, soil: Soil, columns: int, hidden: int, prior: Prior = PRIOR) -> PAlpaca:
     """An untrained model of a rover on a soil."""
-    body = Body(len(rover.axle_x), rover.wheels_per_axle, rover.mass, rover.gravity, rover.wheel_radius, rover.wheel_width)
+    body = Body(
+        len(rover.axle_x), rover.wheels_per_axle, rover.mass, rover.gravity, rover.wheel_radius, rover.wheel_width, geometry_of(rover)
+    )
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
     sizes = [0.05 * rover.gravity, 0.05] + [0.05 * torque] * body.axles  # what a learnt effect may amount to
     net = NetFeatures(body.axles, columns, hidden, 0.1 * rover.wheel_radius, torch.tensor(sizes, dtype=torch.float64))

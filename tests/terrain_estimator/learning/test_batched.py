@@ -47,12 +47,12 @@ def test_a_masked_row_is_a_row_that_was_not_measured() -> None:
     loaded = load_model("mars_rover-loose_sand")
     tasks = draw_tasks(loaded.rover, loaded.metadata.soil, "S1", 6.0, 3, torch.Generator().manual_seed(6))
     model, times = physics_alone(loaded.rover, loaded.metadata.soil, exact=True), torch.tensor([59])
-    mask = torch.ones(6, dtype=torch.float64)
+    mask = torch.ones(8, dtype=torch.float64)
     mask[2:5] = 0.0
     unmeasured = tasks.measured.clone()
     unmeasured[..., 18:21] = torch.nan
     masked = run(model, tasks.measured, times, rows=mask)
     torch.testing.assert_close(masked.mean, run(model, unmeasured, times).mean, rtol=1e-9, atol=0.0)
-    nothing = run(model, tasks.measured, times, rows=torch.zeros(6, dtype=torch.float64))
+    nothing = run(model, tasks.measured, times, rows=torch.zeros(8, dtype=torch.float64))
     torch.testing.assert_close(nothing.mean[:, 0], model.prior_mean.expand(3, 2), rtol=1e-6, atol=0.0)
     assert (masked.covariance[:, 0, 0, 0] < 0.9 * nothing.covariance[:, 0, 0, 0]).all()
