@@ -5,14 +5,18 @@
 import argparse
 import dataclasses
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import torch
 
 from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.training_curves import draw_curves
 from terrain_estimator.learning.export import check_export, export
-from terrain_estimator.learning.tasks import draw_tasks
+from terrain_estimator.learning.generation import Chunk, Order, Spread, generate
+from terrain_estimator.learning.loss import Orthogonality
+from terrain_estimator.learning.regression import Regression
+from terrain_estimator.learning.tasks import BENCHMARK, PAPER, draw_tasks
 from terrain_estimator.learning.training import Progress, Recipe, build_model, train
 from terrain_estimator.model_file import MODELS, ModelFileError, Training
 from terramechanics.loading import ConfigError
@@ -21,6 +25,13 @@ from terramechanics.soil import Soil, load_soil
 
 _CHECKED_OBSERVATIONS = 50
 _SMOOTHED = 20  # iterations in the loss that the metadata state
+_FEW = 1000
+"""Drives up to which this process draws them alone: starting two workers takes as long as 150 drives."""
+_STRENGTHS = {"benchmark": BENCHMARK, "paper": PAPER}
+
+
+class DeviceError(ValueError):
+    """The device that was asked for is not there."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -31,13 +42,22 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.write(f"train: --tasks {args.tasks} --iterations {args.iterations}: give at least {Recipe().batch} and 1\n")
         return 2
     try:
+        device = choose_device(args.device)
         for rover_name in args.rover:
             for soil_name in args.soil:
-                _train_one(load_rover(rover_name), load_soil(soil_name), args)
-    except (ConfigError, ModelFileError, OSError) as error:
+                _train_one(load_rover(rover_name), load_soil(soil_name), args, device)
+    except (ConfigError, ModelFileError, OSError, ValueError) as error:
         sys.stderr.write(f"train: {error}\n")
         return 2
     return 0
+
+
+def choose_device(name: str) -> torch.device:
+    """The device of a training: ``auto`` is the GPU where torch sees one, else the CPU. Raises DeviceError."""
+    there = torch.cuda.is_available()
+    if name == "cuda" and not there:
+        raise DeviceError("--device cuda: torch sees no GPU; install its CUDA build (docs/installation.md), or take --device cpu")
+    return torch.device("cuda" if there and name != "cpu" else "cpu")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -48,18 +68,51 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=MODELS, help="folder of the model files")
     parser.add_argument("--curves", type=Path, default=Path("out/train"), help="folder of the pictures of the training")
     parser.add_argument("--seed", type=int, default=recipe.seed, help="of everything that is drawn")
-    parser.add_argument("--iterations", type=int, default=recipe.iterations, help="training iterations")
-    parser.add_argument("--tasks", type=int, default=recipe.tasks, help="simulated drives")
+    parser.add_argument("--tasks", type=int, default=400, help="simulated drives")
+    parser.add_argument("--strength", choices=_STRENGTHS, default="benchmark", help="where c and phi of the drives come from")
+    parser.add_argument(
+        "--hidden-effects", type=float, default=0.4, help="share of the drives in which each effect acts that the physics lacks"
+    )
+    parser.add_argument(
+        "--scheduler", default="", help="address of a dask.distributed scheduler that draws the drives; default: this machine"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=0, help="processes of this machine that draw them; 0: one, for many drives one for each CPU"
+    )
+    parser.add_argument(
+        "--device", choices=("auto", "cpu", "cuda"), default="auto", help="where the net is trained; auto: on a GPU where there is one"
+    )
+    parser.add_argument("--iterations", type=int, default=recipe.iterations, help="training iterations of 20 drives")
+    parser.add_argument("--columns", type=int, default=recipe.columns, help="learnt features")
+    parser.add_argument("--hidden", type=int, default=recipe.hidden, help="width of the two hidden layers")
+    penalties = [penalty.name.lower() for penalty in Orthogonality]
+    parser.add_argument("--orthogonality", choices=penalties, default=recipe.orthogonality.name.lower(), help="kind of the penalty")
+    parser.add_argument("--orthogonality-strength", type=float, default=recipe.strength, help="its weight")
     return parser
 
 
-def _train_one(rover: Rover, soil: Soil, args: argparse.Namespace) -> None:
-    recipe = dataclasses.replace(Recipe(), seed=args.seed, iterations=args.iterations, tasks=args.tasks)
-    model = build_model(rover, soil, recipe.columns, recipe.hidden)
+def recipe_of(args: argparse.Namespace) -> Recipe:
+    """The recipe that the arguments ask for."""
+    return dataclasses.replace(
+        Recipe(),
+        seed=args.seed,
+        iterations=args.iterations,
+        columns=args.columns,
+        hidden=args.hidden,
+        orthogonality=Orthogonality[args.orthogonality.upper()],
+        strength=args.orthogonality_strength,
+    )
+
+
+def _train_one(rover: Rover, soil: Soil, args: argparse.Namespace, device: torch.device) -> None:
+    recipe = recipe_of(args)
     name = f"{rover.name}-{soil.name}"
+    order = Order(rover, soil, args.tasks, args.seed, strength=_STRENGTHS[args.strength], share=args.hidden_effects)
+    data = draw(order, args.scheduler, args.workers)
+    model = build_model(rover, soil, recipe.columns, recipe.hidden)
     history: list[Progress] = []
-    with ProgressReport(f"{name}: simulating {recipe.tasks} drives, training") as report:
-        for progress in train(model, rover, soil, recipe):
+    with ProgressReport(f"{name}: training on {device}") as report:
+        for progress in train(model, data, recipe, device):
             history.append(progress)
             report.at((progress.iteration + 1) / recipe.iterations, f"loss {progress.loss:.3f}")
     tail = [progress.loss for progress in history[-_SMOOTHED:]]
@@ -73,22 +126,24 @@ def _train_one(rover: Rover, soil: Soil, args: argparse.Namespace) -> None:
     sys.stdout.write(f"{path}: {metadata.size} bytes, loss {training.loss:.3f} nat a row, curves in {curves}\n")
 
 
-def draw_curves(history: list[Progress], path: Path, title: str) -> None:
-    """Loss and overlap over the iterations, as a PNG."""
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt  # noqa: PLC0415 (after the choice of a backend without display)
+def draw(order: Order, scheduler: str, workers: int) -> Regression:
+    """The drives of an order, drawn by a cluster where one is named or where there are many."""
+    with ProgressReport(f"{order.rover.name}-{order.soil.name}: simulating {order.drives} drives") as report:
 
-    figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(7, 5), layout="constrained")
-    steps = [progress.iteration for progress in history]
-    upper.plot(steps, [progress.loss for progress in history], linewidth=0.8)
-    upper.axhline(1.419, color="grey", linestyle=":", label="unit noise alone: (1 + log 2 pi) / 2")
-    upper.set(ylabel="loss [nat per row]", title=title, ylim=(1.3, 2.5))
-    upper.legend()
-    lower.semilogy(steps, [progress.overlap for progress in history], linewidth=0.8)
-    lower.set(ylabel="overlap with physics [1]", xlabel="iteration")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+        def watched(spread: Spread) -> Spread:
+            def told(function: Callable[[Chunk], Regression], chunks: Sequence[Chunk]) -> Iterator[Regression]:
+                for index, piece in enumerate(spread(function, chunks)):
+                    report.at((index + 1) / len(chunks))
+                    yield piece
+
+            return told
+
+        if not scheduler and workers < 2 and (workers == 1 or order.drives <= _FEW):
+            return generate(order, watched(map))
+        from terrain_estimator.cli.cluster import cluster  # noqa: PLC0415 (dask takes a second, and most trainings do without)
+
+        with cluster(scheduler, workers or None) as spread:
+            return generate(order, watched(spread))
 
 
 if __name__ == "__main__":

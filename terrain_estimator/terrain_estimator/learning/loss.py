@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The meta-learning loss of P-ALPaCA and its orthogonality penalty."""
+"""The meta-learning loss of P-ALPaCA, its orthogonality penalties and its positivity term."""
 
 import math
+from enum import Enum
 
 import torch
 from torch import Tensor
@@ -27,19 +28,74 @@ def log_marginal(features: Tensor, target: Tensor, weight: Tensor, mean: Tensor,
     return -0.5 * (misfit + volume + weight.sum(-1) * math.log(2.0 * math.pi))
 
 
-def negative_log_predictive(features: Tensor, target: Tensor, valid: Tensor, context: Tensor, mean: Tensor, precision: Tensor) -> Tensor:
+def negative_log_predictive(
+    features: Tensor, target: Tensor, valid: Tensor, context: Tensor, mean: Tensor, precision: Tensor, cost: Tensor | None = None
+) -> Tensor:
     """Mean negative log predictive density of a row after a context, a scalar [nat].
 
-    ``features`` [tasks, blocks, Q, D]; the first ``context`` [tasks] blocks are given, the rest is predicted:
-    -[log p(x_1..T) - log p(x_1..C)] / (rows predicted).
+    ``features`` [tasks, blocks, Q, D] in units of the noise; the first ``context`` [tasks] blocks are given, the rest is
+    predicted: -[log p(x_1..T) - log p(x_1..C)] / (rows predicted). ``cost`` [tasks, blocks] is what the units cost a block.
     """
     tasks, blocks, rows, size = features.shape
-    every = valid.unsqueeze(-1).expand(tasks, blocks, rows).reshape(tasks, -1)
-    given = (torch.arange(blocks) < context.unsqueeze(-1)).to(valid.dtype)
-    before = (valid * given).unsqueeze(-1).expand(tasks, blocks, rows).reshape(tasks, -1)
+    given = (torch.arange(blocks, device=context.device) < context.unsqueeze(-1)).to(valid.dtype)
+    every, before = ((here.unsqueeze(-1).expand(tasks, blocks, rows)).reshape(tasks, -1) for here in (valid, valid * given))
     flat, values = features.reshape(tasks, -1, size), target.reshape(tasks, -1)
     gained = log_marginal(flat, values, every, mean, precision) - log_marginal(flat, values, before, mean, precision)
-    return -gained.sum() / (every.sum() - before.sum()).clamp(min=1.0)
+    lost = gained.new_zeros(()) if cost is None else (cost * valid * (1.0 - given)).sum()
+    return (lost - gained.sum()) / (every.sum() - before.sum()).clamp(min=1.0)
+
+
+class Orthogonality(Enum):
+    """What keeps learnt features from taking over what c and tan phi mean."""
+
+    PAPER = "the paper's penalty, on features as they are, divided by the number of tasks"
+    WHITENED = "squared cosines between nominal and learnt features"
+    SPAN = "share of the learnt features that lies in the span of the nominal ones"
+
+
+def whiten(columns: Tensor, covariance: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """Columns [..., Q, D] in units of the noise of their rows, and what that costs in log density [...].
+
+    The rows have the ``covariance`` [..., Q, Q] of the sensors and a learnt variance ``noise`` [Q] besides. The cost is
+    the log of the volume that the latter adds: 0 where nothing is learnt.
+    """
+    factor = cholesky(covariance + torch.diag(noise))
+    cost = 0.5 * (log_determinant(factor) - log_determinant(cholesky(covariance)))
+    return torch.linalg.solve_triangular(factor, columns, upper=False), cost
+
+
+def span_share(nominal: Tensor, learnt: Tensor, valid: Tensor) -> Tensor:
+    """Share of the squared length of ``learnt`` [tasks, blocks, Q, K] that lies in the span of ``nominal``, a scalar in [0, 1].
+
+    In each task by itself, over all its valid blocks. Where it is zero the marginal posterior of the nominal parameters is
+    that of the physics alone.
+    """
+    weight = valid.view(*valid.shape, 1, 1)
+    basis = torch.linalg.qr((nominal * weight).flatten(1, 2).detach()).Q  # the span is given, and a task without blocks has no gradient
+    columns = (learnt * weight).flatten(1, 2)
+    inside = (basis.transpose(1, 2) @ columns).square().sum(1)
+    return (inside / columns.square().sum(1).clamp(min=1e-12)).mean()
+
+
+def paper_penalty(features: Tensor) -> Tensor:
+    """SUM_tasks SUM_rows || I - 1/T SUM_t phi phi' ||_F^2 of ``features`` [tasks, T, rows, D] (Banerjee et al. eq. 24).
+
+    c in kPa, learnt features as they leave the net.
+    """
+    steps, size = features.shape[1], features.shape[-1]
+    second = torch.einsum("btri,btrj->brij", features, features) / steps
+    return (torch.eye(size, dtype=features.dtype, device=features.device) - second).square().sum()
+
+
+def shortfall(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -> Tensor:
+    """How far the posterior means of c [kPa] and tan phi after every whole task lie below zero, averaged; a scalar.
+
+    ``features`` [tasks, T, D] and ``target`` [tasks, T] in units of the noise.
+    """
+    gathered = features.transpose(1, 2) @ features + torch.diag(precision)
+    pull = (features.transpose(1, 2) @ target.unsqueeze(-1)) + (precision * mean).unsqueeze(-1)
+    estimate = torch.cholesky_solve(pull, cholesky(gathered)).squeeze(-1)
+    return torch.relu(-estimate[:, :2]).sum(-1).mean()
 
 
 def overlap(nominal: Tensor, learnt: Tensor, valid: Tensor) -> Tensor:

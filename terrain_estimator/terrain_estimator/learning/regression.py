@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Training tasks as whitened linear regressions: what the network is trained on.
+"""Training tasks as linear regressions: what the network is trained on.
 
 The nominal features are those of the TRUE slip and sinkage and the noise of the rows, propagated from the sensors, is
 added to the target. So the network learns what the physics misses, not the bias that noisy regressors cause, which
 the online recursion removes by itself.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import torch
@@ -20,13 +21,26 @@ from terrain_estimator.rows import PA_PER_UNIT, regression_rows
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Whitened blocks of a batch of tasks: rows velocity, load, torques; Q = A + 2 of them a block."""
+    """Blocks of a batch of tasks: rows velocity, load, torques; Q = A + 2 of them a block. Zero where a block is not valid."""
 
     nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, uncertain soil constants [prior deviations]
     target: Tensor  # [tasks, blocks, Q] less the constant features
-    whitener: Tensor  # [tasks, blocks, Q, Q] inverse Cholesky factor of the rows' noise
-    inputs: Tensor  # [tasks, blocks, BLOCK, 8 A + 9] measured observations, inputs of the network
+    covariance: Tensor  # [tasks, blocks, Q, Q] of the rows' noise
+    inputs: Tensor  # [tasks, blocks, 8 A + 9] mean measured observations, inputs of the network
     valid: Tensor  # [tasks, blocks] 1 where every observation of the block is usable
+
+    @classmethod
+    def join(cls, pieces: Sequence["Regression"]) -> "Regression":
+        """The tasks of all."""
+        return cls(*(torch.cat([getattr(piece, field.name) for piece in pieces]) for field in fields(cls)))
+
+    def of(self, chosen: Tensor) -> "Regression":
+        """The tasks with the indices ``chosen``."""
+        return Regression(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def to(self, device: torch.device) -> "Regression":
+        """The same on a device."""
+        return Regression(*(getattr(self, field.name).to(device) for field in fields(self)))
 
 
 CHUNK = 8
@@ -34,9 +48,8 @@ CHUNK = 8
 
 
 def regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Regression:
-    """Average the rows of each second, whiten them with their own noise, and add noise of unit variance."""
-    pieces = [_regression(model, chunk, generator) for chunk in tasks.split(CHUNK)]
-    return Regression(*(torch.cat([getattr(piece, field.name) for piece in pieces]) for field in fields(Regression)))
+    """Average the rows of each second and add noise of their covariance."""
+    return Regression.join([_regression(model, chunk, generator) for chunk in tasks.split(CHUNK)])
 
 
 def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Regression:
@@ -59,10 +72,29 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     own[..., 0] = 2.0 * (velocity_sd / step) ** 2 / BLOCK  # two means of ten velocities, a block apart
     specific_force = packed[:, 8 * axles + 4].reshape(shape).mean(2)
     target[..., 0] = specific_force  # dv/dt + g sin ab, without noise here
-    factor = cholesky(noise @ noise.transpose(2, 3) + torch.diag_embed(own))
-    whitener = torch.linalg.solve_triangular(factor, torch.eye(kept, dtype=torch.float64).expand_as(factor), upper=False)
-    clean = (whitener @ (target - features[..., 2]).unsqueeze(-1)).squeeze(-1)
-    shaken = clean + torch.randn(clean.shape, generator=generator, dtype=torch.float64)
-    valid = tasks.usable[:, : blocks * BLOCK].reshape(shape).all(2)
-    inputs = tasks.measured[:, : blocks * BLOCK].reshape(*shape, size)
-    return Regression(whitener @ torch.cat([features[..., :2], by_constant], -1), shaken, whitener, inputs, valid.to(torch.float64))
+    covariance = noise @ noise.transpose(2, 3) + torch.diag_embed(own)
+    shaken = (cholesky(covariance) @ torch.randn(*target.shape, 1, generator=generator, dtype=torch.float64)).squeeze(-1)
+    in_range = (rows.used[:, :kept].reshape(*shape, kept) > 0.0).flatten(2).all(2)
+    return _only_valid(
+        Regression(
+            nominal=torch.cat([features[..., :2], by_constant], -1),
+            target=target - features[..., 2] + shaken,
+            covariance=covariance,
+            inputs=tasks.measured[:, : blocks * BLOCK].reshape(*shape, size).mean(2),
+            valid=(tasks.usable[:, : blocks * BLOCK].reshape(shape).all(2) & in_range).to(torch.float64),
+        )
+    )
+
+
+def _only_valid(data: Regression) -> Regression:
+    """Harmless numbers where a block is not valid, so that no NaN enters a gradient."""
+    there = data.valid > 0.0
+    column, square = there.unsqueeze(-1), there.unsqueeze(-1).unsqueeze(-1)
+    unit = torch.eye(data.target.shape[-1], dtype=torch.float64)
+    return Regression(
+        nominal=torch.where(square, data.nominal, 0.0),
+        target=torch.where(column, data.target, 0.0),
+        covariance=torch.where(square, data.covariance, unit),
+        inputs=torch.where(column, data.inputs, 0.0),
+        valid=data.valid,
+    )

@@ -3,6 +3,7 @@
 """Training tasks: drives on random ground, as packed observations, in batches."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -10,15 +11,32 @@ from torch import Tensor
 
 from terrain_estimator.packing import AXLE_FIELDS
 from terramechanics.ground import Ground, Patch
+from terramechanics.plant import Plant
 from terramechanics.rover import Rover
-from terramechanics.sample import Drive
+from terramechanics.sample import Drive, Sample
 from terramechanics.sensors import Measurement, Noise, measure_drive
 from terramechanics.simulation import TIME_STEP, simulate
 from terramechanics.soil import Soil
 
-COHESION_PA = (500.0, 5000.0)
-FRICTION_ANGLE = (math.radians(15.0), math.radians(45.0))
-"""[rad] Range of the tasks, as that of COHESION_PA [Pa]: that of the benchmarks."""
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Where c [Pa] and phi [rad] come from: uniform over unions of disjoint intervals."""
+
+    cohesion: tuple[tuple[float, float], ...]
+    angle: tuple[tuple[float, float], ...]
+
+
+def degrees(*ends: float) -> tuple[float, float]:
+    """An interval in radians."""
+    low, high = ends
+    return math.radians(low), math.radians(high)
+
+
+BENCHMARK = Range(((500.0, 5000.0),), (degrees(15.0, 45.0),))
+"""Where the benchmarks draw from."""
+PAPER = Range(((500.0, 700.0), (1300.0, 5000.0)), (degrees(0.0, 20.0), degrees(45.0, 60.0)))
+"""The paper's training tasks (Banerjee et al., section V): its test tasks lie in the gaps."""
 CONSTANTS_SPREAD = 0.05
 """[1] Each soil constant of a training task is wrong by up to this share: that is what the net can learn."""
 
@@ -32,17 +50,35 @@ class Tasks:
     strength: Tensor  # [batch, 2] c [Pa], tan phi
     usable: Tensor  # [batch, time] bool: moving, not stuck, every wheel in range
 
+    @classmethod
+    def joined(cls, parts: Sequence["Tasks"]) -> "Tasks":
+        """The drives of all parts."""
+        return cls(*(torch.cat([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
     def split(self, size: int) -> list["Tasks"]:
         """The same in batches of ``size`` drives."""
         pieces = zip(*(getattr(self, field.name).split(size) for field in fields(self)), strict=True)
         return [Tasks(*piece) for piece in pieces]
 
 
-def random_ground(soil: Soil, batch: int, generator: torch.Generator, spread: float = CONSTANTS_SPREAD) -> Ground:
-    """One ground a drive: c and phi uniform in the ranges above, each soil constant uniform within +-``spread``."""
+def uniform(intervals: tuple[tuple[float, float], ...], share: Tensor) -> Tensor:
+    """The points of a union of disjoint intervals that have this ``share`` [1] of its length before them."""
+    ends = torch.tensor(intervals, dtype=torch.float64)
+    if len(intervals) == 1:
+        return ends[0, 0] + (ends[0, 1] - ends[0, 0]) * share
+    length = ends[:, 1] - ends[:, 0]
+    place = share * length.sum()
+    before = torch.cumsum(length, 0) - length
+    index = (place.unsqueeze(-1) >= before).sum(-1) - 1
+    return ends[index, 0] + place - before[index]
+
+
+def random_ground(
+    soil: Soil, batch: int, generator: torch.Generator, spread: float = CONSTANTS_SPREAD, strength: Range = BENCHMARK
+) -> Ground:
+    """One ground a drive: c and phi as ``strength`` says, each soil constant uniform within +-``spread``."""
     unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
-    cohesion = COHESION_PA[0] + (COHESION_PA[1] - COHESION_PA[0]) * unit[:, 0]
-    angle = FRICTION_ANGLE[0] + (FRICTION_ANGLE[1] - FRICTION_ANGLE[0]) * unit[:, 1]
+    cohesion, angle = uniform(strength.cohesion, unit[:, 0]), uniform(strength.angle, unit[:, 1])
     error = 2.0 * torch.rand(batch, 6, generator=generator, dtype=torch.float64) - 1.0
     constants = soil.constants() * (1.0 + spread * error)
     return Ground([Patch(constants, torch.stack([cohesion, torch.tan(angle)], 1), name=soil.name)])
@@ -61,22 +97,42 @@ def pack_measurement(measurement: Measurement) -> Tensor:
 
 
 def draw_tasks(
-    rover: Rover, soil: Soil, schedule: str, duration_s: float, batch: int, generator: torch.Generator, spread: float = CONSTANTS_SPREAD
+    rover: Rover,
+    soil: Soil,
+    schedule: str,
+    duration_s: float,
+    batch: int,
+    generator: torch.Generator,
+    spread: float = CONSTANTS_SPREAD,
+    strength: Range = BENCHMARK,
+    plant: Plant | None = None,
 ) -> Tasks:
-    """Simulate and measure a batch of drives; the same state of the generator gives the same tasks."""
-    drive = simulate(rover, random_ground(soil, batch, generator, spread), schedule, duration_s, generator, batch)
+    """Simulate and measure a batch of drives; the same state of the generator gives the same tasks.
+
+    ``plant`` holds what acts besides the nominal model.
+    """
+    drive = simulate(rover, random_ground(soil, batch, generator, spread, strength), schedule, duration_s, generator, batch, plant=plant)
     return measure_tasks(drive, Noise(), generator)
 
 
 def measure_tasks(drive: Drive, noise: Noise, generator: torch.Generator) -> Tasks:
-    """Measured and true observations of a batch of drives. Torque is that on the ground, without wheel inertia."""
-    rover, sample = drive.rover, drive.sample
-    sample = replace(sample, torque=sample.ground_torque)
+    """Measured and true observations of a batch of drives. Torque is that of the motor, without wheel inertia.
+
+    Where effects act between truth and sensors, what the sensors are given stands for the truth.
+    """
+    rover, sample = drive.rover, drive.seen
+    sample = replace(sample, torque=sample.ground_torque if sample is drive.sample else _without_inertia(rover, sample))
     measured = pack_measurement(measure_drive(rover, sample, noise, generator))
     true = pack_measurement(measure_drive(rover, sample, replace(noise, factor=0.0), generator))
     for deviation in _deviations(len(rover.axle_x)):
         true[..., deviation] = measured[..., deviation]
     return Tasks(measured, true, sample.strength[:, 0, 0], drive.measurable())
+
+
+def _without_inertia(rover: Rover, sample: Sample) -> Tensor:
+    """Motor torque [batch, time, axles] less the part that turns the wheel faster, with what friction takes of it."""
+    gain = torch.diff(sample.wheel_rate, dim=1) / TIME_STEP
+    return sample.torque - rover.wheel_inertia * torch.cat([gain[:, :1], gain], 1)
 
 
 def _deviations(axles: int) -> list[int]:

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor, nn
 
-from terrain_estimator.learning.loss import negative_log_predictive, overlap
-from terrain_estimator.learning.regression import Regression, regression
-from terrain_estimator.learning.tasks import draw_tasks
+from terrain_estimator.learning.loss import Orthogonality, negative_log_predictive, overlap, paper_penalty, shortfall, span_share, whiten
+from terrain_estimator.learning.regression import Regression
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.palpaca import Body, PAlpaca, Prior
 from terramechanics.rover import Rover
@@ -20,6 +20,8 @@ PRIOR = Prior(
     cohesion_pa=2750.0, cohesion_sd_pa=1300.0, tan_phi=0.6, tan_phi_sd=0.22, acceleration_bias_sd=0.02, constants_sd=0.05 / 3**0.5
 )
 """Mean and deviation of the benchmarks' draws: c uniform in 0.5 to 5 kPa, phi in 15 to 45 deg, constants within 5 %."""
+LEAST_NOISE = 0.05
+"""[row scale] Learnt noise at the start of a training."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,14 +29,16 @@ class Recipe:
     """Every choice of a training."""
 
     seed: int = 0
-    iterations: int = 400
-    tasks: int = 160
+    iterations: int = 1000
     batch: int = 20
-    duration_s: float = 40.0
-    columns: int = 3
-    hidden: int = 32
-    learning_rate: float = 3e-3
-    orthogonality: float = 1.0  # weight of the overlap of learnt and nominal features
+    columns: int = 6
+    hidden: int = 128
+    learning_rate: float = 3e-3  # of the net, falling to zero along a cosine
+    prior_rate: float = 1e-2  # of prior and noise, likewise
+    orthogonality: Orthogonality = Orthogonality.SPAN
+    strength: float = 0.1  # weight of the orthogonality penalty
+    positivity: float = 1.0  # weight of the mean shortfall of c [kPa] and tan phi below zero
+    caution: float = 10.0  # by which the learnt prior deviations of the net's weights are divided for use
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,7 @@ class Progress:
     """One iteration."""
 
     iteration: int
-    loss: float  # mean negative log predictive density of a row [nat]
+    loss: float  # mean negative log predictive density of a row [nat], less that of the sensors' noise scale
     overlap: float  # squared cosine between learnt and nominal features
 
 
@@ -57,40 +61,79 @@ def build_model(rover: Rover, soil: Soil, columns: int, hidden: int, prior: Prio
     return PAlpaca(body, soil.constants(), prior, net)
 
 
-def train(model: PAlpaca, rover: Rover, soil: Soil, recipe: Recipe) -> Iterator[Progress]:
-    """Train ``model`` in place, yielding after every iteration."""
+class _Learnt(nn.Module):
+    """What is learnt beside the net: prior precision of its weights, and noise that the sensors do not explain."""
+
+    def __init__(self, columns: int, rows: int) -> None:
+        super().__init__()
+        self.log_precision = nn.Parameter(torch.zeros(columns, dtype=torch.float64))
+        self.log_noise = nn.Parameter(torch.full((rows,), LEAST_NOISE, dtype=torch.float64).log())
+
+
+def train(model: PAlpaca, data: Regression, recipe: Recipe, device: torch.device | None = None) -> Iterator[Progress]:
+    """Train net, prior and noise of ``model`` in place on ``data``, yielding after every iteration.
+
+    All random numbers are drawn on the CPU, so that a seed means the same on every device. On the CPU the same seed gives the
+    same model to the byte. The model is left on the CPU.
+    """
+    device = device or torch.device("cpu")
     generator = torch.Generator().manual_seed(recipe.seed)
     for parameter in model.net.parameters():
         bound = parameter.shape[-1] ** -0.5
         torch.nn.init.uniform_(parameter, -bound, bound, generator=generator)
-    data = regression(model, draw_tasks(rover, soil, "S1", recipe.duration_s, recipe.tasks, generator), generator)
-    log_precision = torch.zeros(recipe.columns, dtype=torch.float64, requires_grad=True)
-    optimizer = torch.optim.Adam([*model.net.parameters(), log_precision], lr=recipe.learning_rate)
+    learnt = _Learnt(model.net.columns, data.target.shape[-1])
+    for part in (model, learnt):
+        part.to(device)
+    data = data.to(device)
+    groups = [
+        {"params": list(model.net.parameters()), "lr": recipe.learning_rate},
+        {"params": list(learnt.parameters()), "lr": recipe.prior_rate},
+    ]
+    optimizer = torch.optim.Adam(groups)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, recipe.iterations)
+    tasks, blocks = data.valid.shape
     for iteration in range(recipe.iterations):
-        chosen = torch.randperm(recipe.tasks, generator=generator)[: recipe.batch]
-        context = torch.randint(0, data.valid.shape[1] - 1, (recipe.batch,), generator=generator)
-        loss, shared = _loss(model, data, chosen, context, log_precision)
+        chosen = torch.randperm(tasks, generator=generator)[: recipe.batch]
+        context = torch.randint(0, blocks - 1, (recipe.batch,), generator=generator)
+        loss, shared, penalties = _losses(model, learnt, data.of(chosen.to(device)), context.to(device), recipe)
         optimizer.zero_grad()
-        (loss + recipe.orthogonality * shared).backward()  # type: ignore[no-untyped-call]
+        (loss + penalties).backward()  # type: ignore[no-untyped-call]
         optimizer.step()
+        schedule.step()
         yield Progress(iteration, loss.item(), shared.item())
-    model.net_precision.copy_(log_precision.detach().exp())
+    _adopt(model.cpu(), learnt.cpu(), recipe)
+
+
+def _adopt(model: PAlpaca, learnt: _Learnt, recipe: Recipe) -> None:
+    """Prior and noise as they are used, and parameters without gradients: a scripted module with them fails in inference mode."""
+    model.net_precision.copy_(learnt.log_precision.detach().exp() * recipe.caution**2)
     for parameter in model.net.parameters():
-        parameter.requires_grad = False  # a scripted module with gradients fails where none are recorded
+        parameter.requires_grad = False
 
 
-def _loss(
-    model: PAlpaca, data: Regression, chosen: torch.Tensor, context: torch.Tensor, log_precision: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Predictive loss and overlap of some tasks."""
-    inputs = data.inputs[chosen]
-    rows = data.whitener.shape[-1]
-    columns = model.learnt(inputs.flatten(0, 2))[:, :rows].reshape(*inputs.shape[:3], rows, -1).mean(2)
-    learnt = data.whitener[chosen] @ columns
-    nominal = data.nominal[chosen]
-    others = nominal.new_zeros(nominal.shape[-1] - 2)
-    mean = torch.cat([model.prior_mean / model.unit, others, torch.zeros_like(log_precision)])
-    precision = torch.cat([(model.prior_sd / model.unit) ** -2.0, others + 1.0, log_precision.exp()])
-    features = torch.cat([nominal, learnt], -1)
-    loss = negative_log_predictive(features, data.target[chosen], data.valid[chosen], context, mean, precision)
-    return loss, overlap(nominal[..., :2], learnt, data.valid[chosen])
+def _losses(model: PAlpaca, learnt: _Learnt, data: Regression, context: Tensor, recipe: Recipe) -> tuple[Tensor, Tensor, Tensor]:
+    """Predictive loss, overlap, and weighted penalties of some tasks."""
+    rows, nominal_count = data.target.shape[-1], data.nominal.shape[-1]
+    columns = model.learnt(data.inputs.flatten(0, 1))[:, :rows].reshape(*data.valid.shape, rows, -1)
+    noise = (learnt.log_noise.exp() * model.net.row_scale).square()
+    joined = torch.cat([data.nominal, columns, data.target.unsqueeze(-1)], -1)
+    whitened, cost = whiten(joined, data.covariance, noise)
+    features, target = whitened[..., :-1], whitened[..., -1]
+    others = features.new_zeros(nominal_count - 2)
+    mean = torch.cat([model.prior_mean / model.unit, others, torch.zeros_like(learnt.log_precision)])
+    precision = torch.cat([(model.prior_sd / model.unit) ** -2.0, others + 1.0, learnt.log_precision.exp()])
+    loss = negative_log_predictive(features, target, data.valid, context, mean, precision, cost)
+    nominal, net = features[..., :nominal_count], features[..., nominal_count:]
+    shared = overlap(nominal[..., :2], net, data.valid)
+    penalties = torch.zeros_like(loss)
+    if recipe.strength > 0.0:
+        if recipe.orthogonality is Orthogonality.PAPER:
+            penalty = paper_penalty(joined[..., :-1]) / joined.shape[0]
+        else:
+            penalty = shared if recipe.orthogonality is Orthogonality.WHITENED else span_share(nominal, net, data.valid)
+        penalties = penalties + recipe.strength * penalty
+    if recipe.positivity > 0.0:
+        weight = data.valid.unsqueeze(-1)
+        flat = (features * weight.unsqueeze(-1)).flatten(1, 2), (target * weight).flatten(1, 2)
+        penalties = penalties + recipe.positivity * shortfall(*flat, mean, precision)
+    return loss, shared, penalties

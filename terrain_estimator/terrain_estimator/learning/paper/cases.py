@@ -16,8 +16,9 @@ from terrain_estimator.baselines.interface import Method, Prior
 from terrain_estimator.baselines.least_squares import RecursiveLeastSquares
 from terrain_estimator.baselines.linear import LinearModel
 from terrain_estimator.baselines.palpaca import PaperPAlpaca
+from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.paper.plants import NARROW, TESTING, TRAINING, Plant, draw_drives, vehicle
-from terrain_estimator.learning.paper.training import Orthogonality, Recipe, train
+from terrain_estimator.learning.paper.training import Recipe, train
 from terramechanics.rover import load_rover
 from terramechanics.soil import load_soil
 

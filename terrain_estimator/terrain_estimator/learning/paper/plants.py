@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.baselines.drives import Drives, Vehicle
+from terrain_estimator.learning.tasks import PAPER, Range, degrees, uniform
 from terramechanics.contact import in_range, wheel_forces_linear_stress
 from terramechanics.ground import Ground, Patch
 from terramechanics.rover import Rover
@@ -41,22 +42,15 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Draw:
-    """Where c [Pa] and phi [rad] come from: uniform over intervals; each soil constant is off by up to ``spread``."""
+class Draw(Range):
+    """The same, and each soil constant is off by up to ``spread`` [1]."""
 
-    cohesion: tuple[tuple[float, float], ...]
-    angle: tuple[tuple[float, float], ...]
     spread: float = 0.0
 
 
-def _degrees(*ends: float) -> tuple[float, float]:
-    low, high = ends
-    return math.radians(low), math.radians(high)
-
-
-TRAINING = Draw(((500.0, 700.0), (1300.0, 5000.0)), (_degrees(0.0, 20.0), _degrees(45.0, 60.0)))
-TESTING = Draw(((700.0, 1300.0),), (_degrees(20.0, 45.0),), spread=0.05)
-NARROW = Draw(((700.0, 1300.0),), (_degrees(25.0, 40.0),))
+TRAINING = Draw(PAPER.cohesion, PAPER.angle)
+TESTING = Draw(((700.0, 1300.0),), (degrees(20.0, 45.0),), spread=0.05)
+NARROW = Draw(((700.0, 1300.0),), (degrees(25.0, 40.0),))
 """The band of the authors' code, with exact soil constants."""
 
 
@@ -101,7 +95,8 @@ def draw_drives(
     begun = found = 0
     while found < count:
         size = max(8, count - found)
-        strength = torch.stack([_uniform(draw.cohesion, size, generator), torch.tan(_uniform(draw.angle, size, generator))], 1)
+        share = [torch.rand(size, generator=generator, dtype=torch.float64) for _ in range(2)]
+        strength = torch.stack([uniform(draw.cohesion, share[0]), torch.tan(uniform(draw.angle, share[1]))], 1)
         error = 2.0 * torch.rand(size, 6, generator=generator, dtype=torch.float64) - 1.0
         constants = soil.constants() * (1.0 + draw.spread * error)
         motion = _MOTIONS[plant](rover, constants, strength, duration_s, generator)
@@ -143,16 +138,6 @@ def _joined(parts: list[Drives]) -> Drives:
     names = first.__slots__
     values = {name: torch.cat([getattr(part, name) for part in parts]) for name in names if name != "velocity_sd"}
     return Drives(velocity_sd=first.velocity_sd, **values)
-
-
-def _uniform(intervals: tuple[tuple[float, float], ...], count: int, generator: torch.Generator) -> Tensor:
-    """Uniform over a union of disjoint intervals, [count]."""
-    ends = torch.tensor(intervals, dtype=torch.float64)
-    length = ends[:, 1] - ends[:, 0]
-    place = torch.rand(count, generator=generator, dtype=torch.float64) * length.sum()
-    before = torch.cumsum(length, 0) - length
-    index = (place.unsqueeze(-1) >= before).sum(-1) - 1
-    return ends[index, 0] + place - before[index]
 
 
 def integrated_motion(rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator) -> Motion:

@@ -4,22 +4,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 
 import torch
 from torch import Tensor
 
 from terrain_estimator.baselines.drives import Drives
 from terrain_estimator.baselines.features import LearntModel, Span, net_inputs
-from terrain_estimator.gaussian import cholesky
-from terrain_estimator.learning.loss import negative_log_predictive, overlap
-
-
-class Orthogonality(Enum):
-    """What the strength multiplies."""
-
-    PAPER = "the paper's penalty, on features as they are, divided by the number of tasks"
-    WHITENED = "squared cosines between nominal and learnt features"
+from terrain_estimator.learning.loss import Orthogonality, negative_log_predictive, overlap, paper_penalty, shortfall
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,27 +44,6 @@ class _Data:
     nominal: Tensor  # [tasks, time, 3]
     inputs: Tensor  # [tasks, time, INPUTS]
     increment: Tensor  # [tasks, time]
-
-
-def paper_penalty(features: Tensor) -> Tensor:
-    """SUM_tasks SUM_rows || I - 1/T SUM_t phi phi' ||_F^2 of ``features`` [tasks, T, rows, D] (Banerjee et al. eq. 24).
-
-    c in kPa, increments in m/s, learnt features as they leave the net.
-    """
-    steps, size = features.shape[1], features.shape[-1]
-    second = torch.einsum("btri,btrj->brij", features, features) / steps
-    return (torch.eye(size, dtype=features.dtype) - second).square().sum()
-
-
-def shortfall(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -> Tensor:
-    """How far the posterior means of c [kPa] and tan phi after every whole task lie below zero, averaged; a scalar.
-
-    ``features`` [tasks, T, D] and ``target`` [tasks, T] in units of the noise.
-    """
-    gathered = features.transpose(1, 2) @ features + torch.diag(precision)
-    pull = (features.transpose(1, 2) @ target.unsqueeze(-1)) + (precision * mean).unsqueeze(-1)
-    estimate = torch.cholesky_solve(pull, cholesky(gathered)).squeeze(-1)
-    return torch.relu(-estimate[:, :2]).sum(-1).mean()
 
 
 def train(model: LearntModel, drives: Drives, recipe: Recipe) -> Iterator[Progress]:

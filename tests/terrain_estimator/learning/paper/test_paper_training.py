@@ -7,8 +7,9 @@ import torch
 
 from terrain_estimator.baselines.drives import closed_form_forces
 from terrain_estimator.baselines.features import LearntModel, Span
+from terrain_estimator.learning.loss import Orthogonality, paper_penalty, shortfall
 from terrain_estimator.learning.paper.plants import TRAINING, Plant, draw_drives, vehicle
-from terrain_estimator.learning.paper.training import Orthogonality, Recipe, paper_penalty, shortfall, train
+from terrain_estimator.learning.paper.training import Recipe, train
 from terramechanics.rover import load_rover
 from terramechanics.soil import load_soil
 

@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Training data in chunks with a seed each: the same data whoever draws them, in whatever order, on however many workers."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from terrain_estimator.learning.departures import Family, random_plant
+from terrain_estimator.learning.regression import Regression, regression
+from terrain_estimator.learning.tasks import BENCHMARK, Range, draw_tasks
+from terrain_estimator.learning.training import build_model
+from terramechanics.rover import Rover
+from terramechanics.soil import Soil
+
+CHUNK = 20
+"""[1] Drives in a chunk; another number gives other drives."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What to draw."""
+
+    rover: Rover
+    soil: Soil
+    drives: int
+    seed: int
+    duration_s: float = 40.0
+    strength: Range = BENCHMARK
+    family: Family = Family.LEARNT
+    share: float = 0.0  # [1] of the drives in which each effect of the family acts
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Some drives of an order."""
+
+    order: Order
+    number: int
+    size: int
+
+
+Spread = Callable[[Callable[[Chunk], Regression], Sequence[Chunk]], Iterable[Regression]]
+"""How the chunks are spread over workers: a function that is applied to each, results in the order of the chunks."""
+
+
+def chunks(order: Order) -> list[Chunk]:
+    """The chunks of an order; the last may be smaller."""
+    firsts = range(0, order.drives, CHUNK)
+    return [Chunk(order, number, min(CHUNK, order.drives - first)) for number, first in enumerate(firsts)]
+
+
+def generator_of(chunk: Chunk) -> torch.Generator:
+    """The generator of a chunk, independent of that of every other chunk and seed."""
+    (state,) = np.random.SeedSequence([chunk.order.seed, chunk.number]).generate_state(1, np.uint64)
+    return torch.Generator().manual_seed(int(state >> np.uint64(1)))
+
+
+def draw_chunk(chunk: Chunk) -> Regression:
+    """Simulate and measure the drives of a chunk, and make their rows; a pure function of the chunk."""
+    order, generator = chunk.order, generator_of(chunk)
+    plant = random_plant(order.family, order.rover, chunk.size, order.share, generator)
+    tasks = draw_tasks(order.rover, order.soil, "S1", order.duration_s, chunk.size, generator, strength=order.strength, plant=plant)
+    return regression(build_model(order.rover, order.soil, columns=1, hidden=1), tasks, generator)
+
+
+def generate(order: Order, spread: Spread = map) -> Regression:
+    """All drives of an order."""
+    return Regression.join(list(spread(draw_chunk, chunks(order))))
