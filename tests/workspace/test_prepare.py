@@ -87,6 +87,23 @@ def test_a_python_named_by_the_user_is_not_replaced_by_another(checkout: Path) -
     assert "PYTHON=python2 is no Python of version 3.11 to 3.13" in prepare(checkout, PYTHON="python2")
 
 
+def test_the_environment_of_another_folder_is_not_emptied_through_a_link(checkout: Path) -> None:
+    other = checkout / "other"
+    other.mkdir()
+    (other / "kept").touch()
+    (checkout / ".venv").symlink_to(other)
+    result = subprocess.run(
+        [checkout / "ros2_ws/prepare"],
+        check=False,
+        capture_output=True,
+        text=True,
+        env={"PATH": str(checkout / "bin"), "HOME": os.environ["HOME"]},
+    )
+    assert result.returncode == 1
+    assert ".venv is a link to the environment of another folder" in result.stderr
+    assert (other / "kept").exists()
+
+
 def test_another_architecture_is_told_about_the_way_with_ros_installed(checkout: Path) -> None:
     uname = checkout / "bin/uname"
     uname.unlink()
