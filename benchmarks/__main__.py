@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""make bench: speed of one update, speed of replay, and the topics' rates with all processes on this machine.
+"""make bench: speed of one update, of replay and of the simulation, and the topics' rates with all processes on this machine.
 
 Exit code 1 where a target is missed.
 """
@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks import simulation
 from terrain_estimator.bags import Types
 from terrain_estimator.cli import rate_check
 from terrain_estimator.cli.replaying import replay
@@ -54,8 +55,9 @@ def main() -> int:
         speed = replay_speed(Path(folder))
     print(f"one update        {median:.3f} ms median, {high:.3f} ms 99th percentile (target: median below {UPDATE_TARGET_MS:g} ms)")
     print(f"replay            {speed:.0f} times real time (target: {REPLAY_TARGET:g})")
+    simulated = simulation.report()
     rates = rate_check.main([])
-    return int(rates != 0 or median >= UPDATE_TARGET_MS or speed < REPLAY_TARGET)
+    return int(rates != 0 or not simulated or median >= UPDATE_TARGET_MS or speed < REPLAY_TARGET)
 
 
 if __name__ == "__main__":

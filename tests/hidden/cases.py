@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.plant import Plant
+from terramechanics.plant import Effect, Plant
 from terramechanics.rover import Rover, load_rover
 from terramechanics.sample import Drive
 from terramechanics.sensors import Measurement, Noise, measure_drive, per_wheel
 from terramechanics.simulation import STUCK_TIME, TIME_STEP, simulate
+from tests.hidden.equivalent import equivalent_size
 from tests.hidden.generators import GENERATORS, Draw, sizes_of
 from tests.hidden.ground import SOILS, draw_ground, draw_terrain, uniform
 
@@ -27,7 +28,6 @@ SPARE = 3
 EACH = DRIVES + SPARE
 TERRAINS = ("hills", "flat", "hills", "ramp")
 """Terrains of cases in turn."""
-SECONDS = 60.0
 SHORTEST = 30.0
 """[s] A drive that gets stuck earlier is replaced while there are spare ones."""
 
@@ -39,7 +39,8 @@ class Plan:
     parts: tuple[tuple[str, float], ...] = ()
     torque: bool = True  # whether motor torque is measured
     noise_time: float = 0.0  # [s] time constant of the sensors' noise, 0: white
-    soil: str = ""  # empty: drawn for every case
+    soil: str = ""  # empty: every soil in turn
+    seconds: float = 60.0  # [s] length of a drive
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -57,6 +58,7 @@ class Truth:
     soil: str  # the workflow is told it, bags do not say it
     terrain: str
     sizes: tuple[float, ...]  # of the plan's parts, in the units of the hidden laws
+    equivalents: tuple[float, ...]  # the same in the units of the named laws, see equivalent.py; NaN where there is none
     axle: int  # of a failed wheel
     cohesion_pa: tuple[float, ...]  # of each drive
     tan_phi: tuple[float, ...]
@@ -83,6 +85,7 @@ class Simulated:
     soils: list[str]  # of each case
     terrains: list[str]
     sizes: list[Tensor]  # of each part of the plan: [cases]
+    effects: list[Effect]
     axle: Tensor  # [cases]
 
 
@@ -99,12 +102,12 @@ def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover")
     sizes = [sizes_of(GENERATORS[name], share, count, hiding) for name, share in plan.parts]
     draws = [Draw(size.repeat_interleave(EACH), axle.repeat_interleave(EACH), place) for size in sizes]
     effects = [GENERATORS[name].make(draw) for (name, _), draw in zip(plan.parts, draws, strict=True)]
-    drive = simulate(car, ground, "S1", SECONDS, generator, count * EACH, terrain, Plant(effects))
+    drive = simulate(car, ground, "S1", plan.seconds, generator, count * EACH, terrain, Plant(effects))
     correlation = math.exp(-TIME_STEP / plan.noise_time) if plan.noise_time else 0.0
     measured = measure_drive(car, per_wheel(car, drive.seen), Noise(), generator, correlation)
     if not plan.torque:
         measured = dataclasses.replace(measured, torque=torch.full_like(measured.torque, math.nan))
-    return Simulated(drive, measured, soils, terrains, sizes, axle)
+    return Simulated(drive, measured, soils, terrains, sizes, effects, axle)
 
 
 def draw_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover") -> list[Case]:
@@ -122,6 +125,9 @@ def _case(plan: Plan, simulated: Simulated, k: int) -> Case:
         soil=simulated.soils[k],
         terrain=simulated.terrains[k],
         sizes=tuple(float(size[k]) for size in simulated.sizes),
+        equivalents=tuple(
+            equivalent_size(name, effect, simulated.drive, chosen) for (name, _), effect in zip(plan.parts, simulated.effects, strict=True)
+        ),
         axle=int(simulated.axle[k]),
         cohesion_pa=tuple(strength[:, 0].tolist()),
         tan_phi=tuple(strength[:, 1].tolist()),

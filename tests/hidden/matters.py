@@ -26,8 +26,8 @@ from terramechanics.soil import load_soil
 from tests.hidden.cases import DRIVES, EACH, Plan, Simulated, drive_ends, simulate_cases
 from tests.hidden.generators import GENERATORS
 
-SHIFT = 3.0
-FACTOR = 1.5
+SHIFT = 5.0
+FACTOR = 2.0
 SEED = 7
 PER_AXLE = ("slip", "sinkage", "contact_angle", "wheel_rate", "torque")
 

@@ -18,8 +18,8 @@ WEDGE_COHESION = 1000.0
 CELL = 0.05
 """[m] Length of track that remembers one rut depth."""
 CELLS = 1000
-TIP_SPEED = 0.05
-"""[m/s] Vertical speed of the rim at first contact at which the soil constants hold."""
+TIP_SPEED, SLOWEST = 0.08, 0.01
+"""[m/s] Vertical speed of the rim at first contact at which the soil constants hold, and below which they change no more."""
 
 
 def entry(contact: Contact, radius: float) -> Tensor:
@@ -124,11 +124,11 @@ class Rut(Sized):
 
 
 class PenetrationRate(Sized):
-    """k (1 + size ln(1 + v / v_0)) with v the speed at which the rim enters the soil, r w sin(theta_1)."""
+    """k (1 + size ln(v / v_0)) with v the speed at which the rim enters the soil, r w sin(theta_1)."""
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         speed = where.speed * torch.sin(entry(contact, where.rover.wheel_radius))
-        factor = (1.0 + self.size(where) * torch.log1p(speed / TIP_SPEED)).clamp(min=0.1)
+        factor = (1.0 + self.size(where) * torch.log(speed.clamp(min=SLOWEST) / TIP_SPEED)).clamp(min=0.1)
         columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
         constants = torch.stack([columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1)
         return dataclasses.replace(contact, constants=constants)

@@ -22,7 +22,7 @@ from tests.hidden.cases import DRIVES, Case, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.sealing import seal
 
-PLAN = Plan((("coulomb_drag", 1.0), ("sinkage_bias", 1.0 / 3.0)))
+PLAN = Plan((("coulomb_drag", 1.0), ("sinkage_bias", 1.0 / 3.0)), seconds=15.0)
 
 
 @cache
@@ -50,9 +50,21 @@ def test_a_case_is_five_drives_of_a_minute_at_most_with_soil_constants_of_their_
     case = cases()[0]
     assert len(case.drives) == DRIVES
     assert [drive.velocity.shape[0] for drive in case.drives] == [round(10.0 * seconds) for seconds in case.truth.seconds]
-    assert max(case.truth.seconds) <= 60.0
+    assert max(case.truth.seconds) <= PLAN.seconds
     assert len(set(case.truth.constants)) == DRIVES
     assert case.truth.plan.names == ("coulomb_drag", "sinkage_bias")
+
+
+def test_the_size_of_a_hidden_law_in_the_library_s_unit_is_near_what_its_numbers_say() -> None:
+    truth = cases()[0].truth
+    dry, rim = truth.sizes
+    assert truth.equivalents[0] == pytest.approx(dry, rel=0.05)
+    assert truth.equivalents[1] == pytest.approx(0.13 * math.sqrt(2.0 * 0.02 / 0.13) * rim, rel=0.4)  # r sin(theta_1) at 20 mm
+    known = [name for name, effect in GENERATORS.items() if effect.known]
+    small = draw_cases(Plan(tuple((name, 0.1) for name in known), seconds=5.0), 1, 4)[0].truth
+    for name, size in zip(known, small.equivalents, strict=True):
+        assert EFFECTS[name].low < 10.0 * size < EFFECTS[name].high, name
+        assert 0.0 < abs(size) < 0.1 * EFFECTS[name].high, name
 
 
 def test_what_cannot_be_named_is_unknown_and_nothing_is_none() -> None:
@@ -61,17 +73,17 @@ def test_what_cannot_be_named_is_unknown_and_nothing_is_none() -> None:
 
 
 def test_half_of_the_cases_drive_on_hills_and_soils_vary() -> None:
-    simulated = simulate_cases(Plan((("slope_bias", 0.1),)), 8, 1)
+    simulated = simulate_cases(Plan((("slope_bias", 0.1),), seconds=20.0), 8, 1)
     assert [simulated.terrains.count(kind) for kind in ("hills", "flat", "ramp")] == [4, 2, 2]
     assert {soil: simulated.soils.count(soil) for soil in simulated.soils} == {"loose_sand": 4, "regolith": 4}
     hilly = simulated.drive.sample.pitch.reshape(8, -1).std(1)
     level = [kind == "flat" for kind in simulated.terrains]
-    assert [bool(spread < 0.01) for spread in hilly] == level
+    assert [bool(spread < 1e-9) for spread in hilly] == level
 
 
 def test_plans_without_torque_and_with_coloured_noise_say_so_in_what_is_measured() -> None:
-    assert all(bool(drive.torque.isnan().all()) for drive in draw_cases(Plan(torque=False), 1, 2)[0].drives)
-    simulated = simulate_cases(Plan(), 1, 2)
+    assert all(bool(drive.torque.isnan().all()) for drive in draw_cases(Plan(torque=False, seconds=1.0), 1, 2)[0].drives)
+    simulated = simulate_cases(Plan(seconds=30.0), 1, 2)
     generator = torch.Generator().manual_seed(1)
     sample, rover = per_wheel(simulated.drive.rover, simulated.drive.seen), simulated.drive.rover
     noise = measure_drive(rover, sample, Noise(), generator, 0.6).velocity - sample.velocity

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The size at which a law as simple as the library's comes closest to a hidden one.
+
+Hidden laws are others than the library's, so no size is simply true. Here each is projected by least squares onto the plain law
+of its name (docs/effects.md), over all samples of some drives: what it does to force, torque, exponent, stiffness or reading.
+"""
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from terramechanics.plant import Contact, Effect, Situation
+from terramechanics.sample import Drive
+from tests.hidden.sensing import Sensed
+from tests.hidden.soil import Sized
+
+Pair = tuple[Tensor, Tensor]
+"""What the hidden law does, and what the plain law of size 1 does, [samples, axles or 1] each."""
+Law = Callable[[Effect, Situation, Contact, Drive], Pair]
+_ONE = torch.ones(1, 1, dtype=torch.float64)
+
+
+def equivalent_size(name: str, effect: Effect, drive: Drive, episodes: Sequence[int]) -> float:
+    """Size in the unit of the plain law, from the drives ``episodes`` of a simulated batch; NaN where there is no such law."""
+    if name not in LAWS:
+        return float("nan")
+    sample = drive.sample
+    batch, steps = sample.velocity.shape
+    episode = torch.arange(batch).repeat_interleave(steps)
+    flat = {
+        key: getattr(sample, key).flatten(0, 1) for key in ("contact", "wheel_rate", "velocity", "slip", "sinkage", "constants", "strength")
+    }
+    where = Situation(drive.rover, 0.0, episode, flat["contact"], flat["wheel_rate"], flat["velocity"])
+    contact = Contact(flat["slip"], flat["sinkage"], flat["constants"], flat["strength"])
+    done, plain = (part.expand(batch * steps, -1) for part in LAWS[name](effect, where, contact, drive))
+    chosen = torch.isin(episode, torch.tensor(episodes)) & ~sample.stuck.flatten() & ~sample.standing.flatten()
+    done, plain = torch.broadcast_tensors(done[chosen], plain[chosen])  # type: ignore[no-untyped-call]
+    return float((done * plain).sum() / (plain * plain).sum())
+
+
+def _reading(signal: str) -> Law:
+    def shifted(_effect: Effect, _where: Situation, _contact: Contact, drive: Drive) -> Pair:
+        change = getattr(drive.seen, signal) - getattr(drive.sample, signal)
+        return change.reshape(change.shape[0] * change.shape[1], -1), _ONE
+
+    return shifted
+
+
+def _radius_error(_effect: Effect, _where: Situation, _contact: Contact, drive: Drive) -> Pair:
+    return ((1.0 - drive.sample.slip) / (1.0 - drive.seen.slip)).flatten(0, 1) - 1.0, _ONE
+
+
+def _resistance(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+    return -_thrust(effect, where, contact), contact.sinkage**2
+
+
+def _lug_thrust(effect: Effect, where: Situation, contact: Contact, drive: Drive) -> Pair:
+    plain = torch.sign(contact.slip) * (1.0 - torch.exp(-contact.slip.abs() / 0.1))
+    return _thrust(effect, where, contact, drive.sample.normal.flatten(0, 1)), plain
+
+
+def _thrust(effect: Effect, where: Situation, contact: Contact, normal: Tensor | None = None) -> Tensor:
+    """What an effect adds to T where N is ``normal``."""
+    load = torch.zeros_like(contact.slip) if normal is None else normal
+    return effect.push(where, contact, torch.stack([load, torch.zeros_like(load), torch.zeros_like(load)], dim=-1))[..., 1]
+
+
+def _friction(power: float) -> Law:
+    def lost(effect: Effect, where: Situation, _contact: Contact, _drive: Drive) -> Pair:
+        loss = effect.friction(where)
+        assert loss is not None
+        return loss, where.rate**power
+
+    return lost
+
+
+def _mass(effect: Effect, where: Situation, _contact: Contact, _drive: Drive) -> Pair:
+    load = effect.payload(where)
+    assert load is not None
+    return load.mass.unsqueeze(-1), _ONE
+
+
+def _exponent(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+    """The exponent that gives the pressure of the depth z_0 at the depth z."""
+    shrink = (effect.contact(where, contact).sinkage / contact.sinkage).log()
+    return contact.constants[..., 0] * shrink / contact.sinkage.log(), contact.slip.abs()
+
+
+def _speed_exponent(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+    return _stiffening(effect, where, contact).log(), (where.speed / 0.1).log()
+
+
+def _pass_stiffening(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+    return _stiffening(effect, where, contact) - 1.0, where.order.unsqueeze(0)
+
+
+def _stiffening(effect: Effect, where: Situation, contact: Contact) -> Tensor:
+    return effect.contact(where, contact).constants[..., 2] / contact.constants[..., 2]
+
+
+def _rebound(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+    angle = effect.contact(where, contact).exit_angle
+    assert angle is not None
+    return (1.0 - torch.cos(angle)) * where.rover.wheel_radius, contact.sinkage
+
+
+def _own_size(factor: float) -> Law:
+    def scaled(effect: Effect, where: Situation, _contact: Contact, _drive: Drive) -> Pair:
+        assert isinstance(effect, Sized | Sensed)
+        return factor * effect.sizes[where.episode, None], _ONE
+
+    return scaled
+
+
+MEAN_LOSS = 0.85
+"""[1] Mean of 1 - 0.15 (1 + cos): what the worn coupling loses over a turn, in units of its size."""
+
+LAWS: dict[str, Law] = {
+    "slope_bias": _reading("pitch"),
+    "bulldozing": _resistance,
+    "drive_drag": _friction(1.0),
+    "coulomb_drag": _friction(0.0),
+    "payload": _mass,
+    "grousers": _lug_thrust,
+    "slip_sinkage": _exponent,
+    "multipass": _pass_stiffening,
+    "odometry_scale": _radius_error,
+    "failed_wheel": _own_size(MEAN_LOSS),
+    "sinkage_bias": _reading("sinkage"),
+    "latency": _own_size(1.0),
+    "rate_dependence": _speed_exponent,
+    "exit_angle": _rebound,
+}
