@@ -31,7 +31,7 @@ accuracy: workspace  ## judge the estimator on simulated drives: out/accuracy.js
 paper: workspace  ## the paper's experiments: tables and pictures in out/paper
 	ros2_ws/bin/ros2 run terrain_estimator paper $(ARGS)
 
-bench: workspace  ## time replay and update
+bench: workspace  ## time update, replay and simulation
 	ros2_ws/with python -m benchmarks $(ARGS)
 
 workspace: environment

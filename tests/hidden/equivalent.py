@@ -114,8 +114,8 @@ def _own_size(factor: float) -> Law:
     return scaled
 
 
-MEAN_LOSS = 0.85
-"""[1] Mean of 1 - 0.15 (1 + cos): what the worn coupling loses over a turn, in units of its size."""
+MEAN_LOSS = 0.95
+"""[1] Mean of 1 - 0.05 (1 + cos): what the worn coupling loses over a turn, in units of its size."""
 
 LAWS: dict[str, Law] = {
     "slope_bias": _reading("pitch"),

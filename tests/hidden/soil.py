@@ -18,7 +18,7 @@ WEDGE_COHESION = 1000.0
 CELL = 0.05
 """[m] Length of track that remembers one rut depth."""
 CELLS = 1000
-TIP_SPEED, SLOWEST = 0.08, 0.01
+TIP_SPEED, SLOWEST = 0.05, 0.01
 """[m/s] Vertical speed of the rim at first contact at which the soil constants hold, and below which they change no more."""
 
 

@@ -48,7 +48,7 @@ class DeckLoad(Sized):
 
 
 class WornCoupling(Sized):
-    """One axle's coupling loses a share of the torque that goes round with the wheel: size (1 - 0.15 (1 + cos(w t)))."""
+    """One axle's coupling loses a share of the torque that goes round with the wheel: size (1 - 0.05 (1 + cos(w t)))."""
 
     def __init__(self, sizes: Tensor, axle: Tensor) -> None:
         super().__init__(sizes)
@@ -57,7 +57,7 @@ class WornCoupling(Sized):
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         turn = where.rate.mean(-1, keepdim=True) * where.time
-        lost = self.size(where) * (1.0 - 0.15 * (1.0 + torch.cos(turn)))
+        lost = self.size(where) * (1.0 - 0.05 * (1.0 + torch.cos(turn)))
         axles = torch.arange(where.rover.axles)
         here = (axles == self.axle[where.episode, None]).expand(contact.slip.shape)
         episode = torch.arange(where.episode.shape[0])
