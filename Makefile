@@ -22,11 +22,12 @@ lint: environment  ## ruff, mypy and the import contract
 	$(VENV_PYTHON) -m mypy
 	PYTHONPATH=$(LIBRARIES) .venv/bin/lint-imports
 
-train: workspace  ## train the tracked model anew
+train: workspace  ## train the tracked models anew
 	ros2_ws/bin/ros2 run terrain_estimator train $(ARGS)
 
-accuracy: workspace  ## judge the estimator on simulated drives: out/accuracy.json, docs/accuracy.md
+accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md, docs/change.md
 	ros2_ws/bin/ros2 run terrain_estimator accuracy $(ARGS)
+	ros2_ws/bin/ros2 run terrain_estimator change
 
 paper: workspace  ## the paper's experiments: tables and pictures in out/paper
 	ros2_ws/bin/ros2 run terrain_estimator paper $(ARGS)

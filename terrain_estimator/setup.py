@@ -34,6 +34,7 @@ setup(
             "replay = terrain_estimator.cli.replay:main",
             "csv_to_bag = terrain_estimator.cli.csv_to_bag:main",
             "accuracy = terrain_estimator.cli.accuracy:main",
+            "change = terrain_estimator.cli.change:main",
             "paper = terrain_estimator.cli.paper:main",
             "train = terrain_estimator.cli.train:main",
             "demo = terrain_estimator.cli.demo:main",

@@ -20,7 +20,7 @@ ARGUMENTS = {
     "schedule": ("S1", "how the wheels are driven"),
     "duration": ("60.0", "[s] of the drive"),
     "seed": ("0", "of the sensor noise"),
-    "model": ("", "name of an installed model or path of a file; empty: mars_rover-loose_sand"),
+    "model": ("", "name of an installed model or path of a file; empty: mars_rover"),
     "output": ("", "folder of the bag; empty: bags/<UTC time>"),
 }
 

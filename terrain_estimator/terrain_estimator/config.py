@@ -28,6 +28,18 @@ class CoreConfig:
     prior_tan_phi_sd: float = parameter(
         "prior.tan_phi_sd", 0.0, "site knowledge: its standard deviation; 0 takes the model's prior", minimum=0.0, maximum=5.0
     )
+    prior_soil: str = parameter(
+        "prior.soil", default="", description="site knowledge: name of the soil; empty takes all that the model knows for equally likely"
+    )
+    drift: float = parameter(
+        "drift",
+        0.0,
+        "random walk of c and tan phi, in prior deviations per square root of a second of driving: forgets what is older; "
+        "0 takes the ground for constant between sharp changes",
+        unit="1/sqrt(s)",
+        minimum=0.0,
+        maximum=1.0,
+    )
     standstill_speed: float = parameter(
         "standstill_speed",
         0.01,
@@ -122,7 +134,7 @@ class PairingConfig:
 class EstimatorConfig:
     """All parameters of the estimator node and of replay."""
 
-    model: str = parameter("model", default="", description="name of an installed model or path of a file; empty: mars_rover-loose_sand")
+    model: str = parameter("model", default="", description="name of an installed model or path of a file; empty: mars_rover")
     rover: str = parameter("rover", default="", description="name or file of the rover; empty takes the model's")
     core: CoreConfig = field(default_factory=CoreConfig)
     conversion: ConversionConfig = field(default_factory=ConversionConfig)

@@ -18,7 +18,7 @@ from terrain_estimator.outcome import Outcome
 from terrain_estimator.packing import pack
 from terrain_estimator.palpaca import State
 from terrain_estimator.screening import Screening, screen
-from terrain_estimator.summary import Beliefs, summarise
+from terrain_estimator.summary import Beliefs, doubted, summarise
 from terrain_estimator.update import Decision, Estimate, Prediction, Update
 
 _NAN = math.nan
@@ -51,14 +51,17 @@ class Estimator:
 
     def _reopen(self) -> None:
         """Start over from the prior."""
-        prior = (torch.from_numpy(self._beliefs.prior_mean), torch.from_numpy(self._beliefs.prior_sd))
+        beliefs = self._beliefs
+        soils = torch.tensor(beliefs.prior_soils, dtype=torch.float64)
+        prior = (torch.from_numpy(beliefs.prior_mean), torch.from_numpy(beliefs.prior_sd), soils)
         with torch.inference_mode():
-            self._state: State = self._module.initial_with_prior(*prior)
+            self._state: State = self._module.initial_with_prior(*prior, self._config.drift)
         self._last: Observation | None = None  # the last one that entered
         self._used = 0
         self._time_used_s = 0.0
         self._contradictions = 0
         self._change = 0.0  # probability that the ground changed, as of the last closed block
+        self._doubt = 0.0  # probability that the ground is one that no block fitted yet
         self._forecast = (_NAN, _NAN)  # of the velocity at the next observation: mean and variance
         self._estimate = self._summarise()
 
@@ -135,14 +138,16 @@ class Estimator:
         degrees = int(report.degrees)
         threshold = _threshold(self._config.gate_probability, degrees)
         if report.misfit <= threshold:
-            self._contradictions = 0
+            self._contradictions, self._doubt = 0, 0.0
             return None
         self._contradictions += 1
         self._discard_block()
+        self._doubt = self._change
         detail = "the last second fits no ground that the model knows, and is left out"
         if self._contradictions >= _PATIENCE:
             self._reopen()
             detail += f"; after {_PATIENCE} of them the prior holds again"
+        self._estimate = self._summarise()
         return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
 
     def _discard_block(self) -> None:
@@ -189,8 +194,9 @@ class Estimator:
     def _summarise(self) -> Estimate:
         with torch.inference_mode():
             values = self._module.estimate(self._state).numpy()
-        self._condition = _condition(values[1:])
-        return summarise(values[0], values[1:], self._beliefs)
+        mean, covariance = doubted(values[0], values[1:], self._beliefs, self._doubt)
+        self._condition = _condition(covariance)
+        return summarise(mean, covariance, self._beliefs, tuple(self._state["soils"].tolist()))
 
     def _answer(self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None) -> Update:
         if prediction is None:
@@ -250,7 +256,7 @@ class Report(NamedTuple):
 
 def _finite(state: State, report: Report) -> bool:
     """Whether every number that is ever published is finite; the posterior moves with closed blocks only."""
-    moved = state["expected"].sum().item() + state["covariance"].sum().item() if report.closed else 0.0
+    moved = sum(state[name].sum().item() for name in ("moments", "expected", "covariance")) if report.closed else 0.0
     return math.isfinite(report.velocity + report.variance + moved)
 
 

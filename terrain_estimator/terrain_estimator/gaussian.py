@@ -64,3 +64,15 @@ def drop(mean: Tensor, precision: Tensor, index: int) -> tuple[Tensor, Tensor]:
     rest = precision[:, keep][:, :, keep]
     pivot = precision[:, index, index].view(-1, 1, 1)
     return mean[:, keep], rest - cross.unsqueeze(-1) * cross.unsqueeze(-2) / pivot
+
+
+def random_walk(precision: Tensor, variance: Tensor) -> Tensor:
+    """Precision [H, D, D] after the first K parameters took a random step of ``variance`` [K] each; zero: none did.
+
+    (Lambda^-1 + E Q E')^-1 = Lambda - Lambda E (Q^-1 + E' Lambda E)^-1 E' Lambda, written so that Q may be singular.
+    """
+    size = variance.shape[0]
+    root = variance.sqrt()
+    cross = precision[:, :, :size] * root
+    inner = torch.eye(size, dtype=precision.dtype) + cross[:, :size] * root.unsqueeze(-1)
+    return symmetrize(precision - cross @ torch.cholesky_solve(cross.transpose(1, 2), cholesky(inner)))

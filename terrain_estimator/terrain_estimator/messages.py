@@ -90,6 +90,8 @@ def estimate_message(update: Update, make: Make, meta: Meta, header: Message, no
         configuration_sha256=meta.configuration_sha256,
         **_estimate_fields(estimate),
         change_probability=estimate.change_probability,
+        soil=list(estimate.soils),
+        soil_probability=list(estimate.soil_probability),
         effect=[effect.name for effect in estimate.effects],
         effect_value=[effect.mean for effect in estimate.effects],
         effect_stddev=[effect.sd for effect in estimate.effects],

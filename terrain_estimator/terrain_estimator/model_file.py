@@ -22,10 +22,10 @@ from terramechanics.loading import ConfigError, build, number
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 
-FORMAT = 1
+FORMAT = 2
 """Version of the interface: the state's fields, the packed observation, the methods."""
 MODELS = Path(terrain_estimator.__file__).parent / "models"
-DEFAULT_MODEL = "mars_rover-loose_sand"
+DEFAULT_MODEL = "mars_rover"
 _METHODS = ("initial", "initial_with_prior", "update", "discard", "predict", "forecast", "estimate")
 _LARGEST_FILE = 64 << 20
 
@@ -58,7 +58,7 @@ class Metadata:
     parameters: tuple[str, ...]  # of the posterior, in their order
     block: int  # observations that are averaged into one
     rover: Rover
-    soil: Soil
+    soils: tuple[Soil, ...]  # that the model knows; their order is that of the state's probabilities
     training: Training
     step_s: float = number("time between observations that the model was trained for", "s", 0.0, exclusive=True)
     prior_mean: tuple[float, float] = number("prior mean of c [Pa] and tan phi", "Pa, 1")

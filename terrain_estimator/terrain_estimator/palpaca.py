@@ -24,26 +24,28 @@ Between blocks each observation moves a scalar Kalman filter of the velocity, dr
 predicts.
 """
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.block import LINK_VARIANCE, Posterior, Solution, block_rows, fixed_columns, solve_block
-from terrain_estimator.gaussian import cholesky, drop, mixture, project
+from terrain_estimator.bank import Bank, Solved, join, log_physical, merge, prune, shared_noise, take, weigh
+from terrain_estimator.block import LINK_VARIANCE, BlockRows, Posterior, Solution, block_rows, fixed_columns, solve_block
+from terrain_estimator.gaussian import cholesky, drop, mixture, random_walk
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.packing import packed_size
+from terrain_estimator.prior import Body, Prior, uncertain_constants
 from terrain_estimator.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
     Contact,
+    Rows,
     drive_row,
     likely_inputs,
     regression_rows,
     row_names,
     usable_wheels,
 )
-from terramechanics.contact import CONSTANTS, quadrature
+from terramechanics.batching import any_of
+from terramechanics.contact import in_range, quadrature
 from terramechanics.simulation import TIME_STEP
 from terramechanics.suspension import Geometry
 
@@ -52,34 +54,18 @@ OPEN = 1e-2
 BLOCK = 10
 """Observations in a block: one second at 10 Hz."""
 BANK = 9
-"""Posteriors that are kept."""
+"""Posteriors that are kept, for each soil."""
+NEGLIGIBLE = 14.0
+"""[nat] A posterior whose weight is e^-14 of the best one's is dropped."""
+NEAREST = 0.3
+"""[1] Squared Mahalanobis distance below which kin become one."""
 HAZARD = 1e-3
 """[1] Prior probability that the ground changes within one block."""
+SURPRISE = 0.95
+"""[1] Where the known posteriors fit a block better than this share of honest blocks would, none is born: at this quantile of
+chi-square a new one that fitted like the average honest block would have a twentieth of the weight at most, and less for its prior."""
 RECENT = 3
 """[blocks] Age up to which a posterior speaks for a change of the ground."""
-
-
-class Body(NamedTuple):
-    """What the rows need of a rover."""
-
-    axles: int
-    wheels_per_axle: int
-    mass_kg: float
-    gravity: float  # [m/s^2]
-    radius_m: float
-    width_m: float
-    geometry: Geometry
-
-
-class Prior(NamedTuple):
-    """Means and standard deviations before anything was measured."""
-
-    cohesion_pa: float
-    cohesion_sd_pa: float
-    tan_phi: float
-    tan_phi_sd: float
-    acceleration_bias_sd: float  # [m/s^2] of the imu
-    constants_sd: float  # [1] of each soil constant, relative; 0 takes them for exact
 
 
 State = dict[str, Tensor]
@@ -89,8 +75,14 @@ State = dict[str, Tensor]
 - ``block`` [n, 8 A + 9]: packed observations
 - ``weight`` [H]: of each posterior in the mixture; what it puts on negative c or tan phi does not count
 - ``age`` [H]: blocks since each was born from the prior; those of the start are older than any
-- ``prior`` [2, 2]: mean and deviation of (c [kPa], tan phi), the user's or the model's
-- ``expected`` [D], ``covariance`` [D, D]: of the bank's mixture
+- ``soil`` [H]: index of the soil whose constants, plus its own deviations, each has
+- ``prior`` [3, 2]: mean, deviation, and random walk [1/sqrt(s)] of (c [kPa], tan phi), the user's or the model's
+- ``log_soils`` [K]: log prior probability of each soil, -inf where the user excludes it
+- ``moments`` [3, 2]: mean and covariance of (c [kPa], tan phi) in the mixture over everything
+- ``soils`` [K]: probability of each soil
+- ``expansion`` [K, 2 + M]: mean c [kPa], tan phi and deviations of the constants, given each soil; of one without any, the prior's
+- ``expected`` [D], ``covariance`` [D, D]: of the mixture within the most probable soil, which predicts the velocity
+- ``constants`` [6], ``varied`` [C, 6]: of that soil, as in Contact
 - ``velocity`` [2]: mean [m/s] and variance, now
 - ``drive`` [3]: last acceleration [m/s^2], variance of the noise of its features, mean square change a step
 - ``innovation`` [2]: measured minus predicted velocity, and its variance; NaN where there was none
@@ -99,22 +91,6 @@ State = dict[str, Tensor]
   ``misfit`` [2], 1 where a block was closed, the probability that the ground changed within the last RECENT blocks,
   and 1 for each axle that is measured and in the model's range
 """
-
-
-UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
-"""Soil constants that can be parameters; k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both."""
-
-
-def uncertain_constants(constants: Tensor, relative_sd: float, width: float) -> Tensor:
-    """Prior deviations [M, 6] of the constants UNCERTAIN, one a row, where each of the six is known to ``relative_sd``.
-
-    M = 0 where that is zero.
-    """
-    if relative_sd == 0.0:
-        return torch.zeros(0, 6, dtype=torch.float64)
-    sd = relative_sd * constants
-    sd[2] = torch.hypot(sd[1] / width, sd[2])
-    return torch.diag(sd)[[CONSTANTS.index(name) for name in UNCERTAIN]]
 
 
 class PAlpaca(nn.Module):
@@ -151,17 +127,18 @@ class PAlpaca(nn.Module):
     column_unit: Tensor
 
     def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
-        """``constants`` [6] are the soil's, in the order of terramechanics.contact.CONSTANTS.
+        """``constants`` [K, 6] are those of the K soils that the model knows, as in terramechanics.contact.CONSTANTS.
 
         Where ``prior.constants_sd`` is above 0 each of them is a parameter of the posterior, in prior deviations.
         """
         super().__init__()
         self.axles, self.gravity, self.radius, self.width = body.axles, body.gravity, body.radius_m, body.width_m
         uncertain = uncertain_constants(constants, prior.constants_sd, body.width_m)
-        self.first_constant = 2 + net.columns
-        self.size = self.first_constant + uncertain.shape[0] + 2
+        self.known_soils, self.first_constant = constants.shape[0], 2 + net.columns
+        self.size = self.first_constant + uncertain.shape[1] + 2
         self.open_precision, self.link_variance, self.block_size, self.step_s = OPEN, LINK_VARIANCE, BLOCK, TIME_STEP
-        self.bank, self.recent = BANK, RECENT
+        self.bank, self.negligible, self.nearest = self.known_soils * BANK, NEGLIGIBLE, NEAREST
+        self.surprise, self.recent = SURPRISE, RECENT
         self.observation_size, self.moment_variance = packed_size(body.axles), MOMENT_VARIANCE
         self.net = net
         prior_mean = [prior.cohesion_pa, prior.tan_phi]
@@ -178,10 +155,10 @@ class PAlpaca(nn.Module):
         self.register_buffer("born_offsets", torch.cartesian_prod(corner, corner))
         self.register_buffer("born_spread", torch.tensor(0.6, dtype=torch.float64))  # likewise
         self.register_buffer("born_log_weight", torch.tensor(HAZARD / 4.0, dtype=torch.float64).log())
-        other = [1.0] * uncertain.shape[0] + [prior.acceleration_bias_sd**-2, OPEN]
+        other = [1.0] * uncertain.shape[1] + [prior.acceleration_bias_sd**-2, OPEN]
         self.register_buffer("other_precision", torch.tensor(other, dtype=torch.float64))
         self.register_buffer("uncertain", uncertain)
-        self.register_buffer("varied", torch.cat([torch.zeros(1, 6, dtype=torch.float64), 1e-3 * uncertain]))
+        self.register_buffer("varied", torch.cat([torch.zeros_like(constants).unsqueeze(1), 1e-3 * uncertain], 1))
         wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
         self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
         self.register_buffer("constants", constants)
@@ -205,15 +182,21 @@ class PAlpaca(nn.Module):
 
     @torch.jit.export
     def initial(self) -> dict[str, Tensor]:
-        """The state before the first observation, with the model's own prior."""
-        return self.initial_with_prior(self.prior_mean, self.prior_sd)
+        """The state before the first observation, with the model's own prior, on ground whose strength does not drift."""
+        soils = torch.full((self.known_soils,), 1.0 / self.known_soils, dtype=torch.float64)
+        return self.initial_with_prior(self.prior_mean, self.prior_sd, soils, 0.0)
 
     @torch.jit.export
-    def initial_with_prior(self, mean: Tensor, sd: Tensor) -> dict[str, Tensor]:
-        """The same with a user's prior: ``mean`` [2] and ``sd`` [2] of (c [Pa], tan phi)."""
-        prior = torch.stack([mean, sd]) / self.unit
-        start = torch.zeros(self.offsets.shape[0], self.size, dtype=torch.float64)
-        start[:, :2] = prior[0] + self.offsets * prior[1]
+    def initial_with_prior(self, mean: Tensor, sd: Tensor, soils: Tensor, drift: float) -> dict[str, Tensor]:
+        """The same with a user's prior: ``mean`` [2] and ``sd`` [2] of (c [Pa], tan phi), and the probability [K] of each soil.
+
+        ``drift`` [1/sqrt(s)] is the random walk of c and tan phi, in prior deviations: what was known of them is forgotten so fast.
+        """
+        prior = torch.stack([mean, sd, drift * sd]) / self.unit
+        start = torch.zeros(self.known_soils, self.offsets.shape[0], self.size, dtype=torch.float64)
+        start[:, :, :2] = prior[0] + self.offsets * prior[1]
+        start = start.flatten(0, 1)
+        soil = torch.arange(self.known_soils).repeat_interleave(self.offsets.shape[0])
         theta_precision = (self.offset_spread * prior[1]) ** -2.0
         precision = torch.diag(torch.cat([theta_precision, self.net_precision, self.other_precision]))
         nothing = torch.full((2,), float("nan"), dtype=torch.float64)
@@ -224,26 +207,31 @@ class PAlpaca(nn.Module):
             "innovation": nothing,
             "misfit": nothing,
             "prior": prior,
-            "age": torch.full((start.shape[0],), 1e9, dtype=torch.float64),
+            "log_soils": torch.log(soils),
             "report": torch.cat([nothing, nothing, nothing, torch.zeros(2 + self.axles, dtype=torch.float64)]),
         }
-        opening = Posterior(start, precision.expand(start.shape[0], -1, -1), self.offset_log_weight)
-        log_weight = self.offset_log_weight - self.log_physical(opening)  # so that the mixture is exactly the prior
-        return self.commit(state, Posterior(start, opening.precision, log_weight))
+        age = torch.full((start.shape[0],), 1e9, dtype=torch.float64)
+        bank = weigh(Posterior(start, precision.expand(start.shape[0], -1, -1), age), age, soil)
+        # so that the mixture is exactly the prior, whatever it puts on negative c or tan phi
+        weight = (state["log_soils"].unsqueeze(1) + self.offset_log_weight).flatten()
+        return self.commit(state, Bank(bank.mean, bank.covariance, bank.precision, weight, age, soil))
 
     @torch.jit.export
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
         """Take one packed observation [8 A + 9] into the state; every tenth closes a block and moves the posterior."""
         measured = observation[8 * self.axles :]
         wheels = observation[: 8 * self.axles].view(1, 8, self.axles)
-        usable = usable_wheels(wheels, self.contact(state["expected"]))[0]
+        usable = usable_wheels(wheels, self.leading(state))[0]
+        if self.known_soils > 1:
+            usable = usable & self.in_every_range(wheels)[0]
         linked = bool((measured[-1] > 0.0) & (state["velocity"][1] * self.open_precision < 0.5) & usable.all())
         closes = state["block"].shape[0] > 0 and not linked
         if linked:
             state = self.track(state, observation)
         else:
             state = self.unlink(self.close(state) if closes else state, measured[0], measured[1] ** 2)
-            observation = torch.cat([observation[:-2], torch.zeros_like(observation[:2])])  # it covers no time
+            slip = torch.where(usable, wheels[0, 0], float("nan"))  # every soil has to explain the same rows
+            observation = torch.cat([slip, observation[self.axles : -2], torch.zeros_like(observation[:2])])  # it covers no time
         state["block"] = torch.cat([state["block"], observation.unsqueeze(0)])
         if state["block"].shape[0] == self.block_size:
             closes = True
@@ -275,21 +263,32 @@ class PAlpaca(nn.Module):
 
     @torch.jit.export
     def estimate(self, state: dict[str, Tensor]) -> Tensor:
-        """Marginal posterior of (c, tan phi) as [3, 2]: the mean [Pa, 1], then the rows of the covariance."""
-        covariance = state["covariance"][:2, :2] * self.unit * self.unit.unsqueeze(-1)
-        return torch.cat([(state["expected"][:2] * self.unit).unsqueeze(0), covariance])
+        """Marginal posterior of (c, tan phi) over every soil as [3, 2]: the mean [Pa, 1], then the rows of the covariance."""
+        moments = state["moments"] * self.unit
+        return torch.cat([moments[:1], moments[1:] * self.unit.unsqueeze(-1)])
 
-    def contact(self, expected: Tensor) -> Contact:
-        """The physics that the rows need, with the soil constants that the parameters ``expected`` [D] say."""
-        constants = self.constants + expected[self.first_constant : self.size - 2] @ self.uncertain
+    def contact(self, soil: int, deviations: Tensor) -> Contact:
+        """The physics that the rows need, for the constants of a soil and their ``deviations`` [M] from the nominal ones."""
+        return self.physics(self.constants[soil] + deviations @ self.uncertain[soil], self.varied[soil])
+
+    def leading(self, state: dict[str, Tensor]) -> Contact:
+        """The same for the most probable soil and its expected constants."""
+        return self.physics(state["constants"], state["varied"])
+
+    def physics(self, constants: Tensor, varied: Tensor) -> Contact:
+        """The same for given constants."""
         return Contact(
-            constants, self.varied, self.nodes, self.column_unit, Geometry(self.axle_x, self.centre, self.pivot, self.radius),
+            constants, varied, self.nodes, self.column_unit, Geometry(self.axle_x, self.centre, self.pivot, self.radius),
             self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius, self.width,
         )  # fmt: skip
 
-    def nominal_contact(self) -> Contact:
+    def nominal_contact(self, soil: int = 0) -> Contact:
         """The same with the soil constants as given."""
-        return self.contact(torch.zeros(self.size, dtype=torch.float64))
+        return self.physics(self.constants[soil], self.varied[soil])
+
+    def in_every_range(self, wheels: Tensor) -> Tensor:
+        """Wheels [n, A] of packed groups [n, 8, A] that are in the range of every soil with its nominal constants."""
+        return in_range(wheels[:, 0], wheels[:, 2], self.constants.view(-1, 1, 1, 6), self.radius).all(0)
 
     def learnt(self, packed: Tensor) -> Tensor:
         """Net features [n, R, net] of packed observations [n, 8 A + 9]."""
@@ -300,7 +299,7 @@ class PAlpaca(nn.Module):
     def foresee(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration [3]."""
         a, expected = self.axles, state["expected"]
-        rows = drive_row(observation[: 8 * a].view(8, a), self.contact(expected))
+        rows = drive_row(observation[: 8 * a].view(8, a), self.leading(state))
         by_constant = rows[1:] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
         direction = torch.cat([rows[0, :2], self.learnt(observation.unsqueeze(0))[0, 0], by_constant])
         known = direction.shape[0]
@@ -324,42 +323,106 @@ class PAlpaca(nn.Module):
         state["innovation"] = torch.stack([innovation, total])
         return state
 
-    def commit(self, state: dict[str, Tensor], posterior: Posterior) -> dict[str, Tensor]:
-        """The state with another bank, and its mixture."""
-        directions = torch.eye(self.size, dtype=torch.float64)
-        mean, covariance = project(posterior.mean, posterior.precision, directions)
-        weight = posterior.log_weight + self.log_physical(posterior)
+    def commit(self, state: dict[str, Tensor], bank: Bank) -> dict[str, Tensor]:
+        """The state with another bank, and its mixtures: over everything, within each soil, within the most probable one."""
+        weight = torch.softmax(bank.weight, 0)
         state = state.copy()
-        state["mean"], state["precision"] = posterior.mean, posterior.precision
-        state["log_weight"] = posterior.log_weight - torch.logsumexp(weight, 0)
-        state["weight"] = torch.softmax(weight, 0)
-        state["expected"], state["covariance"] = mixture(weight, mean, covariance)
+        state["mean"], state["precision"], state["weight"] = bank.mean, bank.precision, weight
+        state["log_weight"] = torch.log_softmax(bank.weight, 0) - log_physical(bank.mean, bank.covariance)
+        state["age"], state["soil"] = bank.age, bank.soil
+        mean, covariance = mixture(bank.weight, bank.mean[:, :2], bank.covariance[:, :2, :2])
+        state["moments"] = torch.cat([mean.unsqueeze(0), covariance])
+        index = torch.arange(self.known_soils)
+        share = weight * (index.unsqueeze(1) == bank.soil)  # [K, H]
+        state["soils"] = share.sum(1)
+        apart = torch.cat([bank.mean[:, :2], bank.mean[:, self.first_constant : self.size - 2]], 1)
+        within_soil = (share @ apart) / state["soils"].clamp(min=1e-300).unsqueeze(1)
+        nothing = torch.cat([state["prior"][0], torch.zeros_like(apart[0, 2:])])
+        state["expansion"] = torch.where(state["soils"].unsqueeze(1) > 0.0, within_soil, nothing)
+        leading = index == state["soils"].argmax()
+        within = (leading.unsqueeze(1) & (index.unsqueeze(1) == bank.soil)).any(0)
+        state["expected"], state["covariance"] = mixture(torch.where(within, bank.weight, -float("inf")), bank.mean, bank.covariance)
+        chosen = leading.to(torch.float64)
+        uncertain = (chosen.view(-1, 1, 1) * self.uncertain).sum(0)
+        state["constants"] = chosen @ self.constants + (chosen @ state["expansion"][:, 2:]) @ uncertain
+        state["varied"] = (chosen.view(-1, 1, 1) * self.varied).sum(0)
         return state
 
     def close(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
         """Solve the open block and commit it; of its two velocities the newest goes on."""
         packed = state["block"]
-        measured = packed[:, 8 * self.axles :]
-        contact, theta = self.contact(state["expected"]), torch.cat([state["expected"][:2], torch.ones_like(state["expected"][:1])])
-        rows = regression_rows(packed, likely_inputs(packed, contact, theta, self.every_row), contact)
-        velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
-        columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0)  # needs every wheel
-        step = measured[:, -2] * rows.used[:, 0]
-        expansion = state["expected"][self.first_constant : self.size - 2]
-        averaged = block_rows(rows, columns, step, velocity, expansion, self.fixed_columns, self.link_variance)
-        state = self.born(state)
-        before = Posterior(state["mean"], state["precision"], state["log_weight"])
-        state = self.survive(state, solve_block(before, averaged, self.longest_step))
-        expected = state["expected"]
-        noise = rows.noise[0, :, 0] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
-        state["velocity"] = torch.stack([expected[-1], state["covariance"][-1, -1]])
-        state["drive"] = torch.stack([state["drive"][0], noise.square().sum(1).mean(), state["drive"][2]])
-        state["misfit"] = torch.stack([state["misfit"][0], averaged.present.sum() - 1.0])
+        state = self.wander(state, packed[:, -2].sum())
+        seen: list[int] = []
+        rows: list[BlockRows] = []
+        noise: list[Tensor] = []
+        pieces: list[Solved] = []
+        for soil in range(self.known_soils):
+            members = torch.nonzero((state["soil"] == soil) & (state["log_weight"] != -float("inf"))).squeeze(1)
+            if members.shape[0] > 0:
+                averaged, by_theta = self.average(packed, soil, state["expansion"][soil], self.every_row)
+                seen.append(soil)
+                rows.append(averaged)
+                noise.append(by_theta)
+                before = Posterior(state["mean"][members], state["precision"][members], state["log_weight"][members])
+                pieces.append(Solved(solve_block(before, averaged, self.longest_step), state["age"][members], state["soil"][members]))
+        solved = pieces[0]
+        for piece in pieces[1:]:
+            solved = join(solved, piece)
+        degrees = rows[0].present.sum() - 1.0
+        if bool(self.surprised(solved.solution, degrees)):
+            for soil in range(self.known_soils):
+                if bool(state["log_soils"][soil] == -float("inf")):
+                    continue
+                if soil not in seen:
+                    averaged, by_theta = self.average(packed, soil, state["expansion"][soil], self.every_row)
+                    seen.append(soil)
+                    rows.append(averaged)
+                    noise.append(by_theta)
+                born = self.born(state, soil)
+                age = torch.zeros_like(born.log_weight)
+                solution = solve_block(born, rows[seen.index(soil)], self.longest_step)
+                solved = join(solved, Solved(solution, age, torch.full_like(age, soil, dtype=torch.long)))
+        bank, misfit = self.survive(solved)
+        alive = bank.weight != -float("inf")
+        if bool(alive.any()):  # else the block held a number beyond all bounds, and what follows is NaN
+            bank = take(bank, torch.nonzero(alive).squeeze(1))
+        state = self.commit(state, bank)
+        leading = int(state["soils"].argmax())
+        state = self.steer(state, noise[seen.index(leading) if leading in seen else 0])
+        state["misfit"] = torch.stack([misfit, degrees])
         state["block"] = packed[:0]
         return state
 
-    def born(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
-        """The bank with four more posteriors, for ground that has just changed: all but bias and velocity is prior."""
+    def wander(self, state: dict[str, Tensor], seconds: Tensor) -> dict[str, Tensor]:
+        """Let c and tan phi of every posterior drift for the time that a block covers."""
+        variance = state["prior"][2] ** 2 * seconds
+        if any_of(variance > 0.0):
+            state = state.copy()
+            state["precision"] = random_walk(state["precision"], variance)
+        return state
+
+    def average(self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor) -> tuple[BlockRows, Tensor]:
+        """Rows of a block on a soil, those ``chosen`` [R] (1 or 0), and the noise of its velocity rows [n, E, 3].
+
+        ``expansion`` [2 + M] is (c [kPa], tan phi, deviations of the constants) for which they are evaluated.
+        """
+        contact, theta = self.contact(soil, expansion[2:]), torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
+        rows = regression_rows(packed, likely_inputs(packed, contact, theta, chosen), contact)
+        rows = Rows(rows.features, rows.noise, rows.target, rows.variance, rows.used * chosen)
+        measured = packed[:, 8 * self.axles :]
+        velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
+        columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0)  # needs every wheel
+        step = measured[:, -2] * rows.used[:, 0]
+        averaged = block_rows(rows, columns, step, velocity, expansion[2:], self.fixed_columns, self.link_variance)
+        return averaged, rows.noise[0, :, 0]
+
+    def surprised(self, solution: Solution, degrees: Tensor) -> Tensor:
+        """Whether a block fits the posteriors worse than a share SURPRISE of honest blocks would."""
+        misfit = torch.dot(torch.softmax(solution.posterior.log_weight, 0), solution.misfit)
+        return torch.special.gammainc(0.5 * degrees, 0.5 * misfit.clamp(min=0.0)) > self.surprise
+
+    def born(self, state: dict[str, Tensor], soil: int) -> Posterior:
+        """Four posteriors for ground of one soil that has just changed: all but bias and velocity is prior."""
         prior, expected = state["prior"], state["expected"]
         count, others = self.born_offsets.shape[0], self.size - 4
         theta = prior[0] + self.born_offsets * prior[1]
@@ -370,42 +433,26 @@ class PAlpaca(nn.Module):
         fresh = torch.cat([theta_precision, self.net_precision, self.other_precision[:-2], torch.zeros_like(theta_precision)])
         precision = torch.diag(fresh) + nn.functional.pad(kept, [self.size - 2, 0, self.size - 2, 0])
         precision = precision.expand(mean.shape[0], -1, -1)
-        weight = self.born_log_weight.expand(mean.shape[0])
-        weight = weight - self.log_physical(Posterior(mean, precision, weight))
-        state = state.copy()
-        state["mean"] = torch.cat([state["mean"], mean])
-        state["precision"] = torch.cat([state["precision"], precision])
-        state["log_weight"] = torch.cat([state["log_weight"], weight])
-        state["age"] = torch.cat([state["age"], torch.zeros_like(weight)])
+        physical = log_physical(mean, torch.diag(1.0 / theta_precision).expand(count, -1, -1))
+        return Posterior(mean, precision, self.born_log_weight + state["log_soils"][soil] - physical)
+
+    def survive(self, solved: Solved) -> tuple[Bank, Tensor]:
+        """The best of the solved posteriors without the velocity at the block's start, kin that met as one; and their misfit."""
+        posterior = solved.solution.posterior
+        mean, precision = drop(posterior.mean, posterior.precision, self.size - 1)
+        bank = weigh(Posterior(mean, precision, posterior.log_weight - 0.5 * shared_noise(solved)), solved.age + 1.0, solved.soil)
+        kept = torch.topk(bank.weight, min(self.bank, bank.weight.shape[0]))[1]
+        bank = prune(take(bank, kept), self.negligible)
+        misfit = torch.dot(torch.softmax(bank.weight, 0), solved.solution.misfit[kept])
+        return merge(bank, self.nearest), misfit
+
+    def steer(self, state: dict[str, Tensor], noise: Tensor) -> dict[str, Tensor]:
+        """Let the velocity go on from the posterior; ``noise`` [n, E, 3] is that of the block's velocity rows."""
+        expected = state["expected"]
+        by_source = noise @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
+        state["velocity"] = torch.stack([expected[-1], state["covariance"][-1, -1]])
+        state["drive"] = torch.stack([state["drive"][0], by_source.square().sum(1).mean(), state["drive"][2]])
         return state
-
-    def survive(self, state: dict[str, Tensor], solution: Solution) -> dict[str, Tensor]:
-        """The best of the solved bank go on, without the velocity at the block's start.
-
-        The log det of the rows' covariance belongs to the evidence between posteriors of different birth. Between those
-        of one birth it would bring back the bias of noisy regressors, so they share their mean of it.
-        """
-        solved = solution.posterior
-        kin = (state["age"].unsqueeze(1) == state["age"]) * torch.softmax(solved.log_weight, 0)
-        kin = kin.clamp(min=1e-300)
-        log_weight = solved.log_weight - 0.5 * (kin @ solution.noise) / kin.sum(1)
-        mean, precision = drop(solved.mean, solved.precision, self.size - 1)
-        weight = log_weight + self.log_physical(Posterior(mean, precision, log_weight))
-        kept = torch.topk(weight, self.bank)[1]
-        state = self.commit(state, Posterior(mean[kept], precision[kept], log_weight[kept]))
-        misfit = torch.dot(state["weight"], solution.misfit[kept])
-        state["age"] = state["age"][kept] + 1.0
-        state["misfit"] = torch.stack([misfit, misfit])
-        return state
-
-    def log_physical(self, posterior: Posterior) -> Tensor:
-        """log of the mass [H] that each posterior puts on c > 0 and tan phi > 0, taken as independent.
-
-        A prior that ends at zero multiplies the evidence of a posterior by its mass above zero over that of its prior.
-        """
-        mean, covariance = project(posterior.mean, posterior.precision, torch.eye(2, self.size, dtype=torch.float64))
-        mass = 0.5 * torch.special.erfc(-mean / (2.0 * torch.diagonal(covariance, dim1=1, dim2=2)).sqrt())
-        return torch.log(mass.clamp(min=1e-300)).sum(1)
 
     def unlink(self, state: dict[str, Tensor], velocity: Tensor, variance: Tensor) -> dict[str, Tensor]:
         """Open the velocity again: what was known of it says nothing about the one that ``velocity`` measures."""
@@ -415,6 +462,10 @@ class PAlpaca(nn.Module):
         state = state.copy()
         state["mean"] = torch.cat([mean, velocity.expand(mean.shape[0], 1)], 1)
         state["precision"] = opened
+        # What is born takes its velocity from here.
+        state["expected"] = torch.cat([state["expected"][:-1], velocity.unsqueeze(0)])
+        state["covariance"] = nn.functional.pad(state["covariance"][:-1, :-1], [0, 1, 0, 1])
+        state["covariance"][-1, -1] = 1.0 / self.open_precision
         state["velocity"] = torch.stack([velocity, variance])
         state["innovation"] = torch.full_like(state["innovation"], float("nan"))
         return state

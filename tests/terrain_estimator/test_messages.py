@@ -46,6 +46,8 @@ def updated(decision: Decision | None = None, **changes: Any) -> Update:
         identified=(True, True),
         mass_below_zero=0.0,
         change_probability=math.nan,
+        soils=("loose_sand", "compact_sand"),
+        soil_probability=(0.9, 0.1),
         effects=(NamedEffect("bulldozing", "N/m^2", 3.0, 0.5),),
         observations_used=240,
         time_used_s=24.0,
@@ -68,6 +70,7 @@ def test_the_estimate_carries_numbers_stamp_and_origin() -> None:
     assert (message.cohesion_lower_95, message.cohesion_upper_95) == (1304.0, 1696.0)
     assert message.covariance.tolist() == [1e4, -3.0, -3.0, 4e-4]
     assert (message.effect, message.effect_value.tolist(), message.effect_unit) == (["bulldozing"], [3.0], ["N/m^2"])
+    assert (message.soil, message.soil_probability.tolist()) == (["loose_sand", "compact_sand"], [0.9, 0.1])
     assert message.status == Status.IDENTIFIED
     assert "a note" in message.status_text
     assert "a warning" in message.status_text

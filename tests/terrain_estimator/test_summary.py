@@ -8,11 +8,11 @@ from scipy.stats import truncnorm
 
 from terrain_estimator.summary import Beliefs, summarise
 
-BELIEFS = Beliefs(np.array([2750.0, 0.6]), np.array([1300.0, 0.22]))
+BELIEFS = Beliefs(np.array([2750.0, 0.6]), np.array([1300.0, 0.22]), ("sand",), (1.0,))
 
 
 def estimate_of(cohesion: float, deviation: float) -> tuple[float, float]:
-    found = summarise(np.array([cohesion, 0.6]), np.diag([deviation**2, 0.01]), BELIEFS)
+    found = summarise(np.array([cohesion, 0.6]), np.diag([deviation**2, 0.01]), BELIEFS, (1.0,))
     return float(found.lower_95[0]), float(found.upper_95[0])
 
 
@@ -31,9 +31,9 @@ def test_an_interval_cut_at_zero_still_holds_95_percent_of_what_is_above(cohesio
 
 def test_a_parameter_is_identified_when_the_data_left_a_tenth_of_its_prior_variance() -> None:
     covariance = np.diag([(0.31 * 1300.0) ** 2, (0.33 * 0.22) ** 2])
-    assert summarise(np.array([1000.0, 0.6]), covariance, BELIEFS).identified == (True, False)
+    assert summarise(np.array([1000.0, 0.6]), covariance, BELIEFS, (1.0,)).identified == (True, False)
 
 
 def test_mass_below_zero_is_that_of_both_parameters() -> None:
-    found = summarise(np.array([0.0, 0.6]), np.diag([1.0, 0.01]), BELIEFS)
+    found = summarise(np.array([0.0, 0.6]), np.diag([1.0, 0.01]), BELIEFS, (1.0,))
     assert found.mass_below_zero == pytest.approx(0.5, abs=1e-6)

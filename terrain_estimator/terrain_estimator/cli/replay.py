@@ -22,6 +22,7 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
 from terrain_estimator.parameters import ParameterError, build
 from terrain_estimator.pipeline import rover_of
+from terrain_estimator.summary import Beliefs
 from terramechanics.loading import ConfigError
 
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
@@ -36,6 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
         model = load_model(config.model)
         names = bag_topics(options.remap, options.namespace)
         rover_of(model, config)
+        Beliefs.of(model.metadata, config.core)
     except (ParameterError, ModelFileError, ConfigError, TopicError) as error:
         return _refuse(str(error))
     return _replay_all(options, model, config, names)
@@ -47,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, default=Path("out/replay"), help="folder for estimates bags and summary.json (default: %(default)s)"
     )
-    parser.add_argument("--model", default="", help="name of an installed model or path of a model file (default: mars_rover-loose_sand)")
+    parser.add_argument("--model", default="", help="name of an installed model or path of a model file (default: mars_rover)")
     parser.add_argument("--params-file", type=Path, action="append", default=[], help="parameters as the node takes them; later files win")
     parser.add_argument("-p", "--param", action="append", default=[], metavar="NAME:=VALUE", help="one parameter; wins over the files")
     parser.add_argument("--namespace", default="", help="namespace of the topics in the bag, such as /rover1")

@@ -16,6 +16,7 @@ from terrain_estimator.learning.export import check_export, export
 from terrain_estimator.learning.generation import Chunk, Order, Spread, generate
 from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.regression import Regression
+from terrain_estimator.learning.study import ROVERS, SOILS
 from terrain_estimator.learning.tasks import BENCHMARK, PAPER, draw_tasks
 from terrain_estimator.learning.training import Progress, Recipe, build_model, train
 from terrain_estimator.model_file import MODELS, ModelFileError, Training
@@ -44,8 +45,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         device = choose_device(args.device)
         for rover_name in args.rover:
-            for soil_name in args.soil:
-                _train_one(load_rover(rover_name), load_soil(soil_name), args, device)
+            _train_one(load_rover(rover_name), [load_soil(soil_name) for soil_name in args.soil], args, device)
     except (ConfigError, ModelFileError, OSError, ValueError) as error:
         sys.stderr.write(f"train: {error}\n")
         return 2
@@ -63,12 +63,12 @@ def choose_device(name: str) -> torch.device:
 def _parser() -> argparse.ArgumentParser:
     recipe = Recipe()
     parser = argparse.ArgumentParser(prog="train", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--rover", nargs="+", default=["mars_rover", "paper_rover"], help="names or YAML files of rovers")
-    parser.add_argument("--soil", nargs="+", default=["loose_sand"], help="names or YAML files of soils")
+    parser.add_argument("--rover", nargs="+", default=list(ROVERS), help="names or YAML files of rovers")
+    parser.add_argument("--soil", nargs="+", default=list(SOILS), help="names or YAML files of the soils that the model knows")
     parser.add_argument("--out", type=Path, default=MODELS, help="folder of the model files")
     parser.add_argument("--curves", type=Path, default=Path("out/train"), help="folder of the pictures of the training")
     parser.add_argument("--seed", type=int, default=recipe.seed, help="of everything that is drawn")
-    parser.add_argument("--tasks", type=int, default=400, help="simulated drives")
+    parser.add_argument("--tasks", type=int, default=400, help="simulated drives, shared out over the soils")
     parser.add_argument("--strength", choices=_STRENGTHS, default="benchmark", help="where c and phi of the drives come from")
     parser.add_argument(
         "--hidden-effects", type=float, default=0.4, help="share of the drives in which each effect acts that the physics lacks"
@@ -104,12 +104,15 @@ def recipe_of(args: argparse.Namespace) -> Recipe:
     )
 
 
-def _train_one(rover: Rover, soil: Soil, args: argparse.Namespace, device: torch.device) -> None:
+def _train_one(rover: Rover, soils: list[Soil], args: argparse.Namespace, device: torch.device) -> None:
     recipe = recipe_of(args)
-    name = f"{rover.name}-{soil.name}"
-    order = Order(rover, soil, args.tasks, args.seed, strength=_STRENGTHS[args.strength], share=args.hidden_effects)
-    data = draw(order, args.scheduler, args.workers)
-    model = build_model(rover, soil, recipe.columns, recipe.hidden)
+    name = rover.name if len(soils) > 1 else f"{rover.name}-{soils[0].name}"
+    orders = [
+        Order(rover, soil, drives, args.seed, strength=_STRENGTHS[args.strength], share=args.hidden_effects)
+        for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
+    ]
+    data = Regression.join([draw(order, args.scheduler, args.workers) for order in orders])
+    model = build_model(rover, soils, recipe.columns, recipe.hidden)
     history: list[Progress] = []
     with ProgressReport(f"{name}: training on {device}") as report:
         for progress in train(model, data, recipe, device):
@@ -118,12 +121,17 @@ def _train_one(rover: Rover, soil: Soil, args: argparse.Namespace, device: torch
     tail = [progress.loss for progress in history[-_SMOOTHED:]]
     training = Training(recipe.seed, recipe.iterations, sum(tail) / len(tail), torch.__version__)
     path = args.out / f"{name}.pt"
-    metadata = export(model, rover, soil, training, path)
-    fresh = draw_tasks(rover, soil, "S1", _CHECKED_OBSERVATIONS / 10, 1, torch.Generator().manual_seed(recipe.seed + 1))
+    metadata = export(model, rover, soils, training, path)
+    fresh = draw_tasks(rover, soils[0], "S1", _CHECKED_OBSERVATIONS / 10, 1, torch.Generator().manual_seed(recipe.seed + 1))
     check_export(model, path, fresh.measured[0])
     curves = args.curves / f"{name}.png"
     draw_curves(history, curves, name)
     sys.stdout.write(f"{path}: {metadata.size} bytes, loss {training.loss:.3f} nat a row, curves in {curves}\n")
+
+
+def shared_out(total: int, parts: int) -> list[int]:
+    """Whole numbers as equal as can be, of that total."""
+    return [total * (part + 1) // parts - total * part // parts for part in range(parts)]
 
 
 def draw(order: Order, scheduler: str, workers: int) -> Regression:

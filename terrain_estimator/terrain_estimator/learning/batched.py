@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model's recursion over many drives at once: the same functions under ``torch.vmap``, block by block.
 
+The streaming model drops hypotheses that died; here every drive keeps as many as the model ever holds, dead ones behind, with a
+log weight of -inf. Where drives differ in what has to be solved, as many are solved as the drive with the most of them needs.
+
 Drives differ in where their blocks end, because an observation without a usable wheel breaks the chain of velocities
 and closes its block early. So the blocks are laid out first, and the j-th blocks of all drives that have the same
 length are run as one batch.
 """
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,10 +18,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, block_rows, gauss_newton
+from terrain_estimator.bank import Bank, Solved, join
+from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, gauss_newton
 from terrain_estimator.gaussian import cholesky, log_determinant
 from terrain_estimator.palpaca import PAlpaca, State
-from terrain_estimator.rows import Rows, likely_inputs, regression_rows, row_names, usable_wheels
+from terrain_estimator.rows import row_names
 
 CHUNK = 8
 """Blocks whose rows are computed at once, so that they stay in the processor's cache."""
@@ -49,7 +54,8 @@ def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
     """Blocks of packed drives [N, T, 8 A + 9], of which only the first ``ends`` [N] observations count."""
     drives, time, size = packed.shape
     axles = model.axles
-    usable = usable_wheels(packed[..., : 8 * axles].reshape(-1, 8, axles), model.nominal_contact()).all(1).view(drives, time)
+    wheels = packed[..., : 8 * axles].reshape(-1, 8, axles)
+    usable = (model.in_every_range(wheels) & torch.isfinite(wheels[:, 4])).all(1).view(drives, time)
     linked = usable & (packed[..., size - 1] > 0.0)
     linked[:, 0] = False
     count = torch.zeros(drives, dtype=torch.long)
@@ -80,6 +86,7 @@ def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = Non
     """
     drives, time, _ = packed.shape
     layout = lay_out(model, packed, torch.full((drives,), time) if ends is None else ends)
+    packed = _blinded(model, packed)
     packed = torch.where(layout.linked.unsqueeze(-1), packed, torch.cat([packed[..., :-2], torch.zeros_like(packed[..., -2:])], -1))
     mask = torch.ones(len(row_names(model.axles)), dtype=torch.float64) if rows is None else rows
     with torch.inference_mode():
@@ -90,6 +97,13 @@ def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = Non
                 _run_block(model, state, packed[chosen.unsqueeze(1), place], mask, _Target(trace, chosen, place, j, closes))
             _publish(model, state, trace, layout, times, j)
     return trace
+
+
+def _blinded(model: PAlpaca, packed: Tensor) -> Tensor:
+    """Slips outside the range of any soil as not measured: every soil has to explain the same rows."""
+    slip = packed[..., : model.axles]
+    usable = model.in_every_range(packed[..., : 8 * model.axles].reshape(-1, 8, model.axles)).view(slip.shape)
+    return torch.cat([torch.where(usable, slip, torch.nan), packed[..., model.axles :]], -1)
 
 
 class _Target(NamedTuple):
@@ -131,6 +145,8 @@ def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, targe
     """Take the observations [G, n, 8 A + 9] of a block, close it, and write state and results of its drives in place."""
     chosen, trace = target.chosen, target.trace
     part = {name: value[chosen] for name, value in state.items()}
+    alive = int((part["log_weight"] != -torch.inf).sum(1).max())
+    part |= {name: part[name][:, :alive] for name in _OF_HYPOTHESES}
     for i in range(packed.shape[1]):
         if i == 0 and not bool(packed[0, 0, -1] > 0.0):
             measured = packed[:, 0, 8 * model.axles :]
@@ -143,7 +159,16 @@ def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, targe
     part = close(model, part, packed, mask)
     trace.misfit[chosen, target.block], trace.degrees[chosen, target.block] = part["misfit"].unbind(1)
     for name, value in part.items():
-        state[name][chosen] = value
+        if name in _OF_HYPOTHESES:
+            state[name][chosen, : value.shape[1]] = value
+        else:
+            state[name][chosen] = value
+    state["log_weight"][chosen, part["log_weight"].shape[1] :] = -torch.inf
+    state["weight"][chosen, part["weight"].shape[1] :] = 0.0
+
+
+_OF_HYPOTHESES = ("mean", "precision", "log_weight", "weight", "age", "soil")
+"""Fields of the state with a place for each hypothesis, behind that of the drive; dead ones stand last."""
 
 
 def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: Tensor, j: int) -> None:
@@ -156,30 +181,94 @@ def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: 
 
 def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     """``PAlpaca.close`` for blocks [G, n, 8 A + 9] of G drives."""
-    rows = torch.vmap(lambda block, expected: _rows(model, block, expected, mask), chunk_size=CHUNK)(packed, state["expected"])
-    rows = rows._replace(used=rows.used * mask)
-    columns = torch.where(rows.used[..., :1].unsqueeze(-1) > 0.0, torch.vmap(model.learnt)(packed), 0.0)
-    measured = packed[..., 8 * model.axles :]
-    velocity = torch.stack([measured[..., 0], measured[..., 1] ** 2], -1)
-    step = measured[..., -2] * rows.used[..., 0]
-    expansion = state["expected"][:, model.first_constant : model.size - 2]
-    average = torch.vmap(block_rows, in_dims=(0, 0, 0, 0, 0, None, None))
-    averaged = average(rows, columns, step, velocity, expansion, model.fixed_columns, model.link_variance)
-    state = torch.vmap(model.born)(state)
-    solution = solve_blocks(Posterior(state["mean"], state["precision"], state["log_weight"]), averaged, model.longest_step)
-    state = torch.vmap(model.survive)(state, solution)
-    expected = state["expected"]
-    theta = torch.cat([expected[:, :2], torch.ones_like(expected[:, :1])], 1)
-    noise = (rows.noise[:, 0, :, 0] @ theta[:, None, :, None]).squeeze(-1)
-    state["velocity"] = torch.stack([expected[:, -1], state["covariance"][:, -1, -1]], 1)
-    state["drive"] = torch.stack([state["drive"][:, 0], noise.square().sum(-1).mean(-1), state["drive"][:, 2]], 1)
-    state["misfit"] = torch.stack([state["misfit"][:, 0], averaged.present.sum(-1) - 1.0], 1)
+    drives, pieces = packed.shape[0], []
+    state = torch.vmap(model.wander)(state, packed[..., -2].sum(1))
+    rows = [_SoilRows(model, soil, packed, mask, state["expansion"][:, soil]) for soil in range(model.known_soils)]
+    degrees = torch.zeros(drives, dtype=torch.float64)
+    for soil in range(model.known_soils):
+        members = (state["soil"] == soil) & (state["log_weight"] != -torch.inf)
+        chosen = torch.nonzero(members.any(1)).squeeze(1)
+        if chosen.numel() > 0:
+            averaged = rows[soil].of(chosen)
+            degrees[chosen] = averaged.present.sum(-1) - 1.0
+            pieces.append(_scatter(_solve_members(model, state, members, chosen, averaged), chosen, drives))
+    solved = functools.reduce(torch.vmap(join), pieces)
+    surprised = torch.nonzero(torch.vmap(model.surprised)(solved.solution, degrees)).squeeze(1)
+    for soil in range(model.known_soils if surprised.numel() > 0 else 0):
+        born = torch.vmap(functools.partial(model.born, soil=soil))({name: value[surprised] for name, value in state.items()})
+        solution = solve_blocks(born, rows[soil].of(surprised), model.longest_step)
+        age = torch.zeros_like(solution.misfit)
+        new = Solved(solution, age, torch.full_like(age, soil, dtype=torch.long))
+        solved = torch.vmap(join)(solved, _scatter(new, surprised, drives))
+    bank, misfit = torch.vmap(model.survive)(solved)
+    dead = bank.weight == -torch.inf
+    order = torch.argsort(dead.long(), dim=1, stable=True)[:, : int((~dead).sum(1).max())]
+    every = torch.arange(drives).unsqueeze(1)
+    state = torch.vmap(model.commit)(state, Bank(*(field[every, order] for field in bank)))
+    leading = state["soils"].argmax(1)
+    noise = [(leading == soil).view(-1, 1, 1, 1) * rows[soil].noise for soil in range(model.known_soils)]
+    state = torch.vmap(model.steer)(state, functools.reduce(torch.add, noise))
+    state["misfit"] = torch.stack([misfit, degrees], 1)
     return state
 
 
-def _rows(model: PAlpaca, block: Tensor, expected: Tensor, mask: Tensor) -> Rows:
-    contact, theta = model.contact(expected), torch.cat([expected[:2], torch.ones_like(expected[:1])])
-    return regression_rows(block, likely_inputs(block, contact, theta, mask), contact)
+class _SoilRows:
+    """Rows of the blocks of G drives on one soil, averaged for a drive when they are first needed."""
+
+    def __init__(self, model: PAlpaca, soil: int, packed: Tensor, mask: Tensor, expansion: Tensor) -> None:
+        self._model, self._soil, self._packed, self._mask, self._expansion = model, soil, packed, mask, expansion
+        self._known = torch.zeros(packed.shape[0], dtype=torch.bool)
+        self._rows: BlockRows | None = None
+        self.noise = packed.new_zeros(1, 1, 1, 1)  # [G, n, E, 3] of the velocity rows, zero where not needed
+
+    def of(self, chosen: Tensor) -> BlockRows:
+        """Rows of the ``chosen`` drives."""
+        missing = chosen[~self._known[chosen]]
+        if missing.numel() > 0:
+            averaged, noise = self._average(missing)
+            if self._rows is None:
+                self._rows = BlockRows(*(field.new_zeros(self._known.shape[0], *field.shape[1:]) for field in averaged))
+                self.noise = noise.new_zeros(self._known.shape[0], *noise.shape[1:])
+            for whole, field in zip((*self._rows, self.noise), (*averaged, noise), strict=True):
+                whole[missing] = field
+            self._known[missing] = True
+        assert self._rows is not None
+        return BlockRows(*(field[chosen] for field in self._rows))
+
+    def _average(self, chosen: Tensor) -> tuple[BlockRows, Tensor]:
+        packed, expansion = self._packed[chosen], self._expansion[chosen]
+        average = functools.partial(self._model.average, soil=self._soil, chosen=self._mask)
+        averaged: tuple[BlockRows, Tensor] = torch.vmap(lambda block, at: average(block, expansion=at), chunk_size=CHUNK)(packed, expansion)
+        return averaged
+
+
+def _solve_members(model: PAlpaca, state: State, members: Tensor, chosen: Tensor, rows: BlockRows) -> Solved:
+    """Solve the hypotheses ``members`` [G, H] of the ``chosen`` drives; where a drive has fewer, its first one again, dead."""
+    here = members[chosen]
+    place = torch.argsort((~here).long(), dim=1, stable=True)[:, : int(here.sum(1).max())]
+    alive = here.gather(1, place)
+    place = torch.where(alive, place, place[:, :1])
+    mean, precision, log_weight, age, soil = (
+        state[name][chosen.unsqueeze(1), place] for name in ("mean", "precision", "log_weight", "age", "soil")
+    )
+    solution = solve_blocks(Posterior(mean, precision, torch.where(alive, log_weight, -torch.inf)), rows, model.longest_step)
+    return Solved(solution, age, soil)
+
+
+def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
+    """Hypotheses of the ``chosen`` of G drives, with dead ones for the others."""
+    posterior, misfit, noise = solved.solution
+    shape = (drives, misfit.shape[1])
+
+    def spread(values: Tensor, fill: float = 0.0) -> Tensor:
+        whole = values.new_full((*shape, *values.shape[2:]), fill)
+        whole[chosen] = values
+        return whole
+
+    precision = torch.eye(posterior.mean.shape[-1], dtype=torch.float64).repeat(*shape, 1, 1)
+    precision[chosen] = posterior.precision
+    whole = Posterior(spread(posterior.mean), precision, spread(posterior.log_weight, -torch.inf))
+    return Solved(Solution(whole, spread(misfit), spread(noise)), spread(solved.age), spread(solved.soil))
 
 
 def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:

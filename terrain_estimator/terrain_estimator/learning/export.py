@@ -3,6 +3,7 @@
 """Exports a trained model as TorchScript with its metadata, and checks that the file gives the same numbers."""
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -11,28 +12,29 @@ from torch import Tensor
 from terrain_estimator.learning.training import PRIOR
 from terrain_estimator.model_file import FORMAT, Metadata, ModelFileError, Training, fingerprint, load_model, write_metadata
 from terrain_estimator.packing import AXLE_FIELDS, SCALAR_FIELDS
-from terrain_estimator.palpaca import BLOCK, UNCERTAIN, PAlpaca
+from terrain_estimator.palpaca import BLOCK, PAlpaca
+from terrain_estimator.prior import UNCERTAIN
 from terrain_estimator.rows import row_names
 from terramechanics.rover import Rover
 from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import Soil
 
-VERSION = "4"
+VERSION = "5"
 """Of the model's structure and training, part of the model's id."""
 
 
-def export(model: PAlpaca, rover: Rover, soil: Soil, training: Training, path: Path) -> Metadata:
-    """Write ``path`` (.pt) and the .json beside it; returns the metadata."""
+def export(model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Training, path: Path) -> Metadata:
+    """Write ``path`` (.pt) and the .json beside it; returns the metadata. The name of the file is that of the model."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"`torch.jit.\w+` is deprecated", DeprecationWarning)
         torch.jit.save(torch.jit.script(model.eval()), str(path))
     sha256, size = fingerprint(path)
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
-    constants = UNCERTAIN[: model.uncertain.shape[0]]
+    constants = UNCERTAIN[: model.uncertain.shape[1]]
     metadata = Metadata(
         format=FORMAT,
-        model_id=f"{rover.name}-{soil.name}-{VERSION}",
+        model_id=f"{path.stem}-{VERSION}",
         sha256=sha256,
         size=size,
         observation_axle_fields=AXLE_FIELDS,
@@ -44,7 +46,7 @@ def export(model: PAlpaca, rover: Rover, soil: Soil, training: Training, path: P
         prior_mean=(PRIOR.cohesion_pa, PRIOR.tan_phi),
         prior_sd=(PRIOR.cohesion_sd_pa, PRIOR.tan_phi_sd),
         rover=rover,
-        soil=soil,
+        soils=tuple(soils),
         training=training,
     )
     write_metadata(path.with_suffix(".json"), metadata)

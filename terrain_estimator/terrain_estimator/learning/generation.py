@@ -63,7 +63,7 @@ def draw_chunk(chunk: Chunk) -> Regression:
     order, generator = chunk.order, generator_of(chunk)
     plant = random_plant(order.family, order.rover, chunk.size, order.share, generator)
     tasks = draw_tasks(order.rover, order.soil, "S1", order.duration_s, chunk.size, generator, strength=order.strength, plant=plant)
-    return regression(build_model(order.rover, order.soil, columns=1, hidden=1), tasks, generator)
+    return regression(build_model(order.rover, [order.soil], columns=1, hidden=1), tasks, generator)
 
 
 def generate(order: Order, spread: Spread = map) -> Regression:

@@ -16,9 +16,9 @@ def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
     """The same model with the same numbers as a Python module; without ``net`` its learnt columns weigh nothing."""
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
-    prior = PRIOR if values["uncertain"].shape[0] else PRIOR._replace(constants_sd=0.0)
+    prior = PRIOR if values["uncertain"].shape[1] else PRIOR._replace(constants_sd=0.0)
     columns = last.shape[0] // (len(loaded.rover.axle_x) + 2)
-    model = build_model(loaded.rover, loaded.metadata.soil, columns, last.shape[1], prior)
+    model = build_model(loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior)
     model.load_state_dict(values)
     if not net:
         model.net_precision.fill_(_NO_EFFECT)
@@ -31,7 +31,7 @@ def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
     ``exact`` takes the soil constants for exact; else they are parameters with the prior of the trained models.
     """
     prior = PRIOR._replace(constants_sd=0.0) if exact else PRIOR
-    model = build_model(rover, soil, columns=1, hidden=1, prior=prior)
+    model = build_model(rover, [soil], columns=1, hidden=1, prior=prior)
     model.net_precision.fill_(_NO_EFFECT)
     return _frozen(model)
 

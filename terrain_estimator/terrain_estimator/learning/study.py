@@ -112,7 +112,7 @@ def study(setting: Setting, episodes: int, seed: int) -> Outcome:
     band = PAPER_BAND if setting.truth == "paper" else None
     drives = draw_drives(rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed), band)
     physics = physics_alone(rover, soil, exact=not setting.spread)
-    shipped = f"{rover.name}-{soil.name}"
+    shipped = rover.name
     outcome = Outcome([], [], [])
     for rows in setting.rows:
         bound = _bound(physics, drives, rows, setting)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trains the network and its prior; reproducible from the seed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -11,7 +11,8 @@ from torch import Tensor, nn
 from terrain_estimator.learning.loss import Orthogonality, negative_log_predictive, overlap, paper_penalty, shortfall, span_share, whiten
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.net import NetFeatures
-from terrain_estimator.palpaca import Body, PAlpaca, Prior
+from terrain_estimator.palpaca import PAlpaca
+from terrain_estimator.prior import Body, Prior
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 from terramechanics.suspension import geometry_of
@@ -50,15 +51,15 @@ class Progress:
     overlap: float  # squared cosine between learnt and nominal features
 
 
-def build_model(rover: Rover, soil: Soil, columns: int, hidden: int, prior: Prior = PRIOR) -> PAlpaca:
-    """An untrained model of a rover on a soil."""
+def build_model(rover: Rover, soils: Sequence[Soil], columns: int, hidden: int, prior: Prior = PRIOR) -> PAlpaca:
+    """An untrained model of a rover that knows these soils."""
     body = Body(
         len(rover.axle_x), rover.wheels_per_axle, rover.mass, rover.gravity, rover.wheel_radius, rover.wheel_width, geometry_of(rover)
     )
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
     sizes = [0.05 * rover.gravity, 0.05] + [0.05 * torque] * body.axles  # what a learnt effect may amount to
     net = NetFeatures(body.axles, columns, hidden, 0.1 * rover.wheel_radius, torch.tensor(sizes, dtype=torch.float64))
-    return PAlpaca(body, soil.constants(), prior, net)
+    return PAlpaca(body, torch.stack([soil.constants() for soil in soils]), prior, net)
 
 
 class _Learnt(nn.Module):

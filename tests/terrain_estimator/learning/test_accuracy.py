@@ -21,8 +21,8 @@ def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent
     Beside the bars of 10 %: the error is at most 1.5 times the Cramer-Rao bound, and the 95 % intervals cover a share
     whose 99 % confidence limits do not exclude 95 %.
     """
-    model = load_model("paper_rover-loose_sand")
-    tasks = draw_tasks(model.rover, model.metadata.soil, "S1", DURATION_S, EPISODES, torch.Generator().manual_seed(20_000), spread=0.0)
+    model = load_model("paper_rover")
+    tasks = draw_tasks(model.rover, model.metadata.soils[0], "S1", DURATION_S, EPISODES, torch.Generator().manual_seed(20_000), spread=0.0)
     measured = tasks.measured.clone()
     measured[..., -4] = torch.nan  # no accelerometer: the bars are for velocity, load and torque
     estimates = []
@@ -38,7 +38,7 @@ def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent
     assert (relative <= 0.10).all(), relative
 
     tasks.true[..., -4] = torch.nan
-    physics = build_model(model.rover, model.metadata.soil, columns=1, hidden=1)
+    physics = build_model(model.rover, model.metadata.soils, columns=1, hidden=1)
     bound = cramer_rao(physics, tasks).diagonal(dim1=1, dim2=2).sqrt()
     ratio = (error / bound).median(0).values / HALF_NORMAL_MEDIAN
     assert (ratio < 1.5).all(), ratio

@@ -26,7 +26,7 @@ def data() -> Regression:
 
 
 def trained(data: Regression, recipe: Recipe) -> tuple[PAlpaca, list[float], list[float]]:
-    model = build_model(ORDER.rover, ORDER.soil, recipe.columns, recipe.hidden)
+    model = build_model(ORDER.rover, [ORDER.soil], recipe.columns, recipe.hidden)
     history = list(train(model, data, recipe))
     return model, [progress.loss for progress in history], [progress.overlap for progress in history]
 
