@@ -53,12 +53,12 @@ GENERATORS = {
     "failed_wheel": Hidden("worn coupling of one axle", "1", 0.85, lambda draw: vehicle.WornCoupling(draw.sizes, draw.axle)),
     "sinkage_bias": Hidden("rim angle read wrong", "rad", 0.035, _sized(sensing.RimAngle), signed=True),
     "latency": Hidden("low-pass filter", "s", 0.25, _sized(sensing.Smoothed)),
-    "rate_dependence": Hidden("logarithm of the penetration rate", "1", 0.4, _sized(soil.PenetrationRate), signed=True),
+    "rate_dependence": Hidden("logarithm of the penetration rate", "1", 0.15, _sized(soil.PenetrationRate), signed=True),
     "exit_angle": Hidden("share of the entry angle, growing with slip", "1", 0.1, _sized(soil.TrailingContact)),
     "tether": Hidden("pull that grows with distance", "N", 20.0, _sized(outside.Tether), known=False),
     "gain_drift": Hidden("torque gain that drifts", "1", 0.1, _sized(outside.GainDrift), signed=True, known=False),
     "crust": Hidden("crust that breaks", "1", 0.4, lambda draw: outside.Crust(draw.sizes, draw.place), known=False),
-    "slow_clock": Hidden("body's clock loses time", "1", 0.03, _sized(outside.SlowClock), known=False),
+    "slow_clock": Hidden("body's clock loses time", "1", 0.12, _sized(outside.SlowClock), known=False),
 }  # fmt: skip
 """All hidden effects by name; the first fourteen have the name of a library effect."""
 

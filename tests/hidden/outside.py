@@ -21,7 +21,7 @@ DRIFT_TIME = 60.0
 """[s] Time after which a torque gain has drifted by size."""
 EDGE = 0.1
 """[m] Length of track over which a crust gives way."""
-MEMORY = 60
+MEMORY = 100
 """Samples that a slow clock can be behind."""
 
 

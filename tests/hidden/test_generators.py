@@ -191,3 +191,10 @@ def test_sizes_lie_around_the_one_that_matters_and_have_a_sign_where_it_is_drawn
         sizes = sizes_of(hidden_effect, 1.0, 400, generator) / hidden_effect.matters
         assert 0.85 <= float(sizes.abs().min()) < float(sizes.abs().max()) <= 1.15
         assert 0.4 * hidden_effect.signed <= float((sizes < 0.0).double().mean()) <= 0.6 * hidden_effect.signed
+
+
+def test_the_documented_sizes_are_those_that_are_hidden() -> None:
+    lines = (HERE.parents[1] / "docs" / "effects.md").read_text(encoding="utf-8").splitlines()
+    for name, effect in GENERATORS.items():
+        start = f"| {name} | {effect.law} | {'' if effect.unit == '1' else effect.unit} | {effect.matters:g} | "
+        assert sum(line.startswith(start) for line in lines) == 1, start
