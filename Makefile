@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo test lint train accuracy paper bench workspace environment clean
+.PHONY: help demo test lint train accuracy net paper bench workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -29,10 +29,13 @@ accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.m
 	ros2_ws/bin/ros2 run terrain_estimator accuracy $(ARGS)
 	ros2_ws/bin/ros2 run terrain_estimator change
 
+net: workspace  ## what the learnt features are worth on plants with hidden effects: out/net_study.json
+	ros2_ws/bin/ros2 run terrain_estimator net_study $(ARGS)
+
 paper: workspace  ## the paper's experiments: tables and pictures in out/paper
 	ros2_ws/bin/ros2 run terrain_estimator paper $(ARGS)
 
-bench: workspace  ## time update, replay and simulation
+bench: workspace  ## time update, replay, simulation and training
 	ros2_ws/with python -m benchmarks $(ARGS)
 
 workspace: environment

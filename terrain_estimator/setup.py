@@ -36,6 +36,7 @@ setup(
             "accuracy = terrain_estimator.cli.accuracy:main",
             "change = terrain_estimator.cli.change:main",
             "paper = terrain_estimator.cli.paper:main",
+            "net_study = terrain_estimator.cli.net_study:main",
             "train = terrain_estimator.cli.train:main",
             "demo = terrain_estimator.cli.demo:main",
             "rate_check = terrain_estimator.cli.rate_check:main",

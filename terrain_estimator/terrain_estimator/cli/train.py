@@ -12,6 +12,7 @@ import torch
 
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.training_curves import draw_curves
+from terrain_estimator.learning.departures import HIDDEN
 from terrain_estimator.learning.export import check_export, export
 from terrain_estimator.learning.generation import Chunk, Order, Spread, generate
 from terrain_estimator.learning.loss import Orthogonality
@@ -71,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--tasks", type=int, default=400, help="simulated drives, shared out over the soils")
     parser.add_argument("--strength", choices=_STRENGTHS, default="benchmark", help="where c and phi of the drives come from")
     parser.add_argument(
-        "--hidden-effects", type=float, default=0.4, help="share of the drives in which each effect acts that the physics lacks"
+        "--hidden-effects", type=float, default=HIDDEN, help="share of the drives in which each effect acts that the physics lacks"
     )
     parser.add_argument(
         "--scheduler", default="", help="address of a dask.distributed scheduler that draws the drives; default: this machine"
@@ -87,6 +88,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--hidden", type=int, default=recipe.hidden, help="width of the two hidden layers")
     penalties = [penalty.name.lower() for penalty in Orthogonality]
     parser.add_argument("--orthogonality", choices=penalties, default=recipe.orthogonality.name.lower(), help="kind of the penalty")
+    parser.add_argument(
+        "--caution", type=float, default=recipe.caution, help="what the learnt deviations of the net's weights are divided by"
+    )
     parser.add_argument("--orthogonality-strength", type=float, default=recipe.strength, help="its weight")
     return parser
 
@@ -101,6 +105,7 @@ def recipe_of(args: argparse.Namespace) -> Recipe:
         hidden=args.hidden,
         orthogonality=Orthogonality[args.orthogonality.upper()],
         strength=args.orthogonality_strength,
+        caution=args.caution,
     )
 
 

@@ -13,6 +13,7 @@ from scipy.stats import binomtest, chi2, norm
 from torch import Tensor
 
 from terrain_estimator.learning.batched import Trace
+from terrain_estimator.learning.departures import HIDDEN, Family, random_plant
 from terrain_estimator.learning.tasks import Tasks, measure_tasks, random_ground
 from terrain_estimator.summary import IDENTIFIED_VARIANCE
 from terramechanics.ground import Ground
@@ -102,16 +103,27 @@ def row_mask(rows: str, axles: int) -> Tensor:
     return torch.tensor([velocity, load, *([torque] * axles), 0, moment, moment], dtype=torch.float64)
 
 
-def draw_drives(rover: Rover, soil: Soil, schedule: str, episodes: int, spread: float, seed: int, band: Band | None = None) -> Drives:
+def draw_drives(
+    rover: Rover,
+    soil: Soil,
+    schedule: str,
+    episodes: int,
+    spread: float,
+    seed: int,
+    band: Band | None = None,
+    hidden: Family | None = None,
+) -> Drives:
     """Simulate and measure episodes of the last of TIMES_S; truth uniform over the prior's range or over ``band``.
 
-    Each soil constant is drawn within +-``spread`` [1] of the soil's. The same seed gives the same drives.
+    Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family ``hidden`` acts in a share
+    HIDDEN of the episodes. The same seed gives the same drives.
     """
     generator = torch.Generator().manual_seed(seed)
     ground = random_ground(soil, episodes, generator, spread)
     if band is not None:
         ground = _banded(ground, episodes, band, generator)
-    drive = simulate(rover, ground, schedule, TIMES_S[-1], generator, episodes)
+    plant = random_plant(hidden, rover, episodes, HIDDEN, generator) if hidden else None
+    drive = simulate(rover, ground, schedule, TIMES_S[-1], generator, episodes, plant=plant)
     tasks = measure_tasks(drive, Noise(), generator)
     for packed in (tasks.measured, tasks.true):
         packed[..., _ACCELERATION] = torch.nan

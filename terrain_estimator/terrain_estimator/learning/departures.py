@@ -15,6 +15,9 @@ from terramechanics.effects import make_effect
 from terramechanics.plant import Plant
 from terramechanics.rover import Rover
 
+HIDDEN = 0.4
+"""[1] Share of the drives in which each effect of a family acts."""
+
 
 class Family(Enum):
     """Which effects a plant may have."""

@@ -16,12 +16,12 @@ from torch import Tensor
 from terrain_estimator.gaussian import cholesky
 from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.palpaca import BLOCK, PAlpaca
-from terrain_estimator.rows import PA_PER_UNIT, regression_rows
+from terrain_estimator.rows import PA_PER_UNIT, regression_rows, row_names
 
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Blocks of a batch of tasks: rows velocity, load, torques; Q = A + 2 of them a block. Zero where a block is not valid."""
+    """Blocks of a batch of tasks: rows velocity, load, torques, moments; Q = A + 4 of them a block. Zero where a block is not valid."""
 
     nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, uncertain soil constants [prior deviations]
     target: Tensor  # [tasks, blocks, Q] less the constant features
@@ -43,6 +43,11 @@ class Regression:
         return Regression(*(getattr(self, field.name).to(device) for field in fields(self)))
 
 
+def distinct_rows(axles: int) -> list[int]:
+    """Places of the rows that the net learns from: all but the imu's, which is the velocity row once more."""
+    return [place for place, name in enumerate(row_names(axles)) if name != "acceleration"]
+
+
 CHUNK = 8
 """Tasks at a time: the rows of an observation take a few kB while they are made."""
 
@@ -56,17 +61,17 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     count, time, size = tasks.true.shape
     blocks, axles = time // BLOCK, model.axles
     packed = tasks.true[:, : blocks * BLOCK].reshape(-1, size)
-    rows = regression_rows(packed, packed, model.nominal_contact())
-    kept = axles + 2
+    rows, chosen = regression_rows(packed, packed, model.nominal_contact()), distinct_rows(axles)
+    kept = len(chosen)
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = torch.cat([theta, torch.ones(count, 1, dtype=torch.float64)], 1)
     shape = (count, blocks, BLOCK)
-    changes = rows.features[:, :, :kept].reshape(-1, *shape, kept, 3).mean(3)
+    changes = rows.features[:, :, chosen].reshape(-1, *shape, kept, 3).mean(3)
     features, by_constant = changes[0], torch.einsum("mtbqc,tc->tbqm", changes[1:], theta)
-    noise = torch.einsum("tbnqec,tc->tbnqe", rows.noise[0, :, :kept].reshape(*shape, kept, -1, 3), theta) / BLOCK
+    noise = torch.einsum("tbnqec,tc->tbnqe", rows.noise[0, :, chosen].reshape(*shape, kept, -1, 3), theta) / BLOCK
     noise = noise.transpose(2, 3).flatten(3)  # [tasks, blocks, Q, BLOCK E]
-    own = rows.variance[:, :kept].reshape(*shape, kept).sum(2) / BLOCK**2
-    target = rows.target[:, :kept].reshape(*shape, kept).mean(2)
+    own = rows.variance[:, chosen].reshape(*shape, kept).sum(2) / BLOCK**2
+    target = rows.target[:, chosen].reshape(*shape, kept).mean(2)
     step = packed[:, -2].reshape(shape).sum(2)
     velocity_sd = packed[:, 8 * axles + 1].reshape(shape).mean(2)
     own[..., 0] = 2.0 * (velocity_sd / step) ** 2 / BLOCK  # two means of ten velocities, a block apart
@@ -74,7 +79,7 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     target[..., 0] = specific_force  # dv/dt + g sin ab, without noise here
     covariance = noise @ noise.transpose(2, 3) + torch.diag_embed(own)
     shaken = (cholesky(covariance) @ torch.randn(*target.shape, 1, generator=generator, dtype=torch.float64)).squeeze(-1)
-    in_range = (rows.used[:, :kept].reshape(*shape, kept) > 0.0).flatten(2).all(2)
+    in_range = (rows.used[:, chosen].reshape(*shape, kept) > 0.0).flatten(2).all(2)
     return _only_valid(
         Regression(
             nominal=torch.cat([features[..., :2], by_constant], -1),

@@ -17,8 +17,9 @@ def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
     prior = PRIOR if values["uncertain"].shape[1] else PRIOR._replace(constants_sd=0.0)
-    columns = last.shape[0] // (len(loaded.rover.axle_x) + 2)
-    model = build_model(loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior)
+    rows = values["net.row_scale"].shape[0]
+    columns, moments = last.shape[0] // rows, rows > len(loaded.rover.axle_x) + 2
+    model = build_model(loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior, moments=moments)
     model.load_state_dict(values)
     if not net:
         model.net_precision.fill_(_NO_EFFECT)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.learning.loss import Orthogonality, negative_log_predictive, overlap, paper_penalty, shortfall, span_share, whiten
-from terrain_estimator.learning.regression import Regression
+from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.palpaca import PAlpaca
 from terrain_estimator.prior import Body, Prior
@@ -39,7 +39,7 @@ class Recipe:
     orthogonality: Orthogonality = Orthogonality.SPAN
     strength: float = 0.1  # weight of the orthogonality penalty
     positivity: float = 1.0  # weight of the mean shortfall of c [kPa] and tan phi below zero
-    caution: float = 10.0  # by which the learnt prior deviations of the net's weights are divided for use
+    caution: float = 1000.0  # by which the learnt prior deviations of the net's weights are divided for use
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +51,18 @@ class Progress:
     overlap: float  # squared cosine between learnt and nominal features
 
 
-def build_model(rover: Rover, soils: Sequence[Soil], columns: int, hidden: int, prior: Prior = PRIOR) -> PAlpaca:
-    """An untrained model of a rover that knows these soils."""
+def build_model(rover: Rover, soils: Sequence[Soil], columns: int, hidden: int, prior: Prior = PRIOR, *, moments: bool = True) -> PAlpaca:
+    """An untrained model of a rover that knows these soils; with ``moments`` its net has columns in the moment rows too."""
     body = Body(
         len(rover.axle_x), rover.wheels_per_axle, rover.mass, rover.gravity, rover.wheel_radius, rover.wheel_width, geometry_of(rover)
     )
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
-    sizes = [0.05 * rover.gravity, 0.05] + [0.05 * torque] * body.axles  # what a learnt effect may amount to
+    sizes = [
+        0.05 * rover.gravity,
+        0.05,
+        *([0.05 * torque] * body.axles),
+        *([0.05, 0.05] if moments else []),
+    ]  # what a learnt effect may amount to
     net = NetFeatures(body.axles, columns, hidden, 0.1 * rover.wheel_radius, torch.tensor(sizes, dtype=torch.float64))
     return PAlpaca(body, torch.stack([soil.constants() for soil in soils]), prior, net)
 
@@ -114,8 +119,8 @@ def _adopt(model: PAlpaca, learnt: _Learnt, recipe: Recipe) -> None:
 
 def _losses(model: PAlpaca, learnt: _Learnt, data: Regression, context: Tensor, recipe: Recipe) -> tuple[Tensor, Tensor, Tensor]:
     """Predictive loss, overlap, and weighted penalties of some tasks."""
-    rows, nominal_count = data.target.shape[-1], data.nominal.shape[-1]
-    columns = model.learnt(data.inputs.flatten(0, 1))[:, :rows].reshape(*data.valid.shape, rows, -1)
+    nominal_count = data.nominal.shape[-1]
+    columns = model.learnt(data.inputs.flatten(0, 1))[:, distinct_rows(model.axles)].unflatten(0, data.valid.shape)  # type: ignore[no-untyped-call]
     noise = (learnt.log_noise.exp() * model.net.row_scale).square()
     joined = torch.cat([data.nominal, columns, data.target.unsqueeze(-1)], -1)
     whitened, cost = whiten(joined, data.covariance, noise)

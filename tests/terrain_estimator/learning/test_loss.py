@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from terrain_estimator.learning.loss import log_marginal, negative_log_predictive, overlap
+from terrain_estimator.learning.loss import log_marginal, negative_log_predictive, overlap, span_share, whiten
 
 GENERATOR = torch.Generator().manual_seed(4)
 
@@ -53,3 +53,26 @@ def test_overlap_is_the_squared_cosine() -> None:
     nominal[0, 0, 0, 0] = nominal[0, 1, 0, 1] = 2.0
     learnt = torch.ones(1, 2, 1, 1, dtype=torch.float64)
     assert float(overlap(nominal, learnt, torch.ones(1, 2, dtype=torch.float64))) == pytest.approx(0.5)
+
+
+def test_whitened_columns_and_their_cost_give_the_density_of_the_rows() -> None:
+    root = randn(4, 4)
+    covariance, noise, residual = root @ root.T + torch.eye(4, dtype=torch.float64), torch.tensor([0.1, 0.0, 2.0, 0.3]).double(), randn(4)
+    zero = torch.zeros(4, dtype=torch.float64)
+    (whitened, cost), (plain, free) = (whiten(residual.unsqueeze(-1), covariance, extra) for extra in (noise, zero))
+    assert float(free) == 0.0
+    expected, without = (
+        torch.distributions.MultivariateNormal(zero, covariance + torch.diag(extra)).log_prob(residual)  # type: ignore[no-untyped-call]
+        for extra in (noise, zero)
+    )
+    torch.testing.assert_close(-0.5 * (whitened.square().sum() - plain.square().sum()) - cost, expected - without)
+
+
+def test_the_span_share_is_one_inside_the_nominal_span_and_zero_across_it() -> None:
+    nominal, valid = randn(3, 6, 2, 2), torch.ones(3, 6, dtype=torch.float64)
+    inside = nominal @ randn(2, 4)
+    flat = nominal.flatten(1, 2)
+    other = randn(3, 12, 4)
+    across = (other - flat @ torch.linalg.lstsq(flat, other).solution).unflatten(1, (6, 2))
+    assert float(span_share(nominal, inside, valid)) == pytest.approx(1.0)
+    assert float(span_share(nominal, across, valid)) == pytest.approx(0.0, abs=1e-12)

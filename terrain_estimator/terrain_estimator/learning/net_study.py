@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the net is worth: physics with and without it, on the plant that the rows describe and on plants with hidden effects."""
+
+from dataclasses import dataclass
+
+import torch
+from scipy.stats import norm
+from torch import Tensor
+
+from terrain_estimator.learning.accuracy import CONFIDENCE, Drives, Score, draw_drives, observation_times, row_mask, score
+from terrain_estimator.learning.batched import Trace, run
+from terrain_estimator.learning.departures import Family
+from terrain_estimator.palpaca import PAlpaca
+from terramechanics.rover import Rover
+from terramechanics.sensors import Noise
+from terramechanics.soil import Soil
+
+PLANTS: dict[str, Family | None] = {"no hidden effect": None, "effects as in training": Family.LEARNT, "other effects": Family.FOREIGN}
+SPREAD = 0.05
+"""[1] Largest relative error of each soil constant."""
+ROWS = "v+L+M+B"
+_SETTLED = 50  # observations before velocity predictions are judged
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """A mean over drives with its confidence limits."""
+
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Physics alone and with the net, on the same drives of one plant."""
+
+    plant: str
+    physics: Score
+    with_net: Score
+    nll_change: Limits  # of the one-step velocity predictive, with the net less without; a mean over drives [nat]
+
+
+def compare(rover: Rover, soil: Soil, physics: PAlpaca, with_net: PAlpaca, plant: str, episodes: int, seed: int) -> Comparison:
+    """Both models on ``episodes`` drives of 40 s, constants 5 % wrong; ``seed`` must be of no training."""
+    drives = draw_drives(rover, soil, "S1", episodes, SPREAD, seed, hidden=PLANTS[plant])
+    traces = [_trace(model, drives) for model in (physics, with_net)]
+    alone, joined = (_score(model, trace, drives) for model, trace in zip((physics, with_net), traces, strict=True))
+    before, after = (velocity_nll(trace) for trace in traces)
+    return Comparison(plant, alone, joined, limits(after - before))
+
+
+def limits(values: Tensor) -> Limits:
+    """Mean of ``values`` [N] that are not NaN, with its limits at CONFIDENCE."""
+    values = values[~torch.isnan(values)]
+    mean, error = float(values.mean()), float(values.std() / values.shape[0] ** 0.5)
+    reach = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * error
+    return Limits(mean, mean - reach, mean + reach)
+
+
+def velocity_nll(trace: Trace) -> Tensor:
+    """Mean negative log density [nat] of the measured velocities of each drive [N], predicted one step ahead."""
+    innovation, variance = trace.innovation[:, _SETTLED:], trace.variance[:, _SETTLED:]
+    return (0.5 * (innovation.square() / variance + torch.log(2.0 * torch.pi * variance))).nanmean(1)
+
+
+def _trace(model: PAlpaca, drives: Drives) -> Trace:
+    return run(model, drives.tasks.measured, observation_times(), drives.ends, row_mask(ROWS, model.axles))
+
+
+def _score(model: PAlpaca, trace: Trace, drives: Drives) -> Score:
+    nothing = torch.eye(2, dtype=torch.float64).expand(trace.mean.shape[0], trace.mean.shape[1], 2, 2)  # no bound is known here
+    return score(trace, drives, nothing, model.prior_sd, Noise().velocity)
