@@ -48,6 +48,17 @@ def fixed_columns(rows: int) -> Tensor:
     return columns
 
 
+def row_weights(used: Tensor, step: Tensor) -> Tensor:
+    """Weight [n, Q] of each of n observations in the rows of their block, from ``used`` [n, R] and ``step`` [n].
+
+    Both may have leading dimensions.
+    """
+    n = step.shape[-1]
+    remaining = torch.arange(n, 0, -1, dtype=step.dtype) / n
+    average = used[..., 1:] / used[..., 1:].sum(-2, keepdim=True).clamp(min=1.0)
+    return torch.cat([torch.stack([step * remaining, step], -1), average], -1)
+
+
 def block_rows(
     rows: Rows, columns: Tensor, step: Tensor, velocity: Tensor, expansion: Tensor, fixed: Tensor, link_variance: float
 ) -> BlockRows:
@@ -58,11 +69,8 @@ def block_rows(
     v_j = v_start + SUM_(l <= j) step_l a_l the mean over j weights a_l by step_l (n - l) / n, l counted from 0.
     """
     n = step.shape[0]
-    remaining = torch.arange(n, 0, -1, dtype=step.dtype) / n
     count = rows.used[:, 1:].sum(0)
-    average = rows.used[:, 1:] / count.clamp(min=1.0)
-    weight = torch.cat([torch.stack([step * remaining, step], 1), average], 1)
-
+    weight = row_weights(rows.used, step)
     doubled = [torch.cat([x[:, :1], x], 1) for x in (rows.target, rows.variance)]
     wide = weight.unsqueeze(-1)
     features = (torch.cat([rows.features[:, :, :1], rows.features], 2) * wide).sum(1)  # [C, Q, 3]

@@ -88,30 +88,45 @@ def drive_row(wheels: Tensor, contact: Contact) -> Tensor:
     return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
 
 
-def force_changes(wheels: Tensor, contact: Contact) -> Tensor:
-    """Forces and their change for one standard deviation of slip and of sinkage: [3, C, n, A, 3, 3], as ``wheel_forces``.
+class Variation(NamedTuple):
+    """Inputs at which the forces of n x A wheels are evaluated, and what is needed to read changes from them: K = 2 + 3 C."""
 
-    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed groups.
+    slip: Tensor  # [K, n, A]
+    sinkage: Tensor  # [K, n, A] [m]
+    constants: Tensor  # [K, n or 1, A or 1, 6]
+    scale: Tensor  # [n, A] deviation of the sinkage over the one by which it is varied
 
-    The change is a central difference over plus and minus one deviation, so that a curved law is averaged over the
-    spread of its input; a sinkage smaller than its deviation is varied by less. C as in Rows.
+
+def varied_inputs(wheels: Tensor, contact: Contact) -> Variation:
+    """Slip and sinkage with and without a deviation of each, for every set of soil constants.
+
+    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed groups. With the
+    constants as given both sides are taken; for the changes by the constants one side is enough.
     """
     slip, slip_sd, sinkage, sinkage_sd = wheels[:, 0], wheels[:, 1], wheels[:, 2], wheels[:, 3]
     shallow = torch.minimum(sinkage_sd, 0.9 * sinkage)
     zero = torch.zeros_like(slip)
-    # With the constants as given both sides; for the changes by the constants one side is enough.
     slips = [torch.stack([zero, -slip_sd])] + [torch.stack([zero, slip_sd, zero])] * contact.varied.shape[0]
     sinkages = [torch.stack([-shallow, zero])] + [torch.stack([zero, zero, shallow])] * contact.varied.shape[0]
     constants = contact.constants + contact.varied.unsqueeze(1).unsqueeze(1)
     every = torch.cat([constants[:1], constants[:1], constants.repeat_interleave(3, 0)])
-    forces = wheel_forces(slip + torch.cat(slips), sinkage + torch.cat(sinkages), every, contact.radius, contact.width, contact.nodes)
+    return Variation(slip + torch.cat(slips), sinkage + torch.cat(sinkages), every, sinkage_sd / shallow)
+
+
+def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Tensor:
+    """Forces and their change for one standard deviation of slip and of sinkage: [3, C, n, A, 3, 3], as ``wheel_forces``.
+
+    ``forces`` [K, n, A, 3, 3] are those at the inputs of a Variation with its ``scale``. The change is a central difference
+    over plus and minus one deviation, so that a curved law is averaged over the spread of its input; a sinkage smaller
+    than its deviation is varied by less. C as in Rows.
+    """
     shallower, braked = forces[0], forces[1]
     values, faster, deeper = forces[2::3], forces[3::3], forces[4::3]
-    scale = (sinkage_sd / shallow).unsqueeze(-1).unsqueeze(-1)
+    scale = scale.unsqueeze(-1).unsqueeze(-1)
     one_sided = torch.stack([values, faster - values, (deeper - values) * scale])
-    changes = 1e3 * (one_sided[:, 1:] - one_sided[:, :1])
+    by_constant = 1e3 * (one_sided[:, 1:] - one_sided[:, :1])
     central = torch.stack([values[0], 0.5 * (faster[0] - braked), 0.5 * (deeper[0] - shallower) * scale])
-    return torch.cat([central.unsqueeze(1), changes], 1) * contact.column_unit
+    return torch.cat([central.unsqueeze(1), by_constant], 1) * contact.column_unit
 
 
 def body_parts(forces: Tensor, wheels: Tensor, bogie_angle: Tensor, contact: Contact) -> tuple[Tensor, Tensor]:
@@ -140,20 +155,25 @@ class Wheels(NamedTuple):
 
     measured: Tensor  # [n, 8, A] packed groups, harmless where a wheel is not usable
     usable: Tensor  # [n, A] bool
-    forces: Tensor  # [3, C, n, A, 3, 3] at the measured inputs, expanded; their change with slip and with sinkage
+    place: Tensor  # [n, 8, A] the same with the slip and sinkage around which forces are expanded
 
 
 def expanded_wheels(packed: Tensor, likely: Tensor, contact: Contact) -> Wheels:
-    """Forces at the measured slips and sinkages, to first order around those of ``likely``; both [n, 8 A + SCALARS]."""
+    """The wheels of ``packed``, to be expanded around the slips and sinkages of ``likely``; both [n, 8 A + SCALARS]."""
     axles = contact.geometry.axle_x.shape[0]
     wheels = packed[:, : 8 * axles].view(-1, 8, axles)
     usable = usable_wheels(wheels, contact)
     wheels = torch.where(usable.unsqueeze(1), wheels, contact.stand_in)
     place = torch.where(usable.unsqueeze(1), likely[:, : 8 * axles].view(-1, 8, axles), contact.stand_in)
-    forces = force_changes(place, contact)
-    away = torch.stack([(wheels[:, 0] - place[:, 0]) / wheels[:, 1], (wheels[:, 2] - place[:, 2]) / wheels[:, 3]])
-    shifted = forces[0] + (away.view(2, 1, -1, axles, 1, 1) * forces[1:]).sum(0)
-    return Wheels(wheels, usable, torch.cat([shifted.unsqueeze(0), forces[1:]]))
+    return Wheels(wheels, usable, place)
+
+
+def measured_forces(wheels: Wheels, forces: Tensor) -> Tensor:
+    """``forces`` of :func:`changes` with the values moved, to first order, to the measured slips and sinkages."""
+    measured, place = wheels.measured, wheels.place
+    away = torch.stack([(measured[:, 0] - place[:, 0]) / measured[:, 1], (measured[:, 2] - place[:, 2]) / measured[:, 3]])
+    shifted = forces[0] + (away.unsqueeze(1).unsqueeze(-1).unsqueeze(-1) * forces[1:]).sum(0)
+    return torch.cat([shifted.unsqueeze(0), forces[1:]])
 
 
 LARGEST_ERROR = 3.0
@@ -161,14 +181,19 @@ LARGEST_ERROR = 3.0
 
 
 def likely_inputs(packed: Tensor, contact: Contact, theta: Tensor, chosen: Tensor, largest: float = LARGEST_ERROR) -> Tensor:
-    """Packed observations with each slip and sinkage where the rows of its instant agree best, given ``theta`` [3].
+    """Packed observations with each slip and sinkage where the rows of its instant agree best, given ``theta`` [3]."""
+    rows = regression_rows(packed, packed, values_alone(contact))
+    return agreeing_inputs(rows, packed, contact, theta, chosen, largest)
+
+
+def agreeing_inputs(rows: Rows, packed: Tensor, contact: Contact, theta: Tensor, chosen: Tensor, largest: float = LARGEST_ERROR) -> Tensor:
+    """What :func:`likely_inputs` returns, from the ``rows`` of the measured inputs.
 
     One step of the projection that orthogonal distance regression makes, e = G' S^-1 r, by the rows that are ``chosen``
     [R] (1 or 0), without the velocity's, whose dv/dt no single instant measures. As a place to expand the rows around, it
     need not be exact, nor ``theta`` = (c [kPa], tan phi, 1).
     """
     axles = contact.geometry.axle_x.shape[0]
-    rows = regression_rows(packed, packed, values_alone(contact))
     used = (rows.used * chosen)[:, 1:]
     noise = (rows.noise[0, :, 1:] @ theta) * used.unsqueeze(-1)
     residual = (rows.target[:, 1:] - rows.features[0, :, 1:] @ theta) * used
@@ -188,8 +213,16 @@ def regression_rows(packed: Tensor, likely: Tensor, contact: Contact) -> Rows:
 
     A wheel that is not usable takes the rows that need it along.
     """
+    wheels = expanded_wheels(packed, likely, contact)
+    where = varied_inputs(wheels.place, contact)
+    forces = wheel_forces(where.slip, where.sinkage, where.constants, contact.radius, contact.width, contact.nodes)
+    return rows_of_forces(packed, wheels, measured_forces(wheels, changes(forces, where.scale, contact)), contact)
+
+
+def rows_of_forces(packed: Tensor, expanded: Wheels, forces: Tensor, contact: Contact) -> Rows:
+    """Rows of n packed observations, given the ``forces`` [3, C, n, A, 3, 3] of :func:`measured_forces`."""
     axles = contact.geometry.axle_x.shape[0]
-    wheels, usable, forces = expanded_wheels(packed, likely, contact)
+    wheels, usable = expanded.measured, expanded.usable
     scalars = packed[:, 8 * axles :]
     bogie = torch.isfinite(scalars[:, 6])
     parts, by_angle = body_parts(forces, wheels, torch.where(bogie, scalars[:, 6], 0.0), contact)
