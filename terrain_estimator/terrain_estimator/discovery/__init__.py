@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which physical effect does the nominal model lack? Named, sized, or honestly unknown.
+
+    nominal = nominal_of(rover, soil)
+    study = Study(nominal, [cut(run, nominal.contact) for run in runs])      # fits "nothing is missing"
+    candidates = search(study, singles(), say)                             # each named effect, the most probable first
+    study.with_discrepancy(candidates[0])                                  # what is left beside it, whatever it is
+
+- ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
+- ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
+- ``equations``: normal equations of one run; what one run contributes does not depend on the others.
+- ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
+- ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
+- ``search``: fits of all hypotheses.
+
+No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
+"""
+
+from terrain_estimator.discovery.flexible import Column, Flexible
+from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, testable, together
+from terrain_estimator.discovery.physics import Nominal, Part, nominal_of
+from terrain_estimator.discovery.runs import Blocks, Run, RunError, cut
+from terrain_estimator.discovery.search import Candidate, Study, search
+
+__all__ = [
+    "NOTHING",
+    "Blocks",
+    "Candidate",
+    "Column",
+    "Flexible",
+    "Hypothesis",
+    "Nominal",
+    "Part",
+    "Run",
+    "RunError",
+    "Study",
+    "cut",
+    "nominal_of",
+    "search",
+    "singles",
+    "testable",
+    "together",
+]

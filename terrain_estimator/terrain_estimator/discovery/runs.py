@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recorded runs, cut into blocks of one second whose observations are linked."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.palpaca import BLOCK
+from terrain_estimator.rows import Contact, usable_wheels
+
+
+class RunError(ValueError):
+    """A run cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one drive measured."""
+
+    name: str
+    packed: Tensor  # [T, 8 A + 9] observations of terrain_estimator.packing
+    wheel_rate: Tensor  # [T, A] [rad/s], NaN where it is not measured
+    time: Tensor  # [T] [s] since the start
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """What the discrepancy of a block may depend on, [B, A] or [B, 1], smooth in time.
+
+    Measured signals are means over the two neighbouring blocks, never of the block itself: the noise of a signal moves
+    the rows of its own block, so that residuals correlate with it where nothing is missing.
+    """
+
+    slip: Tensor  # [B, A]
+    sinkage: Tensor  # [B, A] [m]
+    speed: Tensor  # [B, A] [m/s] of the rim
+    pitch: Tensor  # [B, 1] [rad]
+    time: Tensor  # [B, 1] [s]
+    distance: Tensor  # [B, 1] [m]
+    slip_rate: Tensor  # [B, A] [1/s]
+    sinkage_rate: Tensor  # [B, A] [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """The B blocks of a run; V velocities join them."""
+
+    name: str
+    packed: Tensor  # [B, BLOCK, 8 A + 9]; the first observation of an unlinked block covers no time
+    wheel_rate: Tensor  # [B, BLOCK, A] [rad/s]
+    ends: Tensor  # [B, 2] numbers of the velocity before and after the block
+    velocities: int  # V
+    signals: Signals
+
+
+def cut(run: Run, nominal: Contact) -> Blocks:
+    """Cut a run into blocks in which every wheel is measured and in range.
+
+    Raises:
+        RunError: fewer than five such blocks.
+    """
+    axles = nominal.geometry.axle_x.shape[0]
+    usable = usable_wheels(run.packed[:, : 8 * axles].reshape(-1, 8, axles), nominal).all(1)
+    starts, begins = _starts(usable.tolist(), (run.packed[:, -1] > 0.0).tolist())
+    if len(starts) < _FEWEST:
+        raise RunError(
+            f"{run.name}: {len(starts)} whole seconds of linked observations with every wheel in range, at least {_FEWEST} are needed"
+        )
+    index = torch.tensor(starts).unsqueeze(1) + torch.arange(BLOCK)
+    packed = run.packed[index].clone()
+    fresh = torch.tensor(begins)
+    packed[fresh, 0, -2:] = 0.0
+    # A block that begins anew has a velocity of its own at its start.
+    last = torch.cumsum(1 + fresh.long(), 0) - 1
+    rate = run.wheel_rate[index]
+    known = torch.where(torch.isfinite(rate), rate, _rim_rate(packed, axles, nominal.radius))
+    signals = _signals(packed, known * nominal.radius, run.time[index])
+    return Blocks(run.name, packed, known, torch.stack([last - 1, last], 1), int(last[-1]) + 1, signals)
+
+
+_FEWEST = 5
+
+
+def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[bool]]:
+    """First observation of each whole block, and whether its velocity is not that of the block before."""
+    starts: list[int] = []
+    begins: list[bool] = []
+    first, count, fresh = 0, 0, True
+    for t, (good, joined) in enumerate(zip(usable, linked, strict=True)):
+        if count == 0 or not good or not joined:
+            first, count = t, 0
+            fresh = not (good and joined and starts and starts[-1] + BLOCK == t)
+        count = count + 1 if good else 0
+        if count == BLOCK:
+            starts.append(first)
+            begins.append(fresh)
+            count = 0
+    return starts, begins
+
+
+def _rim_rate(packed: Tensor, axles: int, radius: float) -> Tensor:
+    """Mean wheel rate of each block from velocity and slip, where no encoder tells it."""
+    rim = packed[..., 8 * axles : 8 * axles + 1] / (1.0 - packed[..., :axles].clamp(max=0.9)) / radius
+    return rim.mean(1, keepdim=True).expand(-1, packed.shape[1], -1)
+
+
+def _signals(packed: Tensor, speed: Tensor, time: Tensor) -> Signals:
+    axles = speed.shape[-1]
+    wheels = packed[..., : 8 * axles].view(*packed.shape[:2], 8, axles)
+    slip, slip_rate = _around(wheels[:, :, 0].mean(1), time)
+    sinkage, sinkage_rate = _around(wheels[:, :, 2].mean(1), time)
+    velocity = packed[..., 8 * axles]
+    seconds = time.mean(1, keepdim=True)
+    gone = torch.cumsum(velocity.mean(1), 0).unsqueeze(1) * (BLOCK * packed[..., -2].max())
+    pitch, _ = _around(packed[..., 8 * axles + 2].mean(1, keepdim=True), time)
+    return Signals(slip, sinkage, speed.mean(1), pitch, seconds, gone, slip_rate, sinkage_rate)
+
+
+def _around(means: Tensor, time: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean of the blocks before and after each, and the slope between them; at an end the only neighbour and no slope."""
+    seconds = time.mean(1, keepdim=True)
+    before, after = torch.cat([means[1:2], means[:-1]]), torch.cat([means[1:], means[-2:-1]])
+    apart = torch.cat([seconds[1:], seconds[-2:-1]]) - torch.cat([seconds[1:2], seconds[:-1]])
+    slope = torch.where(apart > 0.0, (after - before) / apart.clamp(min=1e-9), 0.0)
+    return 0.5 * (before + after), slope

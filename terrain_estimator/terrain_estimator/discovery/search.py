@@ -1,0 +1,147 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fits of every hypothesis to the same runs: nothing, each named effect, pairs, and a discrepancy without a name on top."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.discovery.equations import RunEquations
+from terrain_estimator.discovery.fit import PRIOR_THETA, Fit, Shared, fit, start_of, with_shared
+from terrain_estimator.discovery.flexible import Flexible, flexible, no_columns
+from terrain_estimator.discovery.library import NOTHING, Hypothesis
+from terrain_estimator.discovery.physics import Laws, Nominal
+from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.rows import row_names
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A hypothesis and how well it explains the runs."""
+
+    hypothesis: Hypothesis
+    fit: Fit
+    weights: Flexible | None = None  # the discrepancy on top, where there is one
+
+    @property
+    def sizes(self) -> list[tuple[str, float, float]]:
+        """Name, size and standard deviation of each effect, in the units of the registry."""
+        found, at = [], 0
+        for part in self.hypothesis.parts:
+            value = float(self.fit.point.shared[at])
+            spread = float(self.fit.covariance[at, at].sqrt())
+            found.append((part.name, part.size(value), abs(part.slope(value)) * spread))
+            at += 1 + len(part.beside)
+        return found
+
+
+class Study:
+    """Runs of one rover on one soil, and fits to them."""
+
+    def __init__(self, nominal: Nominal, runs: Sequence[Blocks], mask: Tensor | None = None) -> None:
+        """``mask`` [R] is 1 for the rows that may be used, 0 for others; all where it is None."""
+        self.nominal, self.runs = nominal, tuple(runs)
+        self.mask = torch.ones(len(row_names(nominal.rover.axles)), dtype=torch.float64) if mask is None else mask
+        self._plain = no_columns(self.runs)
+        self.nothing = self._nothing()
+
+    def _systems(self, hypothesis: Hypothesis, weights: Flexible) -> list[RunEquations]:
+        return [
+            RunEquations(run, Laws(self.nominal, run, hypothesis.parts), self.mask, columns)
+            for run, columns in zip(self.runs, weights.columns, strict=True)
+        ]
+
+    def _nothing(self) -> Candidate:
+        strengths = [(PRIOR_THETA[0][0], PRIOR_THETA[1][0])] * len(self.runs)
+        start = start_of([_velocities(run) for run in self.runs], self.nominal.uncertain.shape[0], strengths, 0)
+        unknown: list[Tensor | None] = [None] * len(self.runs)
+        first = fit(self._systems(NOTHING, self._plain), start, NOTHING.shared(), unknown, most=12)
+        return Candidate(NOTHING, first)
+
+    def explain(self, hypothesis: Hypothesis, after: Candidate | None = None, *, most: int = 8) -> Candidate:
+        """Fit a hypothesis, beginning from nothing, or from another candidate whose parts come first in it."""
+        start = after or self.nothing
+        values = torch.tensor(hypothesis.start(), dtype=torch.float64)
+        values[: start.fit.point.shared.shape[0]] = start.fit.point.shared
+        found = fit(
+            self._systems(hypothesis, self._plain),
+            with_shared(start.fit.point, values),
+            hypothesis.shared(),
+            [each.by_constant for each in self.nothing.fit.equations],
+            most=most,
+        )
+        return Candidate(hypothesis, found)
+
+    def refine(self, candidate: Candidate, *, most: int = 8) -> Candidate:
+        """The same with columns of the soil constants of its own, until nothing moves."""
+        found = fit(
+            self._systems(candidate.hypothesis, self._plain),
+            candidate.fit.point,
+            candidate.hypothesis.shared(),
+            [None] * len(self.runs),
+            most=most,
+        )
+        return dataclasses.replace(candidate, fit=found)
+
+    def with_discrepancy(self, candidate: Candidate, *, rounds: int = 2, most: int = 4) -> Candidate:
+        """A candidate with a flexible discrepancy on top; the spread of its weights, row by row, is the most likely one."""
+        weights = flexible(self.runs)
+        sizes = candidate.hypothesis.shared()
+        rows = row_names(self.nominal.rover.axles)
+        row_of = torch.tensor([rows.index(column.row) for column in weights.names])
+        spread = _first_spread(candidate.fit, len(rows))[row_of]
+        shared_start = torch.cat([candidate.fit.point.shared, torch.zeros(len(weights.names), dtype=torch.float64)])
+        point = with_shared(candidate.fit.point, shared_start)
+        known = [each.by_constant for each in candidate.fit.equations]
+        systems = self._systems(candidate.hypothesis, weights)
+        found = candidate.fit
+        for round_ in range(rounds + 1):
+            shared = Shared(sizes.low, sizes.high, torch.cat([sizes.sd, spread]), sizes.step)
+            found = fit(systems, point, shared, known, most=most)
+            point = found.point
+            if round_ < rounds:
+                spread = _spread(found, sizes.low.shape[0], row_of)
+        return Candidate(candidate.hypothesis, found, weights)
+
+
+def _spread(found: Fit, first: int, row_of: Tensor) -> Tensor:
+    """Deviation of each weight: root mean square over the weights of its row."""
+    power = found.point.shared[first:].square() + found.covariance.diagonal()[first:]
+    total = torch.zeros(int(row_of.max()) + 1, dtype=torch.float64).index_add_(0, row_of, power)
+    return (total / torch.bincount(row_of)).sqrt()[row_of].clamp(min=1e-9)
+
+
+def _first_spread(found: Fit, rows: int) -> Tensor:
+    """Deviations [R] of the weights of a row to begin with: what is left unexplained there."""
+    excess = torch.stack([each.excess for each in found.equations]).mean(0)
+    noise = torch.stack([(each.factor @ each.factor.transpose(1, 2)).diagonal(dim1=1, dim2=2).mean(0) for each in found.equations]).mean(0)
+    per_row = (excess + 0.01 * noise)[1:].clone()
+    return (per_row / rows).sqrt()
+
+
+def _velocities(run: Blocks) -> Tensor:
+    velocity = torch.zeros(run.velocities, dtype=torch.float64)
+    mean = run.packed[..., 8 * run.wheel_rate.shape[-1]].mean(1)
+    velocity[run.ends[:, 0]] = mean
+    velocity[run.ends[:, 1]] = mean
+    return velocity
+
+
+Progress = Callable[[float, str], None]
+
+
+def search(study: Study, hypotheses: Sequence[Hypothesis], say: Progress) -> list[Candidate]:
+    """All hypotheses, the most probable first."""
+    found = []
+    for number, hypothesis in enumerate(hypotheses):
+        say(number / len(hypotheses), hypothesis.label)
+        found.append(study.explain(hypothesis))
+    return ranked(found)
+
+
+def ranked(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The most probable first."""
+    return sorted(candidates, key=lambda each: -each.fit.log_evidence)

@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fits of hypotheses to drives whose missing effect is known. Tests of how often a verdict is right are in tests/hidden."""
+
+from functools import cache
+
+import pytest
+import torch
+
+from terrain_estimator.discovery import Part, Run, RunError, Study, cut, nominal_of, singles
+from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.learning.tasks import measure_tasks
+from terramechanics.effects import make_effect
+from terramechanics.ground import Ground, Patch
+from terramechanics.plant import Plant
+from terramechanics.rover import load_rover
+from terramechanics.sensors import Noise
+from terramechanics.simulation import simulate
+from terramechanics.soil import load_soil
+
+MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
+SIZES = {"drive_drag": 0.5, "slope_bias": 0.01}
+
+
+@cache
+def drives(name: str) -> tuple[Run, ...]:
+    """Two drives of 25 s with the soil constants as in the file."""
+    generator = torch.Generator().manual_seed(41)
+    strength = torch.tensor([[2500.0, 0.6], [1500.0, 0.7]], dtype=torch.float64)
+    plant = Plant([make_effect(name, SIZES[name])]) if name else None
+    drive = simulate(MARS, Ground([Patch(LOOSE.constants(), strength)]), "S1", 25.0, generator, 2, plant=plant)
+    packed = measure_tasks(drive, Noise(), generator).measured
+    time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
+    return tuple(Run(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(2))
+
+
+@cache
+def study(name: str) -> Study:
+    nominal = nominal_of(MARS, LOOSE)
+    with torch.inference_mode():
+        return Study(nominal, [cut(run, nominal.contact) for run in drives(name)])
+
+
+def best_of(name: str, hypotheses: list[Hypothesis]) -> tuple[Hypothesis, float, float, float]:
+    """The most probable hypothesis with its size and deviation, and its log evidence over nothing."""
+    with torch.inference_mode():
+        found = max((study(name).explain(each) for each in hypotheses), key=lambda each: each.fit.log_evidence)
+    _, size, deviation = found.sizes[0]
+    return found.hypothesis, size, deviation, found.fit.log_evidence - study(name).nothing.fit.log_evidence
+
+
+def test_where_nothing_is_missing_the_rows_fit_to_their_noise_and_no_effect_is_worth_its_freedom() -> None:
+    nothing = study("").nothing.fit
+    assert 0.6 < nothing.objective / nothing.degrees < 1.1
+    for unknowns, strength in zip(nothing.point.runs, ((2.5, 0.6), (1.5, 0.7)), strict=True):
+        assert abs(float(unknowns.theta[0]) - strength[0]) < 0.5
+        assert abs(float(unknowns.theta[1]) - strength[1]) < 0.1
+    assert best_of("", singles(("drive_drag", "slope_bias", "payload")))[3] < 2.0
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_the_effect_that_is_missing_is_found_at_its_size(name: str) -> None:
+    found, size, deviation, evidence = best_of(name, singles(("drive_drag", "slope_bias", "bulldozing")))
+    assert found.names == (name,)
+    assert evidence > 20.0
+    assert abs(size - SIZES[name]) < 4.0 * deviation
+
+
+def test_the_fit_does_not_depend_on_where_the_search_for_the_size_begins() -> None:
+    drag = Hypothesis((Part("drive_drag"),))
+    with torch.inference_mode():
+        first = study("drive_drag").explain(drag)
+        again = study("drive_drag").refine(first)
+    assert again.sizes[0][1] == pytest.approx(first.sizes[0][1], abs=0.5 * first.sizes[0][2])
+
+
+def test_a_run_of_a_few_seconds_is_refused_with_its_name() -> None:
+    run = drives("")[0]
+    short = Run("field_7", run.packed[:30], run.wheel_rate[:30], run.time[:30])
+    with pytest.raises(RunError, match="field_7: 3 whole seconds"):
+        cut(short, nominal_of(MARS, LOOSE).contact)
+
+
+def test_blocks_are_joined_by_velocities_where_the_run_is_not_interrupted() -> None:
+    run = drives("")[0]
+    packed = run.packed.clone()
+    packed[125, 0] = torch.nan
+    blocks = cut(Run("run", packed, run.wheel_rate, run.time), nominal_of(MARS, LOOSE).contact)
+    assert blocks.packed.shape[0] == 12 + 12
+    assert blocks.velocities == blocks.packed.shape[0] + 2
+    assert torch.equal(blocks.ends[11:13], torch.tensor([[11, 12], [13, 14]]))
