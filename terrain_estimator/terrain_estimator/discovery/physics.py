@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.runs import Blocks
-from terrain_estimator.palpaca import uncertain_constants
+from terrain_estimator.prior import uncertain_constants
 from terrain_estimator.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
@@ -114,7 +114,7 @@ class Nominal:
 
 def nominal_of(rover: Rover, soil: Soil) -> Nominal:
     """The nominal model; its rows know how they change with each uncertain soil constant."""
-    uncertain = uncertain_constants(soil.constants(), CONSTANTS_SD, rover.wheel_width)
+    uncertain = uncertain_constants(soil.constants().unsqueeze(0), CONSTANTS_SD, rover.wheel_width)[0]
     stand_in = torch.tensor([0.1, 0.01, 0.01 * rover.wheel_radius, 1e-3 * rover.wheel_radius, 0.0, 0.0, 0.0, 0.0], dtype=torch.float64)
     contact = Contact(
         constants=soil.constants(),
