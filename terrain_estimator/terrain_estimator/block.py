@@ -8,11 +8,14 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.gaussian import cholesky, log_determinant, symmetrize
-from terrain_estimator.rows import Rows
+from terrain_estimator.rows import Rows, row_names
 
 
 class Posterior(NamedTuple):
-    """A bank of H Gaussians over D parameters k = [c (kPa), tan phi, net weights, soil constants, acceleration bias, velocity]."""
+    """A bank of H Gaussians over D parameters k.
+
+    k = [c (kPa), tan phi, net weights, soil constants, mass, centre of mass, acceleration bias, velocity]
+    """
 
     mean: Tensor  # [H, D]
     precision: Tensor  # [H, D, D]
@@ -41,10 +44,23 @@ LINK_VARIANCE = 1e-8
 """[m^2/s^2] Of the velocity carried through a block, beside the noise of its features: (0.1 mm/s)^2."""
 
 
-def fixed_columns(rows: int) -> Tensor:
-    """Columns [R + 1, 3] of acceleration bias, velocity before and velocity after the block."""
-    columns = torch.zeros(rows + 1, 3, dtype=torch.float64)
-    columns[-1, 0], columns[0, 1], columns[1, 1], columns[1, 2] = 1.0, 1.0, 1.0, -1.0
+FIXED = 5
+"""Parameters after the soil constants whose columns do not depend on the observation, in the order of fixed_columns."""
+
+
+def fixed_columns(axles: int, wheelbase: float) -> Tensor:
+    """Columns [R + 1, FIXED] of mass, centre of mass, acceleration bias, velocity before and velocity after the block.
+
+    Mass [1] relative to the rover file's and more, centre of mass [m] ahead of the rover file's: what they change in the
+    load and in the moment, with 1 for the cosine of the pitch. In the velocity row a wrong mass changes little.
+    """
+    names = ("mean_velocity", *row_names(axles))
+    columns = torch.zeros(len(names), FIXED, dtype=torch.float64)
+    columns[names.index("load"), 0] = -1.0
+    columns[names.index("moment"), 1] = -1.0 / wheelbase
+    columns[names.index("acceleration"), 2] = 1.0
+    columns[names.index("mean_velocity"), 3] = 1.0
+    columns[names.index("velocity"), 3], columns[names.index("velocity"), 4] = 1.0, -1.0
     return columns
 
 
@@ -122,19 +138,19 @@ def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
     return half, (half[:, 0] * theta.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
 
 
-def nuisance_columns(rows: BlockRows, mean: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+def nuisance_columns(rows: BlockRows, mean: Tensor, theta: Tensor, fixed: int = FIXED) -> tuple[Tensor, Tensor]:
     """What the soil constants add to the rows, SUM_m (kappa_m - expansion_m) nuisance_m theta.
 
     Returns its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
     """
     q, m = rows.target.shape[0], rows.expansion.shape[0]
-    first = mean.shape[1] - 3 - m
+    first = mean.shape[1] - fixed - m
     away = mean[:, first : first + m] - rows.expansion
     by_theta = (rows.nuisance[:2].reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
     return by_theta, (theta @ rows.nuisance).view(-1, q, m)
 
 
-def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor) -> Step:
+def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor, fixed: int = FIXED) -> Step:
     """One step from ``mean`` [H, D + 1] towards the minimum of (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r.
 
     ``prior`` has D + 1 parameters, of the last it knows nothing. The sources of noise that explain the residual best
@@ -146,18 +162,18 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     factor = cholesky(covariance)
     residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(-1)
     constants = rows.expansion.shape[0]
-    first = mean.shape[1] - 3 - constants
+    first = mean.shape[1] - fixed - constants
     shift, by_constant = torch.zeros_like(residual), torch.zeros_like(residual[:, :, :0])
     if constants > 0:
         shift, by_constant = nuisance_columns(rows, mean, theta)
-        residual = residual - by_constant @ (mean[:, first:-3] - rows.expansion).unsqueeze(-1)
+        residual = residual - by_constant @ (mean[:, first:-fixed] - rows.expansion).unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
     moved = (half @ weighted.unsqueeze(1).unsqueeze(1)).squeeze(-1)  # [H, C, 3, Q] G_a e
     shift = shift + moved[:, 0, :2].transpose(1, 2)
     jacobian = rows.linear + nn.functional.pad(shift, [0, mean.shape[1] - 2])
     if constants > 0:
         by_constant = by_constant + (moved[:, 1:] * theta.view(-1, 1, 3, 1)).sum(2).transpose(1, 2)
-        jacobian = jacobian + nn.functional.pad(by_constant, [first, 3])
+        jacobian = jacobian + nn.functional.pad(by_constant, [first, fixed])
     transposed = jacobian.transpose(1, 2)
     pull = (prior.mean - mean).unsqueeze(-1)
     restoring = prior.precision @ pull

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """P-ALPaCA as one TorchScript module: features, rows, noise, prior and the recursive posterior.
 
-Parameters k = [c (kPa), tan phi, net weights, acceleration bias, velocity]; the rows are affine in k,
+Parameters k = [c (kPa), tan phi, net weights, soil constants, mass, centre of mass, acceleration bias, velocity]; the rows are
+affine in k,
 
     y = [Phi_nom Phi_net] k + phi_nom + eps                                   (Banerjee et al. eq. 19)
 
@@ -28,7 +29,7 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.bank import Bank, Solved, join, log_physical, merge, prune, shared_noise, take, weigh
-from terrain_estimator.block import LINK_VARIANCE, BlockRows, Posterior, Solution, block_rows, fixed_columns, solve_block
+from terrain_estimator.block import FIXED, LINK_VARIANCE, BlockRows, Posterior, Solution, block_rows, fixed_columns, solve_block
 from terrain_estimator.gaussian import cholesky, drop, mixture, random_walk
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.packing import packed_size
@@ -53,6 +54,8 @@ OPEN = 1e-2
 """[(m/s)^-2] Precision of a velocity that nothing is known of."""
 BLOCK = 10
 """Observations in a block: one second at 10 Hz."""
+KEPT = FIXED - 1
+"""Parameters of the rover, not of the ground: mass, centre of mass, acceleration bias, velocity."""
 BANK = 9
 """Posteriors that are kept, for each soil."""
 NEGLIGIBLE = 14.0
@@ -135,7 +138,8 @@ class PAlpaca(nn.Module):
         self.axles, self.gravity, self.radius, self.width = body.axles, body.gravity, body.radius_m, body.width_m
         uncertain = uncertain_constants(constants, prior.constants_sd, body.width_m)
         self.known_soils, self.first_constant = constants.shape[0], 2 + net.columns
-        self.size = self.first_constant + uncertain.shape[1] + 2
+        self.kept = KEPT
+        self.size = self.first_constant + uncertain.shape[1] + KEPT
         self.open_precision, self.link_variance, self.block_size, self.step_s = OPEN, LINK_VARIANCE, BLOCK, TIME_STEP
         self.bank, self.negligible, self.nearest = self.known_soils * BANK, NEGLIGIBLE, NEAREST
         self.surprise, self.recent = SURPRISE, RECENT
@@ -144,7 +148,8 @@ class PAlpaca(nn.Module):
         prior_mean = [prior.cohesion_pa, prior.tan_phi]
         prior_sd = [prior.cohesion_sd_pa, prior.tan_phi_sd]
         by_mass, by_weight = body.wheels_per_axle / body.mass_kg, body.wheels_per_axle / (body.mass_kg * body.gravity)
-        by_moment = by_weight / float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
+        wheelbase = float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
+        by_moment = by_weight / wheelbase
         # Buffers, not literals in the methods: TorchScript rounds the numbers of torch.tensor([...]) to float32.
         place, weight = torch.tensor([-1.2, 0.0, 1.2], dtype=torch.float64), torch.tensor([0.2, 0.6, 0.2], dtype=torch.float64)
         self.register_buffer("offsets", torch.cartesian_prod(place, place))
@@ -155,7 +160,7 @@ class PAlpaca(nn.Module):
         self.register_buffer("born_offsets", torch.cartesian_prod(corner, corner))
         self.register_buffer("born_spread", torch.tensor(0.6, dtype=torch.float64))  # likewise
         self.register_buffer("born_log_weight", torch.tensor(HAZARD / 4.0, dtype=torch.float64).log())
-        other = [1.0] * uncertain.shape[1] + [prior.acceleration_bias_sd**-2, OPEN]
+        other = [1.0] * uncertain.shape[1] + [prior.mass_sd**-2, prior.centre_of_mass_sd**-2, prior.acceleration_bias_sd**-2, OPEN]
         self.register_buffer("other_precision", torch.tensor(other, dtype=torch.float64))
         self.register_buffer("uncertain", uncertain)
         self.register_buffer("varied", torch.cat([torch.zeros_like(constants).unsqueeze(1), 1e-3 * uncertain], 1))
@@ -170,7 +175,7 @@ class PAlpaca(nn.Module):
         self.register_buffer("axle_x", body.geometry.axle_x)
         self.register_buffer("centre", body.geometry.centre)
         self.register_buffer("pivot", body.geometry.pivot)
-        self.register_buffer("fixed_columns", fixed_columns(len(row_names(body.axles))))
+        self.register_buffer("fixed_columns", fixed_columns(body.axles, wheelbase))
         self.register_buffer("every_row", torch.ones(len(row_names(body.axles)), dtype=torch.float64))
         self.register_buffer("longest_step", torch.tensor([1.0, 0.25], dtype=torch.float64))
         self.register_buffer("unit", torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64))
@@ -335,7 +340,7 @@ class PAlpaca(nn.Module):
         index = torch.arange(self.known_soils)
         share = weight * (index.unsqueeze(1) == bank.soil)  # [K, H]
         state["soils"] = share.sum(1)
-        apart = torch.cat([bank.mean[:, :2], bank.mean[:, self.first_constant : self.size - 2]], 1)
+        apart = torch.cat([bank.mean[:, :2], bank.mean[:, self.first_constant : self.size - self.kept]], 1)
         within_soil = (share @ apart) / state["soils"].clamp(min=1e-300).unsqueeze(1)
         nothing = torch.cat([state["prior"][0], torch.zeros_like(apart[0, 2:])])
         state["expansion"] = torch.where(state["soils"].unsqueeze(1) > 0.0, within_soil, nothing)
@@ -422,16 +427,16 @@ class PAlpaca(nn.Module):
         return torch.special.gammainc(0.5 * degrees, 0.5 * misfit.clamp(min=0.0)) > self.surprise
 
     def born(self, state: dict[str, Tensor], soil: int) -> Posterior:
-        """Four posteriors for ground of one soil that has just changed: all but bias and velocity is prior."""
+        """Four posteriors for ground of one soil that has just changed: all but the rover's own parameters is prior."""
         prior, expected = state["prior"], state["expected"]
-        count, others = self.born_offsets.shape[0], self.size - 4
+        count, others = self.born_offsets.shape[0], self.size - 2 - self.kept
         theta = prior[0] + self.born_offsets * prior[1]
-        mean = torch.cat([theta, torch.zeros(count, others, dtype=torch.float64), expected[-2:].expand(count, 2)], 1)
-        eye = torch.eye(2, dtype=torch.float64)
-        kept = torch.cholesky_solve(eye, cholesky(state["covariance"][-2:, -2:]))
+        mean = torch.cat([theta, torch.zeros(count, others, dtype=torch.float64), expected[-self.kept :].expand(count, self.kept)], 1)
+        eye = torch.eye(self.kept, dtype=torch.float64)
+        kept = torch.cholesky_solve(eye, cholesky(state["covariance"][-self.kept :, -self.kept :]))
         theta_precision = (self.born_spread * prior[1]) ** -2.0
-        fresh = torch.cat([theta_precision, self.net_precision, self.other_precision[:-2], torch.zeros_like(theta_precision)])
-        precision = torch.diag(fresh) + nn.functional.pad(kept, [self.size - 2, 0, self.size - 2, 0])
+        fresh = torch.cat([theta_precision, self.net_precision, self.other_precision[: -self.kept], torch.zeros_like(eye[0])])
+        precision = torch.diag(fresh) + nn.functional.pad(kept, [self.size - self.kept, 0, self.size - self.kept, 0])
         precision = precision.expand(mean.shape[0], -1, -1)
         physical = log_physical(mean, torch.diag(1.0 / theta_precision).expand(count, -1, -1))
         return Posterior(mean, precision, self.born_log_weight + state["log_soils"][soil] - physical)

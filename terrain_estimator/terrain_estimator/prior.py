@@ -30,6 +30,8 @@ class Prior(NamedTuple):
     cohesion_sd_pa: float
     tan_phi: float
     tan_phi_sd: float
+    mass_sd: float  # [1] of the rover's mass, relative to the rover file's
+    centre_of_mass_sd: float  # [m] of its centre of mass along the body
     acceleration_bias_sd: float  # [m/s^2] of the imu
     constants_sd: float  # [1] of each soil constant, relative; 0 takes them for exact
 

@@ -94,27 +94,25 @@ def test_log_weight_is_the_log_evidence_up_to_what_no_parameter_changes() -> Non
 def test_uncertain_constants_are_estimated_where_the_rows_show_them() -> None:
     """Rows that are bilinear in theta and a constant, no noise: blocks recover all of them."""
     generator = torch.Generator().manual_seed(9)
-    truth = torch.tensor([1.2, 0.6, 0.8, 0.05, 0.3], dtype=torch.float64)  # c, tan phi, one constant, bias, velocity
-    start = torch.tensor([[0.8, 0.8, 0.0, 0.0, 0.0]], dtype=torch.float64)
-    posterior = Posterior(
-        start, torch.diag(torch.tensor([1.0, 1.0, 1.0, 1.0, 1.0], dtype=torch.float64) * 1e-4)[None], torch.zeros(1, dtype=torch.float64)
-    )
+    truth = torch.tensor([1.2, 0.6, 0.8, 0.1, -0.2, 0.05, 0.3], dtype=torch.float64)  # c, tan phi, a constant, those that are FIXED
+    start = torch.tensor([[0.8, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0]], dtype=torch.float64)
+    posterior = Posterior(start, 1e-4 * torch.eye(7, dtype=torch.float64)[None], torch.zeros(1, dtype=torch.float64))
     for _ in range(8):
-        linear = torch.randn(6, 6, generator=generator, dtype=torch.float64)
+        linear = torch.randn(10, 8, generator=generator, dtype=torch.float64)
         linear[:, 2] = 0.0
-        nuisance = 0.3 * torch.randn(3, 6, generator=generator, dtype=torch.float64)
+        nuisance = 0.3 * torch.randn(3, 10, generator=generator, dtype=torch.float64)
         theta = torch.cat([truth[:2], torch.ones(1, dtype=torch.float64)])
-        target = linear[:, :5] @ truth + linear[:, 5] * truth[4] + truth[2] * (theta @ nuisance)
+        target = linear[:, :7] @ truth + linear[:, 7] * truth[6] + truth[2] * (theta @ nuisance)
         rows = BlockRows(
             linear=linear,
-            offset=torch.zeros(6, dtype=torch.float64),
+            offset=torch.zeros(10, dtype=torch.float64),
             nuisance=nuisance,
             expansion=torch.zeros(1, dtype=torch.float64),
-            gram=torch.zeros(3, 2 * 3 * 36, dtype=torch.float64),
+            gram=torch.zeros(3, 2 * 3 * 100, dtype=torch.float64),
             target=target,
-            variance=torch.full((6,), 1e-6, dtype=torch.float64),
-            present=torch.ones(6, dtype=torch.float64),
+            variance=torch.full((10,), 1e-6, dtype=torch.float64),
+            present=torch.ones(10, dtype=torch.float64),
         )
         solved = solve_block(posterior, rows, LONGEST).posterior
-        posterior = Posterior(*drop(solved.mean, solved.precision, 4), solved.log_weight)
+        posterior = Posterior(*drop(solved.mean, solved.precision, 6), solved.log_weight)
     np.testing.assert_allclose(posterior.mean[0], truth, atol=1e-3)

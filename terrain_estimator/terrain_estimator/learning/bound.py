@@ -49,7 +49,7 @@ def cramer_rao_at(model: PAlpaca, tasks: Tasks, times: Tensor, known: Known) -> 
     information = _information_of_all(model, tasks, known)
     unit = torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     loose = [torch.full((6,), max(known.constants_sd, 1e-6) ** -2.0, dtype=torch.float64)] if known.constants_sd else []
-    precision = torch.diag(torch.cat([(model.prior_sd / unit) ** -2.0, *loose, model.other_precision[-2:]]))
+    precision = torch.diag(torch.cat([(model.prior_sd / unit) ** -2.0, *loose, model.other_precision[-model.kept :]]))
     precision = precision.expand(batch, -1, -1)
     ends = torch.full((batch,), time) if known.ends is None else known.ends
     size, found = precision.shape[-1], []

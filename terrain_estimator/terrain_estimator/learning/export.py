@@ -19,7 +19,7 @@ from terramechanics.rover import Rover
 from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import Soil
 
-VERSION = "5"
+VERSION = "6"
 """Of the model's structure and training, part of the model's id."""
 
 
@@ -40,7 +40,7 @@ def export(model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Traini
         observation_axle_fields=AXLE_FIELDS,
         observation_scalar_fields=SCALAR_FIELDS,
         rows=row_names(model.axles),
-        parameters=("cohesion_kpa", "tan_phi", *weights, *constants, "acceleration_bias", "velocity"),
+        parameters=("cohesion_kpa", "tan_phi", *weights, *constants, "mass", "centre_of_mass", "acceleration_bias", "velocity"),
         block=BLOCK,
         step_s=TIME_STEP,
         prior_mean=(PRIOR.cohesion_pa, PRIOR.tan_phi),

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.block import BlockRows, block_rows, row_noise
+from terrain_estimator.block import FIXED, BlockRows, block_rows, row_noise
 from terrain_estimator.gaussian import cholesky, drop, log_determinant
-from terrain_estimator.learning.batched import lay_out
+from terrain_estimator.learning.batched import lay_out, run
 from terrain_estimator.palpaca import PAlpaca
 from terrain_estimator.rows import likely_inputs, regression_rows
 
@@ -30,32 +30,32 @@ class Reference(NamedTuple):
 
 
 class _Bank(NamedTuple):
-    """Bias and velocity for every grid point."""
+    """Centre of mass, bias and velocity for every grid point."""
 
-    mean: Tensor  # [P, 2]
-    precision: Tensor  # [P, 2, 2]
+    mean: Tensor  # [P, 3]
+    precision: Tensor  # [P, 3, 3]
     log_weight: Tensor  # [P]
 
 
-def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor, mean: Tensor, covariance: Tensor) -> Reference:
+def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Reference:
     """Posterior of one drive [T, 8 A + 9] of ``end`` observations under ``model``, for exact constants and without a net.
 
-    The grid lies around ``mean`` [2] along the axes of ``covariance`` [2, 2], the model's own posterior.
+    The grid lies around the model's own posterior, along its axes. Each block's rows are those that the model took: expanded
+    at its estimate of that time.
     """
-    axis = torch.linspace(-REACH, REACH, POINTS, dtype=torch.float64)
-    root = torch.linalg.cholesky(covariance)
-    points = mean + torch.cartesian_prod(axis, axis) @ root.T
-    theta = points / model.unit
-    bank = _start(model, points)
-    layout = lay_out(model, packed.unsqueeze(0), torch.tensor([end]))
     time = packed.shape[0]
-    for first, length, closed_at in zip(layout.first[0].tolist(), layout.length[0].tolist(), layout.closed_at[0].tolist(), strict=True):
-        if closed_at == time:
-            break
+    layout = lay_out(model, packed.unsqueeze(0), torch.tensor([end]))
+    closed = layout.closed_at[0][layout.closed_at[0] < time]
+    trace = run(model, packed.unsqueeze(0), closed, torch.tensor([end]), mask)
+    axis = torch.linspace(-REACH, REACH, POINTS, dtype=torch.float64)
+    points = trace.mean[0, -1] + torch.cartesian_prod(axis, axis) @ torch.linalg.cholesky(trace.covariance[0, -1]).T
+    theta, before = points / model.unit, torch.cat([model.prior_mean.unsqueeze(0), trace.mean[0, :-1]]) / model.unit
+    bank = _start(model, points)
+    for first, length, place in zip(layout.first[0].tolist(), layout.length[0].tolist(), before, strict=False):
         linked = bool(layout.linked[0, first])
         if not linked:
             bank = _unlink(model, bank)
-        bank = _close(bank, _rows(model, packed[first : first + length], mean, mask, linked=linked), theta)
+        bank = _close(bank, _rows(model, packed[first : first + length], place, mask, linked=linked), theta)
     weight = torch.softmax(bank.log_weight, 0)
     centre = weight @ points
     spread = points - centre
@@ -69,18 +69,22 @@ def _start(model: PAlpaca, points: Tensor) -> _Bank:
     component = (points.unsqueeze(1) - model.prior_mean - model.offsets * model.prior_sd) / (model.offset_spread * model.prior_sd)
     log_prior = torch.logsumexp(model.offset_log_weight - 0.5 * component.square().sum(-1), 1)
     count = points.shape[0]
-    return _Bank(torch.zeros(count, 2, dtype=torch.float64), torch.diag(model.other_precision[-2:]).expand(count, 2, 2), log_prior)
+    return _Bank(
+        torch.zeros(count, model.kept, dtype=torch.float64),
+        torch.diag(model.other_precision[-model.kept :]).expand(count, -1, -1),
+        log_prior,
+    )
 
 
 def _unlink(model: PAlpaca, bank: _Bank) -> _Bank:
-    mean, precision = drop(bank.mean, bank.precision, 1)
+    mean, precision = drop(bank.mean, bank.precision, model.kept - 1)
     opened = nn.functional.pad(precision, [0, 1, 0, 1])
-    opened[:, 1, 1] = model.open_precision
-    return _Bank(torch.cat([mean, torch.zeros_like(mean)], 1), opened, bank.log_weight)
+    opened[:, -1, -1] = model.open_precision
+    return _Bank(nn.functional.pad(mean, [0, 1]), opened, bank.log_weight)
 
 
-def _rows(model: PAlpaca, packed: Tensor, mean: Tensor, mask: Tensor, *, linked: bool) -> BlockRows:
-    contact, theta = model.nominal_contact(), torch.cat([mean / model.unit, torch.ones_like(mean[:1])])
+def _rows(model: PAlpaca, packed: Tensor, place: Tensor, mask: Tensor, *, linked: bool) -> BlockRows:
+    contact, theta = model.nominal_contact(), torch.cat([place, torch.ones_like(place[:1])])
     rows = regression_rows(packed, likely_inputs(packed, contact, theta, mask), contact)
     rows = rows._replace(used=rows.used * mask)
     measured = packed[:, 8 * model.axles :]
@@ -94,14 +98,14 @@ def _close(bank: _Bank, rows: BlockRows, theta: Tensor) -> _Bank:
     """Exact update at fixed ``theta`` [P, 2]; the misfit r' S(theta)^-1 r without log det S, as in the model."""
     _, covariance = row_noise(rows, torch.cat([theta, torch.ones_like(theta[:, :1])], 1))
     factor = cholesky(covariance)
-    jacobian = rows.linear[:, -3:].expand(theta.shape[0], -1, -1)  # bias, velocity before, velocity after
-    start = torch.cat([bank.mean, bank.mean[:, 1:]], 1)
+    jacobian = rows.linear[:, -FIXED:].expand(theta.shape[0], -1, -1)
+    start = torch.cat([bank.mean, bank.mean[:, -1:]], 1)
     residual = (rows.target - rows.offset - theta @ rows.linear[:, :2].T).unsqueeze(-1) - jacobian @ start.unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
     precision = nn.functional.pad(bank.precision, [0, 1, 0, 1]) + jacobian.mT @ torch.cholesky_solve(jacobian, factor)
     root, gradient = cholesky(precision), jacobian.mT @ weighted
     step = torch.cholesky_solve(gradient, root)
     misfit = (residual * weighted).sum((1, 2)) - (gradient * step).sum((1, 2))
-    volume = log_determinant(root) - torch.log(precision[:, 2, 2]) - log_determinant(cholesky(bank.precision))
-    mean, kept = drop(start + step.squeeze(-1), precision, 1)
+    volume = log_determinant(root) - torch.log(precision[:, -1, -1]) - log_determinant(cholesky(bank.precision))
+    mean, kept = drop(start + step.squeeze(-1), precision, FIXED - 2)
     return _Bank(mean, kept, bank.log_weight - 0.5 * (misfit + volume))

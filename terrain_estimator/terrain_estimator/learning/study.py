@@ -151,7 +151,7 @@ def _check(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> Re
     shifts, spreads, edges = [], [], []
     for episode in chosen:
         mean, covariance = trace.mean[episode, -1], trace.covariance[episode, -1]
-        reference = grid_posterior(model, drives.tasks.measured[episode], int(drives.ends[episode]), mask, mean, covariance)
+        reference = grid_posterior(model, drives.tasks.measured[episode], int(drives.ends[episode]), mask)
         sd = reference.covariance.diagonal().sqrt()
         shifts.append((mean - reference.mean).abs() / sd)
         spreads.append(covariance.diagonal().sqrt() / sd)

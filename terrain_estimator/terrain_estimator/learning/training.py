@@ -18,7 +18,14 @@ from terramechanics.soil import Soil
 from terramechanics.suspension import geometry_of
 
 PRIOR = Prior(
-    cohesion_pa=2750.0, cohesion_sd_pa=1300.0, tan_phi=0.6, tan_phi_sd=0.22, acceleration_bias_sd=0.02, constants_sd=0.05 / 3**0.5
+    cohesion_pa=2750.0,
+    cohesion_sd_pa=1300.0,
+    tan_phi=0.6,
+    tan_phi_sd=0.22,
+    acceleration_bias_sd=0.02,
+    mass_sd=0.01,
+    centre_of_mass_sd=0.02,
+    constants_sd=0.05 / 3**0.5,
 )
 """Mean and deviation of the benchmarks' draws: c uniform in 0.5 to 5 kPa, phi in 15 to 45 deg, constants within 5 %."""
 LEAST_NOISE = 0.05
