@@ -31,7 +31,7 @@ from terramechanics.sensors import Noise, measure_drive
 from terramechanics.simulation import TIME_STEP, simulate
 from terramechanics.soil import load_soil
 
-HORIZON_S = 60
+HORIZON_S = 45
 """[s] Estimates are judged every second up to this time after the first axle's crossing."""
 ALARM = 0.5
 """[1] A change is told where its probability is above this."""
@@ -254,7 +254,7 @@ def quantile_of(values: NDArray[np.float64], share: float) -> Quantile:
 def study_constant(model: LoadedModel, soil: str, config: CoreConfig, hours: float, seed: int) -> FalseAlarms:
     """Count alarms (a probability that rises above ALARM) on ground that does not change; each soil constant is off by up to 5 %."""
     generator, rover = torch.Generator().manual_seed(seed), model.rover
-    seconds, alarms, batch = 0.0, 0, 40
+    seconds, alarms, batch = 0.0, 0, min(40, math.ceil(3600.0 * hours / _CONSTANT_S))
     while seconds < 3600.0 * hours:
         drive = simulate(rover, random_ground(load_soil(soil), batch, generator, _SPREAD), "S1", _CONSTANT_S, generator, batch)
         measurement = measure_drive(rover, drive.sample, Noise(), generator)
