@@ -17,7 +17,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(),
-    package_data={NAME: ["py.typed", "models/*"]},
+    package_data={NAME: ["py.typed", "models/*", "discovery/*.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -38,6 +38,7 @@ setup(
             "paper = terrain_estimator.cli.paper:main",
             "net_study = terrain_estimator.cli.net_study:main",
             "train = terrain_estimator.cli.train:main",
+            "find_missing_effect = terrain_estimator.cli.find_missing_effect:main",
             "demo = terrain_estimator.cli.demo:main",
             "rate_check = terrain_estimator.cli.rate_check:main",
             "watch = terrain_estimator.nodes.watch:main",

@@ -15,15 +15,13 @@ from terrain_estimator.config import CoreConfig
 from terrain_estimator.model_file import LoadedModel
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.packing import pack
+from terrain_estimator.packing import LONGEST_GAP, ground_torque, link, pack
 from terrain_estimator.palpaca import State
 from terrain_estimator.screening import Screening, screen
 from terrain_estimator.summary import Beliefs, doubted, summarise
 from terrain_estimator.update import Decision, Estimate, Prediction, Update
 
 _NAN = math.nan
-_LONGEST_GAP = 2.5
-"""[steps] A longer time between two observations breaks the link between their velocities."""
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
 ground while it crosses a border passes within that time."""
@@ -91,8 +89,9 @@ class Estimator:
 
     def _learn(self, screening: Screening) -> Update:
         observation = screening.observation
-        step_s, linked = self._link(observation)
-        packed = pack(observation, self._torque(observation, step_s, linked=linked), step_s, linked=linked)
+        step_s, linked = link(observation.stamp_ns, self._last, self._step_s)
+        torque = ground_torque(observation, self._last if linked else None, self._rover.wheel_inertia, step_s)
+        packed = pack(observation, torque, step_s, linked=linked)
         with torch.inference_mode():
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
@@ -105,20 +104,6 @@ class Estimator:
         if report.closed or self._used == 1:
             self._estimate = self._summarise()
         return self._answer(observation.stamp_ns, self._accepted(screening, report), self._predict(observation, report))
-
-    def _link(self, observation: Observation) -> tuple[float, bool]:
-        """Time since the last observation that entered, and whether its velocity carries over."""
-        if self._last is None:
-            return self._step_s, False
-        step_s = (observation.stamp_ns - self._last.stamp_ns) * 1e-9
-        return step_s, step_s <= _LONGEST_GAP * self._step_s
-
-    def _torque(self, observation: Observation, step_s: float, *, linked: bool) -> Floats:
-        """Motor torque less I dw/dt, which is the torque on the ground (Banerjee et al. eq. 6)."""
-        if not linked or self._last is None or self._rover.wheel_inertia == 0.0:
-            return observation.torque
-        change = (observation.wheel_rate - self._last.wheel_rate) * (self._rover.wheel_inertia / step_s)
-        return observation.torque - change
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""
@@ -157,7 +142,7 @@ class Estimator:
 
     def _keep(self, observation: Observation, state: State) -> None:
         if self._last is not None:
-            self._time_used_s += min((observation.stamp_ns - self._last.stamp_ns) * 1e-9, _LONGEST_GAP * self._step_s)
+            self._time_used_s += min((observation.stamp_ns - self._last.stamp_ns) * 1e-9, LONGEST_GAP * self._step_s)
         self._state, self._last = state, observation
         self._used += 1
 

@@ -45,6 +45,25 @@ def packed_size(axles: int) -> int:
     return len(AXLE_FIELDS) * axles + SCALARS
 
 
+LONGEST_GAP = 2.5
+"""[steps] A longer time between two observations breaks the link between their velocities."""
+
+
+def link(stamp_ns: int, last: Observation | None, step_s: float) -> tuple[float, bool]:
+    """Time since the observation ``last`` that entered, and whether its velocity carries over; ``step_s`` where there is none."""
+    if last is None:
+        return step_s, False
+    passed_s = (stamp_ns - last.stamp_ns) * 1e-9
+    return passed_s, passed_s <= LONGEST_GAP * step_s
+
+
+def ground_torque(observation: Observation, last: Observation | None, inertia: float, passed_s: float) -> Floats:
+    """Torque on the ground [axles]: the motor's less I dw/dt (Banerjee et al. eq. 6); the motor's where ``last`` is None."""
+    if last is None or inertia == 0.0:
+        return observation.torque
+    return observation.torque - (observation.wheel_rate - last.wheel_rate) * (inertia / passed_s)
+
+
 def pack(observation: Observation, torque: Floats, step_s: float, *, linked: bool) -> Tensor:
     """The observation as a float64 tensor of shape [packed_size(axles)].
 

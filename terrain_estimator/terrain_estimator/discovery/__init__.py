@@ -6,36 +6,46 @@
     study = Study(nominal, [cut(run, nominal.contact) for run in runs])      # fits "nothing is missing"
     candidates = search(study, singles(), say)                             # each named effect, the most probable first
     study.with_discrepancy(candidates[0])                                  # what is left beside it, whatever it is
+    finding = investigate(study, singles(), thresholds, say)               # all of it, and the verdict
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
 - ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
 - ``equations``: normal equations of one run; what one run contributes does not depend on the others.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
 - ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
-- ``search``: fits of all hypotheses.
+- ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
+- ``separation``: what would tell confusable effects apart.
 
 No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
 """
 
+from terrain_estimator.discovery.finding import Finding, investigate
 from terrain_estimator.discovery.flexible import Column, Flexible
 from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, testable, together
 from terrain_estimator.discovery.physics import Nominal, Part, nominal_of
 from terrain_estimator.discovery.runs import Blocks, Run, RunError, cut
 from terrain_estimator.discovery.search import Candidate, Study, search
+from terrain_estimator.discovery.verdict import Judgement, Leftover, Thresholds, Verdict
 
 __all__ = [
     "NOTHING",
     "Blocks",
     "Candidate",
     "Column",
+    "Finding",
     "Flexible",
     "Hypothesis",
+    "Judgement",
+    "Leftover",
     "Nominal",
     "Part",
     "Run",
     "RunError",
     "Study",
+    "Thresholds",
+    "Verdict",
     "cut",
+    "investigate",
     "nominal_of",
     "search",
     "singles",

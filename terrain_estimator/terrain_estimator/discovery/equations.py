@@ -14,6 +14,7 @@ and moment rows are constraints on inputs and have no scale of their own, so tha
 (payload) would otherwise gain hundreds of nats by it.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import torch
@@ -59,6 +60,9 @@ class Equations:
     by_constant: Tensor  # [B, Q, M] columns of the soil constants
     residual: Tensor  # [B, Q] r
     factor: Tensor  # [B, Q, Q] Cholesky factor of S + D
+    covariance: Tensor  # [B, Q, Q] S
+    present: Tensor  # [B, Q] 1 where a row is there
+    ends: Tensor  # [B, 2] numbers of the velocities before and after
     excess: Tensor  # [Q] diagonal of D
     jacobian: Tensor  # [B, Q, 2 + M + 3 + K] of theta, constants, bias, velocity before and after, shared
     degrees: int  # rows that are present
@@ -128,9 +132,7 @@ class RunEquations:
         columns = self._columns * present.unsqueeze(-1)
         residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ weights
         covariance = sources @ sources.transpose(1, 2) + torch.diag_embed(spread)
-        excess = excess_variance(covariance, residual, present)
-        factor = cholesky(covariance + torch.diag_embed(excess * present))
-        surplus = float((log_determinant(factor) - log_determinant(cholesky(covariance))).sum())
+        excess, factor, surplus = unexplained(covariance, residual, present)
         weighted = torch.cholesky_solve(residual.unsqueeze(-1), factor)
         error = (sources.transpose(1, 2) @ weighted).view(count, rows.used.shape[0] // count, 1, -1)
 
@@ -145,9 +147,11 @@ class RunEquations:
             for k, step in enumerate(steps)
         ]
         jacobian = torch.cat([by_theta, known, fixed, *(column.unsqueeze(-1) for column in by_size), columns], -1)
-        hessian, gradient = self._assembled(jacobian, factor, weighted)
+        hessian, gradient = assembled(jacobian, factor, weighted, self._blocks.ends, self._shared)
         misfit = float((residual * weighted.squeeze(-1)).sum()) + surplus
-        return Equations(hessian, gradient, misfit, known, residual, factor, excess, jacobian, int(present.sum()))
+        return Equations(
+            hessian, gradient, misfit, known, residual, factor, covariance, present, self._blocks.ends, excess, jacobian, int(present.sum())
+        )
 
     def _moved(self, noise: Tensor, error: Tensor) -> Tensor:
         count = self._blocks.packed.shape[0]
@@ -174,23 +178,51 @@ class RunEquations:
         columns[:, 1, 2] = -1.0
         return columns
 
-    def _assembled(self, jacobian: Tensor, factor: Tensor, weighted: Tensor) -> tuple[Tensor, Tensor]:
-        count, _, local = jacobian.shape
-        shared = self._shared
-        own = local - 2 - shared + self._blocks.velocities
-        size = own + shared
-        white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
-        information = white.transpose(1, 2) @ white
-        pull = (jacobian.transpose(1, 2) @ weighted).squeeze(-1)
-        first = local - 2 - shared
-        head, tail = torch.arange(first).expand(count, -1), torch.arange(own, size).expand(count, -1)
-        index = torch.cat([head, first + self._blocks.ends, tail], 1)
-        pairs = (index.unsqueeze(2).expand(-1, -1, local), index.unsqueeze(1).expand(-1, local, -1))
-        hessian = torch.zeros(size, size, dtype=torch.float64).index_put_(pairs, information, accumulate=True)
-        return hessian, torch.zeros(size, dtype=torch.float64).index_put_((index,), pull, accumulate=True)
+
+def assembled(jacobian: Tensor, factor: Tensor, weighted: Tensor, ends: Tensor, shared: int) -> tuple[Tensor, Tensor]:
+    """J' W J and J' W r of a whole run from those of its blocks; ``weighted`` [B, Q, 1] is W r, ``shared`` unknowns come last."""
+    count, _, local = jacobian.shape
+    first = local - 2 - shared
+    own = first + int(ends.max()) + 1
+    size = own + shared
+    white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
+    information = white.transpose(1, 2) @ white
+    pull = (jacobian.transpose(1, 2) @ weighted).squeeze(-1)
+    index = places(count, first, ends, shared)
+    pairs = (index.unsqueeze(2).expand(-1, -1, local), index.unsqueeze(1).expand(-1, local, -1))
+    hessian = torch.zeros(size, size, dtype=torch.float64).index_put_(pairs, information, accumulate=True)
+    return hessian, torch.zeros(size, dtype=torch.float64).index_put_((index,), pull, accumulate=True)
 
 
-ROUNDS = 12
+def places(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
+    """Where the unknowns of each block are among those of its run: [B, first + 2 + shared]."""
+    own = first + int(ends.max()) + 1
+    return torch.cat([torch.arange(first).expand(count, -1), first + ends, torch.arange(own, own + shared).expand(count, -1)], 1)
+
+
+def linear(equations: Equations, step: Tensor, shared: int) -> Equations:
+    """The equations with the residuals that ``step`` [P + K] leaves to first order, and the excess that explains those.
+
+    Gradient and misfit are those of the place from which the step starts, under the new weights.
+    """
+    local = equations.jacobian.shape[-1]
+    index = places(equations.jacobian.shape[0], local - 2 - shared, equations.ends, shared)
+    left = equations.residual - (equations.jacobian @ step[index].unsqueeze(-1)).squeeze(-1)
+    excess, factor, surplus = unexplained(equations.covariance, left, equations.present)
+    weighted = torch.cholesky_solve(equations.residual.unsqueeze(-1), factor)
+    hessian, gradient = assembled(equations.jacobian, factor, weighted, equations.ends, shared)
+    misfit = float((equations.residual * weighted.squeeze(-1)).sum()) + surplus
+    return dataclasses.replace(equations, hessian=hessian, gradient=gradient, misfit=misfit, factor=factor, excess=excess)
+
+
+def unexplained(covariance: Tensor, residual: Tensor, present: Tensor) -> tuple[Tensor, Tensor, float]:
+    """D [Q] for these residuals, the Cholesky factor of S + D, and log det (S + D) - log det S over all blocks."""
+    excess = excess_variance(covariance, residual, present)
+    factor = cholesky(covariance + torch.diag_embed(excess * present))
+    return excess, factor, float((log_determinant(factor) - log_determinant(cholesky(covariance))).sum())
+
+
+ROUNDS = 8
 LEAST_EXCESS = 1e-4
 """[1] Smallest excess variance of a row, in units of the mean variance of its noise."""
 

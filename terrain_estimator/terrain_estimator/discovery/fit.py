@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.equations import Equations, RunEquations, Unknowns
+from terrain_estimator.discovery.equations import Equations, RunEquations, Unknowns, linear
 from terrain_estimator.gaussian import cholesky, log_determinant
 
 PRIOR_THETA = ((2.75, 1.3), (0.6, 0.22))
@@ -199,6 +199,35 @@ _RELATIVE = 1e-3  # [1] of the misfit in excess of the noise: what a wrong hypot
 _SHORTEST = 0.05
 
 
+def foresee(
+    systems: Sequence[RunEquations], start: Point, shared: Shared, known: Sequence[Tensor | None], away: Sequence[Tensor]
+) -> tuple[Point, float]:
+    """Where one evaluation at ``start`` foresees the minimum, and its log evidence: rows taken as linear, weights as they follow.
+
+    A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it. ``away`` as in a Fit of the start.
+    """
+    sizes, count = shared.low.shape[0], start.shared.shape[0]
+    values = tuple(start.shared[:sizes].tolist())
+    equations = [
+        system.at(unknowns, values, start.shared[sizes:], where, _inward(values, shared), columns)
+        for system, unknowns, where, columns in zip(systems, start.runs, away, known, strict=True)
+    ]
+    for _ in range(_REWEIGHTED):
+        owns, move, _ = _step(_normal(start, equations, shared), start, shared)
+        equations = [linear(each, torch.cat([own, move]), count) for each, own in zip(equations, owns, strict=True)]
+    normal = _normal(start, equations, shared)
+    owns, move, promised = _step(normal, start, shared)
+    return _moved(start, owns, move, 1.0), -0.5 * (normal.objective - promised + _volume(normal, shared))
+
+
+_REWEIGHTED = 4
+
+
+def _volume(normal: _Normal, shared: Shared) -> float:
+    """log det of the posterior's precision over the prior's."""
+    return normal.log_volume + float(log_determinant(cholesky(normal.schur)) + 2.0 * torch.log(shared.sd).sum())
+
+
 def _inward(values: tuple[float, ...], shared: Shared) -> tuple[float, ...]:
     """Steps of differences that stay inside the physical range."""
     return tuple(
@@ -211,9 +240,8 @@ def _finished(best: tuple[Point, _Normal, tuple[Tensor, ...], float], shared: Sh
     owns, move, _ = _step(normal, point, shared)
     objective = normal.objective - min(max(promised, 0.0), 10.0)
     factor = cholesky(normal.schur)
-    volume = normal.log_volume + float(log_determinant(factor) + 2.0 * torch.log(shared.sd).sum())
     final = _moved(point, owns, move, 1.0)
-    evidence = -0.5 * (objective + volume) + _log_inside(final.shared, factor, shared)
+    evidence = -0.5 * (objective + _volume(normal, shared)) + _log_inside(final.shared, factor, shared)
     degrees = sum(equation.degrees for equation in normal.equations)
     covariance = torch.cholesky_inverse(factor)
     return Fit(final, objective, evidence, covariance, normal.equations, away, degrees, iterations)

@@ -2,13 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded runs, cut into blocks of one second whose observations are linked."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.packing import ground_torque, link, pack
 from terrain_estimator.palpaca import BLOCK
 from terrain_estimator.rows import Contact, usable_wheels
+from terrain_estimator.screening import screen
+from terramechanics.rover import Rover
+from terramechanics.simulation import TIME_STEP
 
 
 class RunError(ValueError):
@@ -23,6 +31,32 @@ class Run:
     packed: Tensor  # [T, 8 A + 9] observations of terrain_estimator.packing
     wheel_rate: Tensor  # [T, A] [rad/s], NaN where it is not measured
     time: Tensor  # [T] [s] since the start
+
+
+def run_of(name: str, observations: Iterable[Observation], rover: Rover, config: CoreConfig) -> Run:
+    """The run that these observations make, screened as the estimator does.
+
+    Raises:
+        RunError: none of them can be used.
+    """
+    last: Observation | None = None
+    packed: list[Tensor] = []
+    rates: list[Floats] = []
+    stamps: list[int] = []
+    for observation in observations:
+        screening = screen(observation, last.stamp_ns if last else None, rover.wheel_radius, config)
+        if not screening.outcome.used:
+            continue
+        used = screening.observation
+        passed_s, linked = link(used.stamp_ns, last, TIME_STEP)
+        packed.append(pack(used, ground_torque(used, last if linked else None, rover.wheel_inertia, passed_s), passed_s, linked=linked))
+        rates.append(used.wheel_rate)
+        stamps.append(used.stamp_ns)
+        last = used
+    if not packed:
+        raise RunError(f"{name}: no observation can be used")
+    seconds = torch.tensor([(stamp - stamps[0]) * 1e-9 for stamp in stamps], dtype=torch.float64)
+    return Run(name, torch.stack(packed), torch.from_numpy(np.stack(rates)), seconds)
 
 
 @dataclass(frozen=True, slots=True)

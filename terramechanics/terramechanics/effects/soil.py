@@ -13,6 +13,7 @@ from terramechanics.plant import Contact, Effect, Situation, Size
 
 GROUSER_SLIP = 0.1
 """[1] Slip at which grousers have mobilised 63 % of their thrust."""
+_SOFTEST = 0.05  # [1] of the undisturbed stiffness
 REFERENCE_SPEED = 0.1
 """[m/s] Circumferential speed at which the soil constants hold."""
 
@@ -36,13 +37,14 @@ class Bulldozing(Effect):
 
 @dataclass
 class Grousers(Effect):
-    """T + F and M + r F with F = size sgn(i) (1 - exp(-|i| / 0.1)): lugs shear soil between them. [N]."""
+    """T + F and M + r F with F = size sgn(i) (1 - exp(-|i| / mobilised)): lugs shear soil between them. [N]."""
 
     size: Size
+    mobilised: float = GROUSER_SLIP  # [1] slip at which 63 % of the thrust are there
 
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
         """See Effect."""
-        thrust = -where.of(self.size) * torch.sign(contact.slip) * torch.expm1(-contact.slip.abs() / GROUSER_SLIP)
+        thrust = -where.of(self.size) * torch.sign(contact.slip) * torch.expm1(-contact.slip.abs() / self.mobilised)
         return with_traction(forces, thrust, where.rover.wheel_radius * thrust)
 
 
@@ -60,13 +62,18 @@ class SlipSinkage(Effect):
 
 @dataclass
 class Multipass(Effect):
-    """k (1 + size p) below a wheel that p wheels went before: the rut is compacted. [1]."""
+    """k (1 + size p) below a wheel that p wheels went before: the rut is compacted. [1].
+
+    Passes after the first may add ``growth`` times what the first did.
+    """
 
     size: Size
+    growth: float = 1.0
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         """See Effect."""
-        return contact.stiffened(1.0 + where.of(self.size) * where.order)
+        passes = where.order.clamp(max=1.0) + self.growth * (where.order - 1.0).clamp(min=0.0)
+        return contact.stiffened((1.0 + where.of(self.size) * passes).clamp(min=_SOFTEST))
 
 
 @dataclass

@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""find_missing_effect RUN...: which physical effect the model of rover and soil lacks, from recorded runs.
+
+Writes OUT/finding.json. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
+"""
+
+import argparse
+import json
+import math
+import random
+import sys
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import torch
+from scipy.stats import chi2
+
+from terrain_estimator.bags import BagError
+from terrain_estimator.cli.discovery_runs import read_run
+from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.topics import TopicError, bag_topics
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.discovery import Finding, Nominal, Run, RunError, Study, Thresholds, cut, investigate, nominal_of, singles
+from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.runs import Blocks
+from terramechanics.effects import describe
+from terramechanics.loading import ConfigError
+from terramechanics.rover import load_rover
+from terramechanics.soil import load_soil
+
+WRONG = 2
+FEWEST = 2
+SHOWN = 1e-3
+"""Probability that chance makes a signal matter so much, below which it is listed."""
+
+
+class InputError(ValueError):
+    """The arguments or runs do not allow an investigation."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Investigate the runs that the command line names; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    torch.set_num_threads(1)
+    try:
+        nominal = nominal_of(load_rover(options.rover), load_soil(options.soil))
+        hypotheses = singles(tuple(name for name in options.library.split(",") if name))
+        runs, held_out = _divided(options)
+        blocks = _read(runs, nominal)
+        with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
+            finding = investigate(Study(nominal, blocks), hypotheses, read_thresholds(), report.at)
+        text = json.dumps(summary(finding, blocks, held_out), indent=1, allow_nan=False)
+        options.out.mkdir(parents=True, exist_ok=True)
+        (options.out / "finding.json").write_text(text + "\n", encoding="utf-8")
+    except (ConfigError, RunError, InputError, TopicError, OSError) as error:
+        sys.stderr.write(f"find_missing_effect: {error}\n")
+        return WRONG
+    sys.stdout.write(sentence(finding) + f"\n{options.out / 'finding.json'}\n")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="find_missing_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="bags of drives, at least two")
+    parser.add_argument(
+        "--hold-out", nargs="+", type=Path, default=[], metavar="RUN", help="bags for the proof alone (default: one in four of the runs)"
+    )
+    parser.add_argument("--rover", default="mars_rover", help="name of a rover or path of a rover file (default: %(default)s)")
+    parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
+    parser.add_argument("--library", default="", metavar="NAME,...", help="effects to consider (default: all that a planar rover shows)")
+    parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the choice of held-out runs (default: %(default)s)")
+    return parser
+
+
+def read_thresholds() -> Thresholds:
+    """The calibrated thresholds that come with the package."""
+    values = json.loads((files("terrain_estimator.discovery") / "thresholds.json").read_text(encoding="utf-8"))
+    return Thresholds(values["anything"], values["share"], values["apart"])
+
+
+def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
+    """Runs to look into and runs for the proof."""
+    runs = list(options.runs)
+    if len(runs) < FEWEST:
+        raise InputError(f"{len(runs)} run given, at least {FEWEST} are needed: an effect has to show in more than one drive")
+    if options.hold_out:
+        return runs, list(options.hold_out)
+    count = len(runs) // 4
+    held_out = set(random.Random(options.seed).sample(range(len(runs)), count))  # noqa: S311 - a reproducible choice, no secret
+    return [run for k, run in enumerate(runs) if k not in held_out], [run for k, run in enumerate(runs) if k in held_out]
+
+
+def _read(bags: Sequence[Path], nominal: Nominal) -> list[Blocks]:
+    """Blocks of all runs; one that cannot be used is reported and left out."""
+    config, names = EstimatorConfig(), bag_topics([], "")
+    blocks = []
+    for bag in bags:
+        try:
+            run: Run = read_run(bag, nominal.rover, config, names)
+            blocks.append(cut(run, nominal.contact))
+        except (BagError, TopicError, RunError, OSError) as error:
+            sys.stderr.write(f"find_missing_effect: {bag} is left out: {error}\n")
+    if len(blocks) < FEWEST:
+        raise InputError(f"{len(blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed")
+    return blocks
+
+
+def summary(finding: Finding, blocks: Sequence[Blocks], held_out: Sequence[Path]) -> dict[str, Any]:
+    """What goes to finding.json."""
+    judgement = finding.judgement
+    after = judgement.named[0] if judgement.named else None
+    return {
+        "verdict": str(judgement.verdict),
+        "probabilities": judgement.probabilities,
+        "effects": [entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)],
+        "confusable_with": [each.label for each in judgement.named[1:]],
+        "separate_by": finding.separate_by,
+        "where": _where(finding),
+        "gap": {"before": None, "after": None, "noise_floor": None, "closed": None, "closed_95": None},
+        "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},
+        "runs": [each.name for each in blocks],
+        "held_out": [run.name for run in held_out],
+    }
+
+
+def _where(finding: Finding) -> list[dict[str, Any]]:
+    """Rows and signals on which the residual depends where nothing is added."""
+    listed = []
+    for each in finding.depends:
+        chance = float(chi2.sf(each.strength, each.degrees))
+        if chance < SHOWN:
+            strength = {"strength": math.sqrt(each.strength), "unit": "standard deviations", "p": chance}
+            listed.append({"row": each.column.row, "signal": each.column.signal, "region": "", **strength})
+    return listed
+
+
+def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
+    """The effects of one hypothesis with their sizes; of several alternatives each has its own evidence."""
+    candidate = finding.candidate(hypothesis)
+    factor = candidate.fit.log_evidence - finding.nothing.fit.log_evidence
+    probability = finding.judgement.probabilities[" + ".join(hypothesis.names)]
+    return [
+        {
+            "name": name,
+            "coefficient": size,
+            "sd": sd,
+            "unit": describe(name).unit,
+            "probability": probability,
+            "log_bayes_factor": factor,
+        }
+        for name, size, sd in candidate.sizes
+    ]
+
+
+def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, list[float]]:
+    """c [Pa] and tan phi of every run."""
+    fit = (finding.candidate(hypothesis) if hypothesis else finding.nothing).fit
+    return {
+        "cohesion_pa": [1000.0 * float(run.theta[0]) for run in fit.point.runs],
+        "tan_phi": [float(run.theta[1]) for run in fit.point.runs],
+    }
+
+
+def sentence(finding: Finding) -> str:
+    """The verdict in words."""
+    judgement = finding.judgement
+    labels = [each.label for each in judgement.named]
+    sizes = ", ".join(f"{name} {size:.4g} +- {sd:.2g} {describe(name).unit}" for name, size, sd in finding.best.sizes)
+    left = finding.left[0].column if finding.left else None
+    words = {
+        "none": "nothing is missing that these runs show",
+        "named": f"named: {sizes}",
+        "confusable": f"confusable: {', '.join(labels)}. To separate: {finding.separate_by}",
+        "unknown": f"unknown: no named effect explains it (closest: {', '.join(labels)})"
+        + (f"; the {left.row} row depends on {left.signal}" if left else ""),
+    }
+    return words[str(judgement.verdict)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

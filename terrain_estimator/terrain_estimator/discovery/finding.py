@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The whole investigation of some runs: fits, verdict, what is confusable with what, and what would separate it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from terrain_estimator.discovery.library import Hypothesis, together
+from terrain_estimator.discovery.search import Candidate, Progress, Study, search
+from terrain_estimator.discovery.separation import separate_by
+from terrain_estimator.discovery.verdict import Gains, Judgement, Leftover, Thresholds, Verdict, gains_of, judge, leftovers
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What some runs say about what is missing."""
+
+    judgement: Judgement
+    gains: Gains
+    candidates: tuple[Candidate, ...]  # named hypotheses, the most probable first
+    nothing: Candidate
+    depends: tuple[Leftover, ...]  # where nothing is added: on what the residual depends, the strongest first
+    left: tuple[Leftover, ...]  # the same beside the best name
+    separate_by: str  # what would tell confusable effects apart; empty where nothing has to be
+
+    @property
+    def best(self) -> Candidate:
+        """The most probable named hypothesis."""
+        return self.candidates[0]
+
+    def candidate(self, hypothesis: Hypothesis) -> Candidate:
+        """The fit of that hypothesis."""
+        return next(each for each in self.candidates if each.hypothesis == hypothesis)
+
+
+def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, say: Progress) -> Finding:
+    """Fit all hypotheses, pairs where no single one closes enough of the gap, and judge."""
+    say(0.05, "nothing missing")
+    free = study.with_discrepancy(study.nothing)
+    found = search(study, hypotheses, lambda share, label: say(0.1 + 0.5 * share, label))
+    best_with = study.with_discrepancy(found[0])
+    gains = gains_of(study.nothing, found, free, best_with)
+    if gains.explainable >= thresholds.anything and gains.share < thresholds.share:
+        names = {part.name for part in found[0].hypothesis.parts}
+        others = [together(found[0].hypothesis, each) for each in hypotheses if not names & set(each.names)]
+        if others:
+            pairs = search(study, others, lambda share, label: say(0.6 + 0.35 * share, label), after=found[0])
+            # A second effect always helps a little: only a pair that closes the gap is an answer, else the single one stands.
+            paired = gains_of(study.nothing, pairs, free, study.with_discrepancy(pairs[0]))
+            if paired.share >= thresholds.share:
+                found, gains = [*pairs, *found], paired
+                best_with = study.with_discrepancy(pairs[0])
+    judgement = judge(gains, thresholds)
+    confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
+    return Finding(
+        judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)), separate_by(confusable)
+    )

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command on sealed bags of short drives. How often its verdicts are right is tested elsewhere."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from terrain_estimator.cli.find_missing_effect import main
+from terrain_estimator.rows import row_names
+from tests.hidden.cases import Plan, draw_cases
+from tests.hidden.sealing import seal
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    case = draw_cases(Plan((("drive_drag", 1.0),), soil="loose_sand", seconds=20.0), 1, seed=5)[0]
+    return [str(bag) for bag in seal(case, tmp_path_factory.mktemp("sealed"))]
+
+
+def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags: list[str], tmp_path: Path) -> None:
+    assert main([*bags[:4], "--library", "drive_drag,slope_bias,sinkage_bias", "--out", str(tmp_path)]) == 0
+    finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
+    assert finding["verdict"] == "named"
+    effect = finding["effects"][0]
+    assert effect["name"] == "drive_drag"
+    assert effect["unit"] == "N m s/rad"
+    assert 0.1 < effect["coefficient"] < 0.4
+    assert 0.0 < effect["sd"] < 0.1
+    assert abs(sum(finding["probabilities"].values()) - 1.0) < 1e-9
+    assert set(finding["probabilities"]) == {"none", "unknown", "drive_drag", "slope_bias", "sinkage_bias"}
+    assert {entry["row"] for entry in finding["where"]} <= set(row_names(3))
+    assert finding["where"]
+    assert len(finding["runs"]) == 3
+    assert len(finding["held_out"]) == 1
+    assert not set(finding["runs"]) & set(finding["held_out"])
+
+
+@pytest.mark.parametrize(
+    ("extra", "said"),
+    [
+        (["--library", "gravity_waves"], "unknown effect 'gravity_waves'"),
+        (["--library", "lateral_bulldozing"], "not testable here"),
+        (["--soil", "cheese"], "cheese"),
+    ],
+)
+def test_a_wrong_argument_is_refused_by_name(bags: list[str], capsys: pytest.CaptureFixture[str], extra: list[str], said: str) -> None:
+    assert main([*bags[:2], *extra]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_one_run_and_unreadable_runs_are_refused(bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(bags[:1]) == 2
+    assert "at least 2 are needed" in capsys.readouterr().err
+    assert main([bags[0], str(tmp_path / "nothing_here")]) == 2
+    complaint = capsys.readouterr().err
+    assert "nothing_here is left out" in complaint
+    assert "1 of 2 runs can be used" in complaint
