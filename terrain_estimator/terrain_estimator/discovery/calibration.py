@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Thresholds of the verdict from runs whose truth is known: nothing missing, a library effect, and one taken out of the library."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from terrain_estimator.discovery.library import Hypothesis, singles
+from terrain_estimator.discovery.search import Progress, Study, search
+from terrain_estimator.discovery.verdict import Gains, Thresholds, gains_of
+
+MARGIN = 1.5
+"""[1] By how much more than the worst null case something has to gain."""
+LEAST = 8.0
+"""[nat] Least gain that counts, whatever a few null cases say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One calibration case: what the rule would look at."""
+
+    truth: str  # empty where nothing is missing
+    with_truth: Gains
+    without_truth: Gains | None  # the same with a library that lacks the truth
+
+
+def sample(study: Study, truth: str, say: Progress) -> Sample:
+    """Investigate a case twice: with the whole library, and with one that lacks the truth."""
+    free = study.with_discrepancy(study.nothing)
+
+    def gains(hypotheses: Sequence[Hypothesis]) -> Gains:
+        found = search(study, hypotheses, say)
+        return gains_of(study.nothing, found, free, study.with_discrepancy(found[0]))
+
+    everything = gains(singles())
+    if not truth:
+        return Sample(truth, everything, None)
+    return Sample(truth, everything, gains([each for each in singles() if truth not in each.names]))
+
+
+def thresholds(samples: Sequence[Sample]) -> Thresholds:
+    """The numbers that fit these samples best.
+
+    - ``anything``: MARGIN times the largest gain of any null case, at least LEAST.
+    - ``share``: where the fewest cases fall on the wrong side, those with the truth below it and those without above it; in the
+      middle of the widest gap that has so few.
+    - ``apart``: the largest lead of a wrong name over the right one among those that pass, at least a tenth.
+    """
+    nulls = [each.with_truth.explainable for each in samples if not each.truth]
+    anything = max([MARGIN * gain for gain in nulls] + [LEAST])
+    known = [each for each in samples if each.truth and each.with_truth.explainable >= anything]
+    inside = sorted(each.with_truth.share for each in known)
+    outside = sorted(each.without_truth.share for each in known if each.without_truth)
+    share = _divide(outside, inside)
+    leads = [_lead(each) for each in known if each.with_truth.share >= share]
+    return Thresholds(anything, share, max([0.1, *(lead for lead in leads if lead < _HOPELESS)]))
+
+
+_HOPELESS = 0.3
+"""[1] A right name that is further behind is not confusable but lost."""
+
+
+def _lead(each: Sample) -> float:
+    """By how much of its gain the best name leads the right one; 0 where it is the right one, 1 where that was not even fitted."""
+    gains = each.with_truth
+    right = max((gain for hypothesis, gain in gains.named if hypothesis.names == (each.truth,)), default=0.0)
+    return 1.0 - right / gains.best
+
+
+def _divide(outside: Sequence[float], inside: Sequence[float]) -> float:
+    """Where to cut so that the fewest of ``outside`` lie above and of ``inside`` below."""
+    values = sorted({0.0, 1.0, *outside, *inside})
+    cuts = [(0.5 * (low + high), high - low) for low, high in itertools.pairwise(values)]
+    wrong = [(sum(x >= cut for x in outside) + sum(x < cut for x in inside), -width, cut) for cut, width in cuts]
+    return min(wrong)[2]

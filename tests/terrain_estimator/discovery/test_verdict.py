@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rule from evidence to verdict, and its calibration, on numbers."""
+
+import json
+from importlib.resources import files
+
+import pytest
+
+from terrain_estimator.discovery.calibration import Sample, thresholds
+from terrain_estimator.discovery.library import Hypothesis, singles
+from terrain_estimator.discovery.physics import Part
+from terrain_estimator.discovery.separation import separate_by
+from terrain_estimator.discovery.verdict import Gains, Thresholds, Verdict, judge
+
+RULE = Thresholds(anything=8.0, share=0.7, apart=0.1)
+
+
+def gains(named: dict[str, float], nothing_with: float, best_with: float) -> Gains:
+    ranked = sorted(named.items(), key=lambda item: -item[1])
+    return Gains(tuple((Hypothesis((Part(name),)), gain) for name, gain in ranked), nothing_with, best_with)
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict", "named"),
+    [
+        (gains({"payload": -4.0, "latency": -5.0}, -20.0, -24.0), Verdict.NONE, ()),
+        (gains({"payload": 300.0, "latency": 20.0}, 250.0, 290.0), Verdict.NAMED, ("payload",)),
+        (gains({"payload": 300.0, "latency": 20.0}, 250.0, 380.0), Verdict.NAMED, ("payload",)),
+        (gains({"grousers": 186.0, "odometry_scale": 193.0}, 86.0, 170.0), Verdict.CONFUSABLE, ("odometry_scale", "grousers")),
+        (gains({"slope_bias": 90.0, "payload": 70.0}, 700.0, 710.0), Verdict.UNKNOWN, ("slope_bias",)),
+        (gains({"slope_bias": -3.0, "payload": -4.0}, 50.0, 45.0), Verdict.UNKNOWN, ("slope_bias",)),
+    ],
+)
+def test_the_verdict_follows_from_the_share_of_the_gap_that_a_name_closes(found: Gains, verdict: Verdict, named: tuple[str, ...]) -> None:
+    judgement = judge(found, RULE)
+    assert judgement.verdict is verdict
+    assert tuple(name for each in judgement.named for name in each.names) == named
+    assert sum(judgement.probabilities.values()) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_probabilities_agree_with_the_verdict() -> None:
+    for found, most in (
+        (gains({"payload": -4.0, "latency": -5.0}, -20.0, -24.0), "none"),
+        (gains({"payload": 300.0, "latency": 20.0}, 250.0, 290.0), "payload"),
+        (gains({"slope_bias": 90.0, "payload": 70.0}, 700.0, 710.0), "unknown"),
+    ):
+        probabilities = judge(found, RULE).probabilities
+        assert max(probabilities, key=lambda name: probabilities[name]) == most
+        assert probabilities[most] > 0.9
+
+
+def test_two_axles_of_one_effect_are_one_name() -> None:
+    axles = tuple((Hypothesis((Part("failed_wheel", axle),)), gain) for axle, gain in ((2, 100.0), (1, 98.0)))
+    assert judge(Gains(axles, 80.0, 95.0), RULE).verdict is Verdict.NAMED
+
+
+def test_confusable_effects_come_with_what_would_separate_them() -> None:
+    advice = separate_by([Hypothesis((Part("grousers"),)), Hypothesis((Part("odometry_scale"),))])
+    assert "firm ground" in advice
+    assert separate_by([Hypothesis((Part("grousers"),))]) == ""
+    every = singles()
+    assert "None" not in separate_by(every)
+
+
+def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_whose_effect_was_taken_out() -> None:
+    samples = [Sample("", gains({"payload": -4.0}, 6.0, -9.0), None)]
+    for share in (0.82, 0.9, 1.0):
+        with_truth = gains({"payload": 300.0 * share, "latency": 10.0}, 250.0, 300.0)
+        samples.append(Sample("payload", with_truth, gains({"latency": 10.0, "bulldozing": 300.0 * (share - 0.5)}, 250.0, 300.0)))
+    found = thresholds(samples)
+    assert found.anything == pytest.approx(9.0)
+    assert 0.5 < found.share < 0.82
+    assert found.apart == pytest.approx(0.1)
+
+
+def test_the_thresholds_that_ship_are_those_of_the_rule() -> None:
+    shipped = json.loads((files("terrain_estimator.discovery") / "thresholds.json").read_text(encoding="utf-8"))
+    assert shipped["anything"] >= 8.0
+    assert 0.3 < shipped["share"] < 0.95
+    assert 0.05 < shipped["apart"] <= 0.3
