@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo test lint train accuracy net paper bench workspace environment clean
+.PHONY: help demo test lint train accuracy net paper calibrate bench workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -34,6 +34,9 @@ net: workspace  ## what the learnt features are worth on plants with hidden effe
 
 paper: workspace  ## the paper's experiments: tables and pictures in out/paper
 	ros2_ws/bin/ros2 run terrain_estimator paper $(ARGS)
+
+calibrate: workspace  ## thresholds of find_missing_effect anew: out/thresholds.json
+	ros2_ws/bin/ros2 run terrain_estimator calibrate_discovery $(ARGS)
 
 bench: workspace  ## time update, replay, simulation and training
 	ros2_ws/with python -m benchmarks $(ARGS)

@@ -155,11 +155,11 @@ class RunEquations:
 
     def _moved(self, noise: Tensor, error: Tensor) -> Tensor:
         count = self._blocks.packed.shape[0]
-        return (_block_shape(noise, count, 0) * error).sum(-1)
+        return (_block_shape(noise, count, 0) @ error.transpose(-1, -2)).squeeze(-1)
 
     def _moved_all(self, noise: Tensor, error: Tensor) -> Tensor:
         count = self._blocks.packed.shape[0]
-        return (_block_shape(noise, count, 1) * error).sum(-1)
+        return (_block_shape(noise, count, 1) @ error.transpose(-1, -2)).squeeze(-1)
 
     def _base(self, rows: Rows, error: Tensor, theta: Tensor) -> Tensor:
         count = self._blocks.packed.shape[0]

@@ -139,7 +139,9 @@ def _velocities(run: Blocks) -> Tensor:
 
 Progress = Callable[[float, str], None]
 FITTED, REFINED = 5, 2
-"""Hypotheses that are fitted in full, and those that are fitted until nothing moves."""
+"""Hypotheses that are fitted in full at most, and those that are fitted until nothing moves."""
+PROMISING = 0.25
+"""[1] Share of the largest gain that is foreseen below which a hypothesis is not fitted."""
 
 
 def search(study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after: Candidate | None = None) -> list[Candidate]:
@@ -151,7 +153,10 @@ def search(study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after:
     for number, hypothesis in enumerate(hypotheses):
         say(0.5 * number / len(hypotheses), hypothesis.label)
         foreseen.append((*study.foresee(hypothesis, after), hypothesis))
-    best = sorted(foreseen, key=lambda each: -each[1])[:FITTED]
+    foreseen.sort(key=lambda each: -each[1])
+    base = (after or study.nothing).fit.log_evidence
+    enough = base + PROMISING * (foreseen[0][1] - base)
+    best = [each for each in foreseen[:FITTED] if each[1] > max(enough, base)] or foreseen[:1]
     candidates = []
     for number, (point, _, hypothesis) in enumerate(best):
         say(0.5 + 0.5 * number / len(best), hypothesis.label)
