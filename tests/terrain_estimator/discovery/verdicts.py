@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How often the verdict about a hidden effect is right: `python -m tests.hidden.verdicts [PLAN ...]`.
+"""How often the verdict about a hidden effect is right: `python -m tests.terrain_estimator.discovery.verdicts [PLAN ...]`.
 
 A plan is `none`, the name of a hidden effect, or two joined by `+`. Cases are drawn with seeds that no calibration used. Every
 case is written as it comes; a file that has some is continued. Runs go to the investigation as packed observations with the
