@@ -15,6 +15,7 @@ from torch import Tensor
 from terrain_estimator.learning.batched import Trace
 from terrain_estimator.learning.departures import HIDDEN, Family, random_plant
 from terrain_estimator.learning.tasks import Tasks, measure_tasks, random_ground
+from terrain_estimator.packing import SCALAR_FIELDS, SCALARS
 from terrain_estimator.summary import IDENTIFIED_VARIANCE
 from terramechanics.ground import Ground
 from terramechanics.rover import Rover
@@ -31,7 +32,7 @@ CONFIDENCE = 0.99
 """[1] Of the limits of a coverage."""
 HALF_NORMAL_MEDIAN = float(norm.ppf(0.75))
 """[standard deviations] median of |x|."""
-_ACCELERATION = -5  # place in a packed observation
+_ACCELERATION = SCALAR_FIELDS.index("acceleration") - SCALARS  # place in a packed observation
 _SETTLED_S = 5.0  # velocity predictions are judged from here on
 
 
