@@ -39,7 +39,7 @@ def samples(drive: Measurement) -> Iterator[Sample]:
     """The samples of one drive [time, wheels], as what a bag is written from."""
     slips, sinkages, angles = (_pairs(drive, name) for name in ("slip", "sinkage", "contact_angle"))
     velocities, pitches, accelerations = (_pairs(drive, name) for name in ("velocity", "pitch", "acceleration"))
-    rates, torques = drive.wheel_rate.tolist(), drive.torque.tolist()
+    rates, torques, bogie_angles = drive.wheel_rate.tolist(), drive.torque.tolist(), drive.bogie_angle.tolist()
     for k in range(drive.velocity.shape[0]):
         yield Sample(
             stamp_ns=START_NS + k * STEP_NS,
@@ -51,6 +51,7 @@ def samples(drive: Measurement) -> Iterator[Sample]:
             velocity=Measured(*velocities[k]),
             pitch=Measured(*pitches[k]),
             acceleration=Measured(*accelerations[k]),
+            bogie_angle=bogie_angles[k],
         )
 
 
@@ -74,6 +75,7 @@ def _mapping(rover: Rover, drive: Measurement) -> Mapping:
         velocity=BodySignal(COLUMN, "m/s", some),
         pitch=BodySignal(COLUMN, "rad", some, positive="nose_up"),
         acceleration=BodySignal(COLUMN, "m/s^2", some),
+        bogie_angle=BodySignal(COLUMN, "rad", positive="nose_up"),
     )
     if math.isnan(float(drive.torque[0, 0])):
         return mapping

@@ -54,7 +54,7 @@ def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple
 
 def _hints(mapping: Mapping) -> list[str]:
     hints = []
-    absent = [signal for signal in ("slip", "sinkage", "velocity", "torque", "acceleration") if not mapping.measures(signal)]
+    absent = [signal for signal in ("slip", "sinkage", "velocity", "torque", "acceleration", "bogie_angle") if not mapping.measures(signal)]
     if absent:
         hints.append(f"not in the data: {', '.join(absent)}; the status of the estimates will say what that costs")
     if not mapping.measures("pitch") and not mapping.constant_pitch.unit:

@@ -99,8 +99,18 @@ def test_a_signal_that_was_not_measured_is_absent(tmp_path: Path, capsys: pytest
     assert math.isnan(messages(tmp_path / "bag", "/wheel_sinkage")[0].sinkage[1])
     assert math.isnan(nose_up_pitch(messages(tmp_path / "bag", "/odom")[0].pose.pose.orientation))
     output = capsys.readouterr().out
-    assert "not in the data: torque, acceleration" in output
+    assert "not in the data: torque, acceleration, bogie_angle" in output
     assert "no pitch: give a column, or constant_pitch" in output
+
+
+def test_a_bogie_angle_arrives_as_a_joint_nose_up(tmp_path: Path) -> None:
+    """The column of the pitch serves for it: 2 deg nose down."""
+    assert run(tmp_path, mapping(bogie_angle={"column": "p", "unit": "deg", "positive": "nose_down"})) == 0
+    [first, *_] = messages(tmp_path / "bag", "/joint_states")
+    assert first.name == ["front", "rear", "bogie"]
+    assert first.position[2] == pytest.approx(-math.radians(2.0))
+    np.testing.assert_allclose(first.velocity, [2 * math.pi, 2 * math.pi, math.nan])
+    np.testing.assert_allclose(first.effort, [0.05, 0.06, math.nan])
 
 
 def test_an_imu_says_which_of_its_parts_was_not_measured(tmp_path: Path) -> None:

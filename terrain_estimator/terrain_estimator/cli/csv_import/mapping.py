@@ -13,7 +13,8 @@ from terramechanics.loading import ConfigError, load, number
 SLIP_DEFINITIONS = ("one_minus_v_over_rw", "max_normalised")
 WHEEL_SIGNALS = {"slip": "ratio", "sinkage": "length", "contact_angle": "angle", "wheel_rate": "wheel rate", "torque": "torque"}
 """Signals with a column for each wheel, and their quantity."""
-BODY_SIGNALS = {"velocity": "velocity", "pitch": "angle", "acceleration": "acceleration"}
+BODY_SIGNALS = {"velocity": "velocity", "pitch": "angle", "acceleration": "acceleration", "bogie_angle": "angle"}
+SIGNED = ("pitch", "bogie_angle")
 """Signals of the rover's body, and their quantity."""
 WITH_DEVIATION = ("slip", "sinkage", "contact_angle", "velocity", "pitch", "acceleration")
 """Signals whose messages carry a standard deviation, so that their noise has to be known."""
@@ -76,7 +77,7 @@ class BodySignal:
     column: str = ""
     unit: str = ""
     noise: Noise = Noise()
-    positive: str = ""  # of pitch: nose_up or nose_down
+    positive: str = ""  # of pitch and bogie_angle: nose_up or nose_down
 
 
 _NO_WHEEL_SIGNAL = WheelSignal("")
@@ -104,6 +105,7 @@ class Mapping:
     velocity: BodySignal = _NO_BODY_SIGNAL
     pitch: BodySignal = _NO_BODY_SIGNAL
     acceleration: BodySignal = _NO_BODY_SIGNAL
+    bogie_angle: BodySignal = _NO_BODY_SIGNAL
     constant_contact_angle: Constant = _NO_CONSTANT
     constant_pitch: Constant = _NO_CONSTANT
 
@@ -162,7 +164,7 @@ class Mapping:
             msg = f"{name}: missing key 'column'"
             raise ConfigError(msg)
         _check_signal(name, BODY_SIGNALS[name], signal)
-        signs = ("nose_up", "nose_down") if name == "pitch" else ("",)
+        signs = ("nose_up", "nose_down") if name in SIGNED else ("",)
         if signal.positive not in signs:
             msg = f"{name}: positive: {signal.positive!r}, expected {' or '.join(signs) or 'no such key'}"
             raise ConfigError(msg)

@@ -17,6 +17,8 @@ UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: there is no 
 PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y
 PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
 
+BOGIE = "bogie"  # name of its joint: what the estimator looks for unless its parameter bogie_joint says otherwise
+
 
 @dataclass(slots=True)
 class SampleWriter:
@@ -34,7 +36,7 @@ class SampleWriter:
     def write_all(self, samples: Iterable[Sample]) -> int:
         """Write all samples; return how many."""
         builders: dict[str, Callable[[Sample], Message]] = {"wheel_slip": self._slip, "wheel_sinkage": self._sinkage, "odom": self._odom}
-        if any(self.mapping.measures(signal) for signal in ("wheel_rate", "torque")):
+        if any(self.mapping.measures(signal) for signal in ("wheel_rate", "torque", "bogie_angle")):
             builders["joint_states"] = self._joints
         if any(self.mapping.measures(signal) for signal in ("pitch", "acceleration")):
             builders["imu"] = self._imu
@@ -80,12 +82,15 @@ class SampleWriter:
         return odom
 
     def _joints(self, sample: Sample) -> Message:
+        bogie = self.mapping.measures("bogie_angle")
+        unknown = [math.nan] * bogie
         return self.writer.types.make(
             INPUT_TYPES["joint_states"],
             header=self._header(sample, ""),
-            name=[wheel.name for wheel in self.mapping.wheels],
-            velocity=sample.wheel_rate if self.mapping.measures("wheel_rate") else [],
-            effort=sample.torque if self.mapping.measures("torque") else [],
+            name=[*(wheel.name for wheel in self.mapping.wheels), *[BOGIE] * bogie],
+            position=[*[math.nan] * len(self.mapping.wheels), sample.bogie_angle] if bogie else [],
+            velocity=[*sample.wheel_rate, *unknown] if self.mapping.measures("wheel_rate") else [],
+            effort=[*sample.torque, *unknown] if self.mapping.measures("torque") else [],
         )
 
     def _imu(self, sample: Sample) -> Message:

@@ -42,6 +42,7 @@ class Sample:
     velocity: Measured  # [m/s]
     pitch: Measured  # [rad] nose up
     acceleration: Measured  # [m/s^2] specific force along body x
+    bogie_angle: float  # [rad] nose up, relative to the body
 
 
 def read_samples(path: Path, mapping: Mapping) -> Iterator[Sample]:
@@ -130,6 +131,7 @@ class _Rows:
             self._body("velocity", "velocity"),
             self._pitch(),
             self._body("acceleration", "acceleration"),
+            self._nose_up("bogie_angle").value,
         )
 
     def _stamp(self) -> int:
@@ -164,8 +166,12 @@ class _Rows:
         constant = self._mapping.constant_pitch
         if not self._mapping.measures("pitch"):
             return _known(constant.value, constant.unit, constant.noise)
-        pitch = self._body("pitch", "angle")
-        return Measured(-pitch.value, pitch.deviation) if self._mapping.pitch.positive == "nose_down" else pitch
+        return self._nose_up("pitch")
+
+    def _nose_up(self, signal: str) -> Measured:
+        angle = self._body(signal, "angle")
+        down = getattr(self._mapping, signal).positive == "nose_down"
+        return Measured(-angle.value, angle.deviation) if down else angle
 
     def _measured(self, column: str, unit: str, quantity: str, noise: Noise) -> Measured:
         if not column:
