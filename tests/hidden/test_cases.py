@@ -143,6 +143,7 @@ def test_measured_values_come_back_from_a_sealed_bag(bags: list[Path]) -> None:
     drive = cases()[0].drives[0]
     with BagReader(bags[0]) as reader:
         joints = next(message for message in reader.messages() if message.topic == "/joint_states")
-        efforts = reader.decode(joints).effort
-    assert efforts.tolist() == drive.torque[0].tolist()
+        decoded = reader.decode(joints)
+    assert decoded.effort[:-1].tolist() == drive.torque[0].tolist()
+    assert decoded.position[-1] == float(drive.bogie_angle[0])
     assert not math.isnan(float(drive.torque[0, 0]))
