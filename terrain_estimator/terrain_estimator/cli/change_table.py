@@ -29,7 +29,8 @@ _LICENCE = "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSP
 _INTRODUCTION = """# Ground that changes
 
 Written by `ros2 run terrain_estimator change` (the second half of `make accuracy`) on {date}: {drives} drives over hills (S1) a
-change, seed {seed}, drift {drift:g}, the rover's model, which knows all three soils, every row. The figures do not depend on the machine.
+change, seed {seed}, drift {drift:g}, the rover's model ({models}), which knows all three soils, every row. The figures do not depend on
+the machine.
 
 Truth on both sides is drawn from the model's prior, c 0.5 to 5 kPa and phi 15 to 45 deg, and each soil constant is off by up to 5 %;
 "loose to loose" moves c and phi by half of these ranges each. Time counts from the first axle's crossing. "Crossing" is the median
@@ -43,7 +44,9 @@ over the axles. Drives that get stuck, or end within 20 s of the crossing, are d
 
 def page(run: Run) -> str:
     """The whole page."""
-    introduction = _INTRODUCTION.format(date=run.date, drives=run.drives, seed=run.seed, drift=run.drift, confidence=100.0 * CONFIDENCE)
+    models = ", ".join(dict.fromkeys(result.model for result in (*run.changes, *run.constant)))
+    facts = {"date": run.date, "drives": run.drives, "seed": run.seed, "drift": run.drift, "models": models}
+    introduction = _INTRODUCTION.format(confidence=100.0 * CONFIDENCE, **facts)
     parts = [
         _LICENCE + introduction,
         "## Targets\n\n" + _table(("what", "target", "found", "met"), _targets(run)),
