@@ -44,7 +44,7 @@ over the axles. Drives that get stuck, or end within 20 s of the crossing, are d
 
 def page(run: Run) -> str:
     """The whole page."""
-    models = ", ".join(dict.fromkeys(result.model for result in (*run.changes, *run.constant)))
+    models = ", ".join(dict.fromkeys([score.model for score in run.changes] + [entry.model for entry in run.constant]))
     facts = {"date": run.date, "drives": run.drives, "seed": run.seed, "drift": run.drift, "models": models}
     introduction = _INTRODUCTION.format(confidence=100.0 * CONFIDENCE, **facts)
     parts = [
