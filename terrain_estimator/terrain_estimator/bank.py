@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bank of hypotheses about the ground: which go on after a block, and which have become one. Scripted with the model.
 
-Each is a Gaussian with a soil and an age. Hypotheses of one soil and one birth are kin: they started from one prior.
+Each is a Gaussian with a kind and an age: on which soil it is, and whether the net has a say. Hypotheses of one kind and one birth
+are kin: they started from one prior.
 """
 
 from typing import NamedTuple
@@ -23,7 +24,7 @@ class Bank(NamedTuple):
     precision: Tensor  # [H, D, D]
     weight: Tensor  # [H] log of the weight in the mixture, up to a constant; -inf for a dead one
     age: Tensor  # [H] blocks since birth
-    soil: Tensor  # [H] index of the soil
+    kind: Tensor  # [H] index of the soil, and as many more as there are soils where the net has a say
 
 
 class Solved(NamedTuple):
@@ -31,12 +32,12 @@ class Solved(NamedTuple):
 
     solution: Solution
     age: Tensor  # [H] blocks, before the block
-    soil: Tensor  # [H]
+    kind: Tensor  # [H]
 
 
-def kinship(age: Tensor, soil: Tensor) -> Tensor:
+def kinship(age: Tensor, kind: Tensor) -> Tensor:
     """Which of H hypotheses are kin, bool [H, H]."""
-    return (age.unsqueeze(1) == age) & (soil.unsqueeze(1) == soil)
+    return (age.unsqueeze(1) == age) & (kind.unsqueeze(1) == kind)
 
 
 def join(known: Solved, new: Solved) -> Solved:
@@ -48,7 +49,7 @@ def join(known: Solved, new: Solved) -> Solved:
         torch.cat([first.posterior.log_weight, second.posterior.log_weight]),
     )
     solution = Solution(posterior, torch.cat([first.misfit, second.misfit]), torch.cat([first.noise, second.noise]))
-    return Solved(solution, torch.cat([known.age, new.age]), torch.cat([known.soil, new.soil]))
+    return Solved(solution, torch.cat([known.age, new.age]), torch.cat([known.kind, new.kind]))
 
 
 def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
@@ -64,24 +65,24 @@ def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
 def shared_noise(solved: Solved) -> Tensor:
     """log det of the rows' covariance [H], averaged over kin with their weights.
 
-    It belongs to the evidence between posteriors of different birth or soil. Between kin it would bring back the bias of noisy
+    It belongs to the evidence between posteriors of different birth or kind. Between kin it would bring back the bias of noisy
     regressors, so they share their mean of it.
     """
-    kin = kinship(solved.age, solved.soil) * torch.softmax(solved.solution.posterior.log_weight, 0)
+    kin = kinship(solved.age, solved.kind) * torch.softmax(solved.solution.posterior.log_weight, 0)
     kin = kin.clamp(min=1e-300)
     return (kin @ solved.solution.noise) / kin.sum(1)
 
 
-def weigh(posterior: Posterior, age: Tensor, soil: Tensor) -> Bank:
+def weigh(posterior: Posterior, age: Tensor, kind: Tensor) -> Bank:
     """The bank of these posteriors, weighted by what of them is physical."""
     mean, covariance = project(posterior.mean, posterior.precision, torch.eye(posterior.mean.shape[1], dtype=torch.float64))
-    return Bank(mean, covariance, posterior.precision, posterior.log_weight + log_physical(mean, covariance), age, soil)
+    return Bank(mean, covariance, posterior.precision, posterior.log_weight + log_physical(mean, covariance), age, kind)
 
 
 def take(bank: Bank, chosen: Tensor) -> Bank:
     """The hypotheses with the indices ``chosen``."""
     return Bank(
-        bank.mean[chosen], bank.covariance[chosen], bank.precision[chosen], bank.weight[chosen], bank.age[chosen], bank.soil[chosen]
+        bank.mean[chosen], bank.covariance[chosen], bank.precision[chosen], bank.weight[chosen], bank.age[chosen], bank.kind[chosen]
     )
 
 
@@ -89,7 +90,7 @@ def prune(bank: Bank, negligible: float) -> Bank:
     """Hypotheses whose log weight is ``negligible`` below that of the best are dead."""
     lost = bank.weight < bank.weight.amax() - negligible
     weight = torch.where(lost, torch.full_like(bank.weight, -float("inf")), bank.weight)
-    return Bank(bank.mean, bank.covariance, bank.precision, weight, bank.age, bank.soil)
+    return Bank(bank.mean, bank.covariance, bank.precision, weight, bank.age, bank.kind)
 
 
 def merge(bank: Bank, nearest: float) -> Bank:
@@ -102,7 +103,7 @@ def merge(bank: Bank, nearest: float) -> Bank:
     alive = bank.weight != -float("inf")
     index = torch.arange(bank.weight.shape[0])
     shift = bank.mean.unsqueeze(0) - bank.mean.unsqueeze(1)
-    close = (((shift @ bank.precision) * shift).sum(-1) < nearest) & kinship(bank.age, bank.soil) & alive & alive.unsqueeze(1)
+    close = (((shift @ bank.precision) * shift).sum(-1) < nearest) & kinship(bank.age, bank.kind) & alive & alive.unsqueeze(1)
     heavier = index.unsqueeze(1) < index
     head = torch.where(close & heavier, index.unsqueeze(1), index).amin(0)  # [H] whom each joins
     if not any_of(head != index):
@@ -121,4 +122,4 @@ def merge(bank: Bank, nearest: float) -> Bank:
     covariance = torch.where(wide, moments, bank.covariance)
     precision = torch.where(wide, torch.cholesky_inverse(cholesky(covariance)), bank.precision)
     weight = torch.where(member.diagonal(), torch.where(grown, torch.log(total), torch.log_softmax(bank.weight, 0)), -float("inf"))
-    return Bank(mean, covariance, precision, weight, bank.age, bank.soil)
+    return Bank(mean, covariance, precision, weight, bank.age, bank.kind)

@@ -16,7 +16,8 @@ its recursion is biased by noise in the regressors (slip and sinkage are measure
   and Schnabel 1987), a few Gauss-Newton steps a block.
 
 As that sum is not convex far from its minimum, a small bank of posteriors starts from a grid over the prior (a
-Gaussian sum: Alspach and Sorenson 1972). All run as one batch, and the published posterior is their mixture. The
+Gaussian sum: Alspach and Sorenson 1972), once without the net and once with it (a prior of spike and slab: Mitchell and Beauchamp
+1988). All run as one batch, and the published posterior is their mixture. The
 ground may change: before each block some posteriors are born from the prior anew, with the weight of a hazard rate, and
 after it the best of all are kept (Bayesian changepoint detection with a pruned bank: Adams and MacKay 2007). So the
 estimate is re-opened where the data say that the ground is another, instead of being dragged along.
@@ -57,7 +58,11 @@ BLOCK = 10
 KEPT = FIXED - 1
 """Parameters of the rover, not of the ground: mass, centre of mass, acceleration bias, velocity."""
 BANK = 9
-"""Posteriors that are kept, for each soil."""
+"""Posteriors that are kept, for each soil with and without the net."""
+WITH_NET = 3e-3
+"""[1] Prior probability that the net has a say: the physics are believed until the data speak against them by 6 nat."""
+NO_SAY = 1e12
+"""[1] Precision of a net weight that leaves it at zero."""
 NEGLIGIBLE = 14.0
 """[nat] A posterior whose weight is e^-14 of the best one's is dropped."""
 NEAREST = 0.3
@@ -78,7 +83,7 @@ State = dict[str, Tensor]
 - ``block`` [n, 8 A + 9]: packed observations
 - ``weight`` [H]: of each posterior in the mixture; what it puts on negative c or tan phi does not count
 - ``age`` [H]: blocks since each was born from the prior; those of the start are older than any
-- ``soil`` [H]: index of the soil whose constants, plus its own deviations, each has
+- ``kind`` [H]: index of the soil whose constants, plus its own deviations, each has; K more where the net has a say
 - ``prior`` [3, 2]: mean, deviation, and random walk [1/sqrt(s)] of (c [kPa], tan phi), the user's or the model's
 - ``log_soils`` [K]: log prior probability of each soil, -inf where the user excludes it
 - ``moments`` [3, 2]: mean and covariance of (c [kPa], tan phi) in the mixture over everything
@@ -119,6 +124,7 @@ class PAlpaca(nn.Module):
     prior_mean: Tensor
     prior_sd: Tensor
     net_precision: Tensor
+    net_log_weight: Tensor
     body_scale: Tensor
     axle_x: Tensor
     centre: Tensor
@@ -141,7 +147,7 @@ class PAlpaca(nn.Module):
         self.kept = KEPT
         self.size = self.first_constant + uncertain.shape[1] + KEPT
         self.open_precision, self.link_variance, self.block_size, self.step_s = OPEN, LINK_VARIANCE, BLOCK, TIME_STEP
-        self.bank, self.negligible, self.nearest = self.known_soils * BANK, NEGLIGIBLE, NEAREST
+        self.bank, self.negligible, self.nearest, self.no_say = 2 * self.known_soils * BANK, NEGLIGIBLE, NEAREST, NO_SAY
         self.surprise, self.recent = SURPRISE, RECENT
         self.observation_size, self.moment_variance = packed_size(body.axles), MOMENT_VARIANCE
         self.net = net
@@ -171,6 +177,8 @@ class PAlpaca(nn.Module):
         self.register_buffer("prior_mean", torch.tensor(prior_mean, dtype=torch.float64))
         self.register_buffer("prior_sd", torch.tensor(prior_sd, dtype=torch.float64))
         self.register_buffer("net_precision", torch.ones(net.columns, dtype=torch.float64))
+        # log prior probability that the plant is as the physics say, and that the net has a say
+        self.register_buffer("net_log_weight", torch.tensor([1.0 - WITH_NET, WITH_NET], dtype=torch.float64).log())
         self.register_buffer("body_scale", torch.tensor([by_mass, by_weight, by_moment, by_moment], dtype=torch.float64))
         self.register_buffer("axle_x", body.geometry.axle_x)
         self.register_buffer("centre", body.geometry.centre)
@@ -200,10 +208,13 @@ class PAlpaca(nn.Module):
         prior = torch.stack([mean, sd, drift * sd]) / self.unit
         start = torch.zeros(self.known_soils, self.offsets.shape[0], self.size, dtype=torch.float64)
         start[:, :, :2] = prior[0] + self.offsets * prior[1]
-        start = start.flatten(0, 1)
-        soil = torch.arange(self.known_soils).repeat_interleave(self.offsets.shape[0])
+        start = start.flatten(0, 1).repeat(2, 1)
+        kind = torch.arange(2 * self.known_soils).repeat_interleave(self.offsets.shape[0])
         theta_precision = (self.offset_spread * prior[1]) ** -2.0
-        precision = torch.diag(torch.cat([theta_precision, self.net_precision, self.other_precision]))
+        silent = torch.full_like(self.net_precision, self.no_say)
+        alone = torch.diag(torch.cat([theta_precision, silent, self.other_precision]))
+        joined = torch.diag(torch.cat([theta_precision, self.net_precision, self.other_precision]))
+        precision = torch.stack([alone, joined]).repeat_interleave(start.shape[0] // 2, 0)
         nothing = torch.full((2,), float("nan"), dtype=torch.float64)
         state = {
             "block": torch.zeros(0, self.observation_size, dtype=torch.float64),
@@ -216,10 +227,10 @@ class PAlpaca(nn.Module):
             "report": torch.cat([nothing, nothing, nothing, torch.zeros(2 + self.axles, dtype=torch.float64)]),
         }
         age = torch.full((start.shape[0],), 1e9, dtype=torch.float64)
-        bank = weigh(Posterior(start, precision.expand(start.shape[0], -1, -1), age), age, soil)
+        bank = weigh(Posterior(start, precision, age), age, kind)
         # so that the mixture is exactly the prior, whatever it puts on negative c or tan phi
-        weight = (state["log_soils"].unsqueeze(1) + self.offset_log_weight).flatten()
-        return self.commit(state, Bank(bank.mean, bank.covariance, bank.precision, weight, age, soil))
+        weight = (self.net_log_weight.view(2, 1, 1) + state["log_soils"].unsqueeze(1) + self.offset_log_weight).flatten()
+        return self.commit(state, Bank(bank.mean, bank.covariance, bank.precision, weight, age, kind))
 
     @torch.jit.export
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
@@ -334,18 +345,19 @@ class PAlpaca(nn.Module):
         state = state.copy()
         state["mean"], state["precision"], state["weight"] = bank.mean, bank.precision, weight
         state["log_weight"] = torch.log_softmax(bank.weight, 0) - log_physical(bank.mean, bank.covariance)
-        state["age"], state["soil"] = bank.age, bank.soil
+        state["age"], state["kind"] = bank.age, bank.kind
+        soil = bank.kind % self.known_soils
         mean, covariance = mixture(bank.weight, bank.mean[:, :2], bank.covariance[:, :2, :2])
         state["moments"] = torch.cat([mean.unsqueeze(0), covariance])
         index = torch.arange(self.known_soils)
-        share = weight * (index.unsqueeze(1) == bank.soil)  # [K, H]
+        share = weight * (index.unsqueeze(1) == soil)  # [K, H]
         state["soils"] = share.sum(1)
         apart = torch.cat([bank.mean[:, :2], bank.mean[:, self.first_constant : self.size - self.kept]], 1)
         within_soil = (share @ apart) / state["soils"].clamp(min=1e-300).unsqueeze(1)
         nothing = torch.cat([state["prior"][0], torch.zeros_like(apart[0, 2:])])
         state["expansion"] = torch.where(state["soils"].unsqueeze(1) > 0.0, within_soil, nothing)
         leading = index == state["soils"].argmax()
-        within = (leading.unsqueeze(1) & (index.unsqueeze(1) == bank.soil)).any(0)
+        within = (leading.unsqueeze(1) & (index.unsqueeze(1) == soil)).any(0)
         state["expected"], state["covariance"] = mixture(torch.where(within, bank.weight, -float("inf")), bank.mean, bank.covariance)
         chosen = leading.to(torch.float64)
         uncertain = (chosen.view(-1, 1, 1) * self.uncertain).sum(0)
@@ -362,14 +374,14 @@ class PAlpaca(nn.Module):
         noise: list[Tensor] = []
         pieces: list[Solved] = []
         for soil in range(self.known_soils):
-            members = torch.nonzero((state["soil"] == soil) & (state["log_weight"] != -float("inf"))).squeeze(1)
+            members = torch.nonzero((state["kind"] % self.known_soils == soil) & (state["log_weight"] != -float("inf"))).squeeze(1)
             if members.shape[0] > 0:
                 averaged, by_theta = self.average(packed, soil, state["expansion"][soil], self.every_row)
                 seen.append(soil)
                 rows.append(averaged)
                 noise.append(by_theta)
                 before = Posterior(state["mean"][members], state["precision"][members], state["log_weight"][members])
-                pieces.append(Solved(solve_block(before, averaged, self.longest_step), state["age"][members], state["soil"][members]))
+                pieces.append(Solved(solve_block(before, averaged, self.longest_step), state["age"][members], state["kind"][members]))
         solved = pieces[0]
         for piece in pieces[1:]:
             solved = join(solved, piece)
@@ -427,7 +439,7 @@ class PAlpaca(nn.Module):
         return torch.special.gammainc(0.5 * degrees, 0.5 * misfit.clamp(min=0.0)) > self.surprise
 
     def born(self, state: dict[str, Tensor], soil: int) -> Posterior:
-        """Four posteriors for ground of one soil that has just changed: all but the rover's own parameters is prior."""
+        """Four posteriors for ground of one soil that has just changed, without the net: all but the rover's own parameters is prior."""
         prior, expected = state["prior"], state["expected"]
         count, others = self.born_offsets.shape[0], self.size - 2 - self.kept
         theta = prior[0] + self.born_offsets * prior[1]
@@ -435,7 +447,8 @@ class PAlpaca(nn.Module):
         eye = torch.eye(self.kept, dtype=torch.float64)
         kept = torch.cholesky_solve(eye, cholesky(state["covariance"][-self.kept :, -self.kept :]))
         theta_precision = (self.born_spread * prior[1]) ** -2.0
-        fresh = torch.cat([theta_precision, self.net_precision, self.other_precision[: -self.kept], torch.zeros_like(eye[0])])
+        silent = torch.full_like(self.net_precision, self.no_say)
+        fresh = torch.cat([theta_precision, silent, self.other_precision[: -self.kept], torch.zeros_like(eye[0])])
         precision = torch.diag(fresh) + nn.functional.pad(kept, [self.size - self.kept, 0, self.size - self.kept, 0])
         precision = precision.expand(mean.shape[0], -1, -1)
         physical = log_physical(mean, torch.diag(1.0 / theta_precision).expand(count, -1, -1))
@@ -445,7 +458,7 @@ class PAlpaca(nn.Module):
         """The best of the solved posteriors without the velocity at the block's start, kin that met as one; and their misfit."""
         posterior = solved.solution.posterior
         mean, precision = drop(posterior.mean, posterior.precision, self.size - 1)
-        bank = weigh(Posterior(mean, precision, posterior.log_weight - 0.5 * shared_noise(solved)), solved.age + 1.0, solved.soil)
+        bank = weigh(Posterior(mean, precision, posterior.log_weight - 0.5 * shared_noise(solved)), solved.age + 1.0, solved.kind)
         kept = torch.topk(bank.weight, min(self.bank, bank.weight.shape[0]))[1]
         bank = prune(take(bank, kept), self.negligible)
         misfit = torch.dot(torch.softmax(bank.weight, 0), solved.solution.misfit[kept])

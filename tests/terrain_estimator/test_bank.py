@@ -10,14 +10,14 @@ from terrain_estimator.gaussian import mixture, random_walk
 SIZE = 3
 
 
-def bank(weights: list[float], shifts: list[float], ages: list[float], soils: list[int]) -> Bank:
+def bank(weights: list[float], shifts: list[float], ages: list[float], kinds: list[int]) -> Bank:
     """Hypotheses of one random precision, ``shifts`` deviations apart along the first axis."""
     matrix = torch.randn(SIZE, SIZE + 2, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
     precision = (matrix @ matrix.T).expand(len(weights), SIZE, SIZE).clone()
     mean = torch.zeros(len(weights), SIZE, dtype=torch.float64)
     mean[:, 0] = torch.tensor(shifts, dtype=torch.float64) / precision[0, 0, 0].sqrt()
     log_weight = torch.tensor(weights, dtype=torch.float64).log()
-    return Bank(mean, torch.linalg.inv(precision), precision, log_weight, torch.tensor(ages), torch.tensor(soils))
+    return Bank(mean, torch.linalg.inv(precision), precision, log_weight, torch.tensor(ages), torch.tensor(kinds))
 
 
 def test_merged_hypotheses_have_the_weight_and_the_moments_of_their_mixture() -> None:
@@ -32,7 +32,7 @@ def test_merged_hypotheses_have_the_weight_and_the_moments_of_their_mixture() ->
 
 
 def test_only_kin_that_are_close_are_merged() -> None:
-    """The second is far, the third has another age, the fourth another soil."""
+    """The second is far, the third has another age, the fourth another kind."""
     before = bank([0.4, 0.3, 0.2, 0.1], [0.0, 5.0, 0.01, 0.01], [5.0, 5.0, 4.0, 5.0], [0, 0, 0, 1])
     after = merge(before, 0.25)
     for here, there in zip(before, after, strict=True):

@@ -167,7 +167,7 @@ def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, targe
     state["weight"][chosen, part["weight"].shape[1] :] = 0.0
 
 
-_OF_HYPOTHESES = ("mean", "precision", "log_weight", "weight", "age", "soil")
+_OF_HYPOTHESES = ("mean", "precision", "log_weight", "weight", "age", "kind")
 """Fields of the state with a place for each hypothesis, behind that of the drive; dead ones stand last."""
 
 
@@ -186,7 +186,7 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     rows = [_SoilRows(model, soil, packed, mask, state["expansion"][:, soil]) for soil in range(model.known_soils)]
     degrees = torch.zeros(drives, dtype=torch.float64)
     for soil in range(model.known_soils):
-        members = (state["soil"] == soil) & (state["log_weight"] != -torch.inf)
+        members = (state["kind"] % model.known_soils == soil) & (state["log_weight"] != -torch.inf)
         chosen = torch.nonzero(members.any(1)).squeeze(1)
         if chosen.numel() > 0:
             averaged = rows[soil].of(chosen)
@@ -248,11 +248,11 @@ def _solve_members(model: PAlpaca, state: State, members: Tensor, chosen: Tensor
     place = torch.argsort((~here).long(), dim=1, stable=True)[:, : int(here.sum(1).max())]
     alive = here.gather(1, place)
     place = torch.where(alive, place, place[:, :1])
-    mean, precision, log_weight, age, soil = (
-        state[name][chosen.unsqueeze(1), place] for name in ("mean", "precision", "log_weight", "age", "soil")
+    mean, precision, log_weight, age, kind = (
+        state[name][chosen.unsqueeze(1), place] for name in ("mean", "precision", "log_weight", "age", "kind")
     )
     solution = solve_blocks(Posterior(mean, precision, torch.where(alive, log_weight, -torch.inf)), rows, model.longest_step)
-    return Solved(solution, age, soil)
+    return Solved(solution, age, kind)
 
 
 def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
@@ -268,7 +268,7 @@ def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
     precision = torch.eye(posterior.mean.shape[-1], dtype=torch.float64).repeat(*shape, 1, 1)
     precision[chosen] = posterior.precision
     whole = Posterior(spread(posterior.mean), precision, spread(posterior.log_weight, -torch.inf))
-    return Solved(Solution(whole, spread(misfit), spread(noise)), spread(solved.age), spread(solved.soil))
+    return Solved(Solution(whole, spread(misfit), spread(noise)), spread(solved.age), spread(solved.kind))
 
 
 def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:

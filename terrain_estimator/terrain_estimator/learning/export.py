@@ -19,7 +19,7 @@ from terramechanics.rover import Rover
 from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import Soil
 
-VERSION = "6"
+VERSION = "7"
 """Of the model's structure and training, part of the model's id."""
 
 

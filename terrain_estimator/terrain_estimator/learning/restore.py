@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python model behind a model file, for what a TorchScript module cannot do: torch.vmap and masked rows."""
 
+import torch
+
 from terrain_estimator.learning.training import PRIOR, build_model
 from terrain_estimator.model_file import LoadedModel
 from terrain_estimator.palpaca import PAlpaca
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 
-_NO_EFFECT = 1e12
-"""Precision of a net weight that leaves it at zero."""
-
 
 def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
-    """The same model with the same numbers as a Python module; without ``net`` its learnt columns weigh nothing."""
+    """The same model with the same numbers as a Python module; without ``net`` no hypothesis has one."""
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
     prior = PRIOR if values["uncertain"].shape[1] else PRIOR._replace(constants_sd=0.0)
@@ -22,19 +21,23 @@ def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
     model = build_model(loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior, moments=moments)
     model.load_state_dict(values)
     if not net:
-        model.net_precision.fill_(_NO_EFFECT)
+        _without_net(model)
     return _frozen(model)
 
 
 def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
-    """The model without learnt features: one column, whose weight is held at zero.
+    """The model without learnt features: one column, in which no hypothesis believes.
 
     ``exact`` takes the soil constants for exact; else they are parameters with the prior of the trained models.
     """
     prior = PRIOR._replace(constants_sd=0.0) if exact else PRIOR
     model = build_model(rover, [soil], columns=1, hidden=1, prior=prior)
-    model.net_precision.fill_(_NO_EFFECT)
+    _without_net(model)
     return _frozen(model)
+
+
+def _without_net(model: PAlpaca) -> None:
+    model.net_log_weight.copy_(torch.tensor([0.0, -torch.inf]))
 
 
 def _frozen(model: PAlpaca) -> PAlpaca:

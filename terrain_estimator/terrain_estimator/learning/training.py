@@ -46,7 +46,7 @@ class Recipe:
     orthogonality: Orthogonality = Orthogonality.SPAN
     strength: float = 0.1  # weight of the orthogonality penalty
     positivity: float = 1.0  # weight of the mean shortfall of c [kPa] and tan phi below zero
-    caution: float = 1000.0  # by which the learnt prior deviations of the net's weights are divided for use
+    caution: float = 1.0  # by which the learnt prior deviations of the net's weights are divided for use
 
 
 @dataclass(frozen=True, slots=True)
