@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """calibrate_discovery: the thresholds of find_missing_effect, from simulated runs of which the truth is known.
 
-Nothing missing but soil constants wrong by up to 5 %; each effect of the library; and each with the effect taken out of the
-library, so that no name is right. Every case is written as it comes, and a file that has some is continued.
+Nothing missing but soil constants wrong by up to 5 %; each effect of the library, its size a little different in every drive,
+since no real effect keeps exactly to a law; and each with the effect taken out of the library, so that no name is right.
+Every case is written as it comes, and a file that has some is continued.
 """
 
 import argparse
@@ -37,6 +38,8 @@ SIZES = {
 }  # fmt: skip
 """Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover; halved and doubled in turn."""
 FACTORS = (1.0, 0.5, 2.0)
+VARIATION = 0.25
+"""[1] By which the size of one drive differs from the nominal one at most."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -81,8 +84,9 @@ def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
     generator = torch.Generator().manual_seed(seed + k + 1000 * (1 + list(SIZES).index(truth) if truth else 0))
     rover, name = load_rover("mars_rover"), SOILS[k % len(SOILS)]
     size = SIZES[truth] * FACTORS[k // len(SOILS) % len(FACTORS)] if truth else 0.0
-    plant = Plant([make_effect(truth, min(size, describe(truth).high), k % rover.axles)]) if truth else None
     ground = random_ground(load_soil(name), DRIVES, generator)
+    spread = 1.0 + VARIATION * (2.0 * torch.rand(DRIVES, generator=generator, dtype=torch.float64) - 1.0)
+    plant = Plant([make_effect(truth, (size * spread).clamp(max=describe(truth).high), k % rover.axles)]) if truth else None
     drive = simulate(rover, ground, "S1", SECONDS, generator, DRIVES, plant=plant)
     packed = measure_tasks(drive, Noise(), generator).measured
     time = TIME_STEP * torch.arange(packed.shape[1], dtype=torch.float64)

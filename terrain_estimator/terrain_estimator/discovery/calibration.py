@@ -6,8 +6,8 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.discovery.library import Hypothesis, singles
-from terrain_estimator.discovery.search import Progress, Study, search
+from terrain_estimator.discovery.library import singles
+from terrain_estimator.discovery.search import Candidate, Progress, Study, search
 from terrain_estimator.discovery.verdict import Gains, Thresholds, gains_of
 
 MARGIN = 1.5
@@ -29,14 +29,16 @@ def sample(study: Study, truth: str, say: Progress) -> Sample:
     """Investigate a case twice: with the whole library, and with one that lacks the truth."""
     free = study.with_discrepancy(study.nothing)
 
-    def gains(hypotheses: Sequence[Hypothesis]) -> Gains:
-        found = search(study, hypotheses, say)
+    def gains(found: Sequence[Candidate]) -> Gains:
         return gains_of(study.nothing, found, free, study.with_discrepancy(found[0]))
 
-    everything = gains(singles())
+    everything = search(study, singles(), say)
     if not truth:
-        return Sample(truth, everything, None)
-    return Sample(truth, everything, gains([each for each in singles() if truth not in each.names]))
+        return Sample(truth, gains(everything), None)
+    others = [each for each in everything if truth not in each.hypothesis.names]
+    if not others:
+        others = search(study, [each for each in singles() if truth not in each.names], say)
+    return Sample(truth, gains(everything), gains(others))
 
 
 def thresholds(samples: Sequence[Sample]) -> Thresholds:

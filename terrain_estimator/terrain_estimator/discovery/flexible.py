@@ -67,7 +67,8 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
     time, distance, pitch = signals.time[:, 0], signals.distance[:, 0], signals.pitch[:, 0]
     functions = {"constant": torch.ones_like(time), "time": time, "time^2": time**2, "pitch": pitch, "pitch^2": pitch**2}
     functions |= {f"distance around {2 * k} m": torch.relu(1.0 - (distance - 2.0 * k).abs() / 2.0) for k in range(4)}
-    functions |= {"distance": distance}
+    turning = signals.pitch_rate[:, 0]
+    functions |= {"distance": distance, "pitch rate": turning, "time x pitch": time * pitch, "time x pitch rate": time * turning}
     for axle in range(axles):
         slip, sinkage, speed = signals.slip[:, axle], signals.sinkage[:, axle], signals.speed[:, axle]
         each = {"slip": slip, "sinkage": sinkage, "speed": speed, "slip rate": signals.slip_rate[:, axle]}
@@ -77,6 +78,7 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
         functions |= {f"each_{name}_{axle}": value for name, value in each.items()}
         functions |= {f"wheel_{name}_{axle}": value for name, value in own.items()}
     slip, sinkage = signals.slip.mean(1), signals.sinkage.mean(1)
+    functions |= {"each_time x speed": time * signals.speed.mean(1), "each_time x slip": time * slip}
     functions |= {"each_slip^2": slip**2, "each_sinkage^2": sinkage**2, "each_time x slip rate": time * signals.slip_rate.mean(1)}
     return functions
 

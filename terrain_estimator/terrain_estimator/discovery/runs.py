@@ -71,6 +71,7 @@ class Signals:
     sinkage: Tensor  # [B, A] [m]
     speed: Tensor  # [B, A] [m/s] of the rim
     pitch: Tensor  # [B, 1] [rad]
+    pitch_rate: Tensor  # [B, 1] [rad/s]
     time: Tensor  # [B, 1] [s]
     distance: Tensor  # [B, 1] [m]
     slip_rate: Tensor  # [B, A] [1/s]
@@ -148,8 +149,8 @@ def _signals(packed: Tensor, speed: Tensor, time: Tensor) -> Signals:
     velocity = packed[..., 8 * axles]
     seconds = time.mean(1, keepdim=True)
     gone = torch.cumsum(velocity.mean(1), 0).unsqueeze(1) * (BLOCK * packed[..., -2].max())
-    pitch, _ = _around(packed[..., 8 * axles + 2].mean(1, keepdim=True), time)
-    return Signals(slip, sinkage, speed.mean(1), pitch, seconds, gone, slip_rate, sinkage_rate)
+    pitch, pitch_rate = _around(packed[..., 8 * axles + 2].mean(1, keepdim=True), time)
+    return Signals(slip, sinkage, speed.mean(1), pitch, pitch_rate, seconds, gone, slip_rate, sinkage_rate)
 
 
 def _around(means: Tensor, time: Tensor) -> tuple[Tensor, Tensor]:
