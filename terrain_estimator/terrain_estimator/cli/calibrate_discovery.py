@@ -2,26 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """calibrate_discovery: the thresholds of find_missing_effect, from simulated runs of which the truth is known.
 
-Nothing missing but soil constants wrong by up to 5 %; each effect of the library, its size a little different in every drive,
+Nothing missing but soil constants wrong by up to 5 %; each effect of the library, its size swinging a little in the course of a drive,
 since no real effect keeps exactly to a law; and each with the effect taken out of the library, so that no name is right.
 Every case is written as it comes, and a file that has some is continued.
 """
 
 import argparse
+import contextlib
 import dataclasses
 import json
+import math
 import sys
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.discovery import Run, Study, cut, nominal_of, testable
+from terrain_estimator.discovery import Blocks, Nominal, Run, RunError, Study, cut, nominal_of, testable
 from terrain_estimator.discovery.calibration import Sample, sample, thresholds
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.physics import Part
 from terrain_estimator.discovery.verdict import Gains
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
+from terramechanics import sample as simulated
 from terramechanics.effects import describe, make_effect
 from terramechanics.plant import Plant
 from terramechanics.rover import load_rover
@@ -38,8 +42,28 @@ SIZES = {
 }  # fmt: skip
 """Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover; halved and doubled in turn."""
 FACTORS = (1.0, 0.5, 2.0)
-VARIATION = 0.25
-"""[1] By which the size of one drive differs from the nominal one at most."""
+VARIATION, PERIOD = 0.4, 40.0
+"""[1], [s] By which a size swings about its nominal one in the course of a drive, with a phase of its own in every drive."""
+
+
+class Swinging(Plant):
+    """One effect whose size swings: no real effect keeps exactly to a law."""
+
+    def __init__(self, name: str, size: float, axle: int, phase: Tensor) -> None:
+        """``phase`` [batch] [rad]."""
+        self._nominal, self._phase, self._high = size, phase, describe(name).high
+        self._acting = make_effect(name, self._size(0.0), axle)
+        super().__init__([self._acting])
+
+    def _size(self, time: float) -> Tensor:
+        swing = 1.0 + VARIATION * torch.sin(2.0 * math.pi * time / PERIOD + self._phase)
+        return (self._nominal * swing).clamp(max=self._high)
+
+    def sensed(self, sample: simulated.Sample) -> simulated.Sample:
+        """The last call of a step: the next one has another size."""
+        seen = super().sensed(sample)
+        self._acting.size = self._size(float(sample.time[0]))  # type: ignore[attr-defined]
+        return seen
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -85,8 +109,8 @@ def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
     rover, name = load_rover("mars_rover"), SOILS[k % len(SOILS)]
     size = SIZES[truth] * FACTORS[k // len(SOILS) % len(FACTORS)] if truth else 0.0
     ground = random_ground(load_soil(name), DRIVES, generator)
-    spread = 1.0 + VARIATION * (2.0 * torch.rand(DRIVES, generator=generator, dtype=torch.float64) - 1.0)
-    plant = Plant([make_effect(truth, (size * spread).clamp(max=describe(truth).high), k % rover.axles)]) if truth else None
+    phase = 2.0 * math.pi * torch.rand(DRIVES, generator=generator, dtype=torch.float64)
+    plant = Swinging(truth, size, k % rover.axles, phase) if truth else None
     drive = simulate(rover, ground, "S1", SECONDS, generator, DRIVES, plant=plant)
     packed = measure_tasks(drive, Noise(), generator).measured
     time = TIME_STEP * torch.arange(packed.shape[1], dtype=torch.float64)
@@ -98,7 +122,16 @@ def _case(truth: str, k: int, seed: int) -> Sample:
     with torch.inference_mode():
         soil, runs = draw_runs(truth, k, seed)
         nominal = nominal_of(load_rover("mars_rover"), load_soil(soil))
-        return sample(Study(nominal, [cut(run, nominal.contact) for run in runs]), truth, lambda _share, _label: None)
+        return sample(Study(nominal, _usable(runs, nominal)), truth, lambda _share, _label: None)
+
+
+def _usable(runs: list[Run], nominal: Nominal) -> list[Blocks]:
+    """Blocks of the runs that have some: a rover may get stuck at once."""
+    found = []
+    for run in runs:
+        with contextlib.suppress(RunError):
+            found.append(cut(run, nominal.contact))
+    return found
 
 
 def _plain(found: Sample) -> dict[str, object]:

@@ -44,10 +44,10 @@ def sample(study: Study, truth: str, say: Progress) -> Sample:
 def thresholds(samples: Sequence[Sample]) -> Thresholds:
     """The numbers that fit these samples best.
 
-    - ``anything``: MARGIN times the largest gain of any null case, at least LEAST.
-    - ``share``: where the fewest cases fall on the wrong side, those with the truth below it and those without above it; in the
-      middle of the widest gap that has so few.
-    - ``apart``: the largest lead of a wrong name over the right one among those that pass, at least a tenth.
+      - ``anything``: MARGIN times the largest gain of any null case, at least LEAST.
+    - ``share``: where the fewest cases fall on the wrong side, those with the truth below it and those without above it; the
+        middle of all such places.
+      - ``apart``: the largest lead of a wrong name over the right one among those that pass, at least a tenth.
     """
     nulls = [each.with_truth.explainable for each in samples if not each.truth]
     anything = max([MARGIN * gain for gain in nulls] + [LEAST])
@@ -73,6 +73,7 @@ def _lead(each: Sample) -> float:
 def _divide(outside: Sequence[float], inside: Sequence[float]) -> float:
     """Where to cut so that the fewest of ``outside`` lie above and of ``inside`` below."""
     values = sorted({0.0, 1.0, *outside, *inside})
-    cuts = [(0.5 * (low + high), high - low) for low, high in itertools.pairwise(values)]
-    wrong = [(sum(x >= cut for x in outside) + sum(x < cut for x in inside), -width, cut) for cut, width in cuts]
-    return min(wrong)[2]
+    wrong = [(sum(x >= high for x in outside) + sum(x < high for x in inside), low, high) for low, high in itertools.pairwise(values)]
+    fewest = min(wrong)[0]
+    best = [(low, high) for count, low, high in wrong if count == fewest]
+    return 0.5 * (best[0][0] + best[-1][1])
