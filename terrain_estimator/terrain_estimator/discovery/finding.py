@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole investigation of some runs: fits, verdict, what is confusable with what, and what would separate it."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,6 +52,9 @@ def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thre
                 found, gains = [*pairs, *found], paired
                 best_with = study.with_discrepancy(pairs[0])
     judgement = judge(gains, thresholds)
+    # What one evaluation already showed to be far behind was not fitted.
+    unlikely = {name: 0.0 for hypothesis in hypotheses for name in hypothesis.names}
+    judgement = dataclasses.replace(judgement, probabilities=unlikely | judgement.probabilities)
     confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
     return Finding(
         judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)), separate_by(confusable)
