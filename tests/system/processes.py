@@ -23,6 +23,8 @@ class Process:
         self.name = Path(command[0]).name
         with log.open("wb") as stream:
             # A session of its own: a signal meant for the tests does not reach it, and its children can be ended with it.
+            # A shell that runs the tests in the background ignores SIGINT, and so would all that they start.
+            command = ["env", "--default-signal=INT", *command]
             self._process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=environment, start_new_session=True)
 
     @property
