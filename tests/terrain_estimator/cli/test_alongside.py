@@ -110,7 +110,7 @@ def test_an_error_in_the_first_process_ends_both() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_the_second_process_does_not_outlive_the_first(number: signal.Signals) -> None:
     path = os.pathsep.join(map(str, sys.path))
-    command = [sys.executable, "-c", CHILD]
+    command = ["env", "--default-signal=INT", sys.executable, "-c", CHILD]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}
     ) as first:
