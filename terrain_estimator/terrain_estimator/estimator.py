@@ -153,6 +153,7 @@ class Estimator:
         rows = [f"torque_{k}" for k, (good, known) in enumerate(zip(usable, measured, strict=True)) if good and known]
         if all(usable):
             rows = ["velocity", "load", *rows] + (["acceleration"] if math.isfinite(observation.acceleration) else [])
+            rows += ["moment", "bogie_moment"] if math.isfinite(observation.bogie_angle) else []
         elif not detail:
             detail = f"axles {[k for k, good in enumerate(usable) if not good]} are outside the model's range"
         outcome = screening.outcome if all(usable) else Outcome.ACCEPTED_PARTIALLY

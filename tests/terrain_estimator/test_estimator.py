@@ -133,7 +133,8 @@ def test_a_wheel_out_of_range_loses_its_row_and_the_rest_is_used(model: LoadedMo
 
 def test_without_torque_and_imu_fewer_rows_are_used(model: LoadedModel, drive: list[Observation]) -> None:
     full = run(model, drive)[-1]
-    bare = run(model, drive, CoreConfig(use_torque=False, use_imu=False))[-1]
+    assert set(full.decision.rows_used) == set(model.rows)
+    bare = run(model, drive, CoreConfig(use_torque=False, use_imu=False, use_moments=False))[-1]
     assert bare.decision.rows_used == ("velocity", "load")
     assert (np.diagonal(bare.estimate.covariance) > np.diagonal(full.estimate.covariance)).all()
 
