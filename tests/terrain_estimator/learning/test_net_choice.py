@@ -5,10 +5,11 @@
 import pytest
 import torch
 
+from terrain_estimator.hypotheses import WITH_NET
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import draw_tasks
 from terrain_estimator.model_file import load_model
-from terrain_estimator.palpaca import WITH_NET, State
+from terrain_estimator.palpaca import State
 from terramechanics.effects import make_effect
 from terramechanics.plant import Plant
 

@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The physics of a rover on some soils as a TorchScript module: what the rows need, and the rows of a block."""
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.block import FIXED, LINK_VARIANCE, BlockRows, block_rows, fixed_columns
+from terrain_estimator.net import NetFeatures
+from terrain_estimator.packing import packed_size
+from terrain_estimator.prior import Body, Prior, uncertain_constants
+from terrain_estimator.rows import MOMENT_VARIANCE, PA_PER_UNIT, Contact, Rows, likely_inputs, regression_rows, row_names
+from terramechanics.contact import in_range, quadrature
+from terramechanics.suspension import Geometry
+
+KEPT = FIXED - 1
+"""Parameters of the rover, not of the ground: mass, centre of mass, acceleration bias, velocity."""
+
+
+class Physics(nn.Module):
+    """Features and noise of the rows, for every soil that the model knows."""
+
+    uncertain: Tensor
+    varied: Tensor
+    constants: Tensor
+    nodes: Tensor
+    stand_in: Tensor
+    body_scale: Tensor
+    axle_x: Tensor
+    centre: Tensor
+    pivot: Tensor
+    fixed_columns: Tensor
+    every_row: Tensor
+    unit: Tensor
+    column_unit: Tensor
+
+    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
+        """``constants`` [K, 6] are those of the K soils that the model knows, as in terramechanics.contact.CONSTANTS.
+
+        Where ``prior.constants_sd`` is above 0 each of them is a parameter of the posterior, in prior deviations.
+        """
+        super().__init__()
+        self.axles, self.gravity, self.radius, self.width = body.axles, body.gravity, body.radius_m, body.width_m
+        uncertain = uncertain_constants(constants, prior.constants_sd, body.width_m)
+        self.known_soils, self.first_constant = constants.shape[0], 2 + net.columns
+        self.kept = KEPT
+        self.size = self.first_constant + uncertain.shape[1] + KEPT
+        self.observation_size, self.moment_variance, self.link_variance = packed_size(body.axles), MOMENT_VARIANCE, LINK_VARIANCE
+        self.net = net
+        by_mass, by_weight = body.wheels_per_axle / body.mass_kg, body.wheels_per_axle / (body.mass_kg * body.gravity)
+        wheelbase = float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
+        by_moment = by_weight / wheelbase
+        # Buffers, not literals in the methods: TorchScript rounds the numbers of torch.tensor([...]) to float32.
+        self.register_buffer("uncertain", uncertain)
+        self.register_buffer("varied", torch.cat([torch.zeros_like(constants).unsqueeze(1), 1e-3 * uncertain], 1))
+        wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
+        self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
+        self.register_buffer("constants", constants)
+        self.register_buffer("nodes", quadrature())
+        self.register_buffer("body_scale", torch.tensor([by_mass, by_weight, by_moment, by_moment], dtype=torch.float64))
+        self.register_buffer("axle_x", body.geometry.axle_x)
+        self.register_buffer("centre", body.geometry.centre)
+        self.register_buffer("pivot", body.geometry.pivot)
+        self.register_buffer("fixed_columns", fixed_columns(body.axles, wheelbase))
+        self.register_buffer("every_row", torch.ones(len(row_names(body.axles)), dtype=torch.float64))
+        self.register_buffer("unit", torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64))
+        self.register_buffer("column_unit", torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64))
+
+    def contact(self, soil: int, deviations: Tensor) -> Contact:
+        """The physics that the rows need, for the constants of a soil and their ``deviations`` [M] from the nominal ones."""
+        return self.physics(self.constants[soil] + deviations @ self.uncertain[soil], self.varied[soil])
+
+    def leading(self, state: dict[str, Tensor]) -> Contact:
+        """The same for the most probable soil and its expected constants."""
+        return self.physics(state["constants"], state["varied"])
+
+    def physics(self, constants: Tensor, varied: Tensor) -> Contact:
+        """The same for given constants."""
+        return Contact(
+            constants, varied, self.nodes, self.column_unit, Geometry(self.axle_x, self.centre, self.pivot, self.radius),
+            self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius, self.width,
+        )  # fmt: skip
+
+    def nominal_contact(self, soil: int = 0) -> Contact:
+        """The same with the soil constants as given."""
+        return self.physics(self.constants[soil], self.varied[soil])
+
+    def in_every_range(self, wheels: Tensor) -> Tensor:
+        """Wheels [n, A] of packed groups [n, 8, A] that are in the range of every soil with its nominal constants."""
+        return in_range(wheels[:, 0], wheels[:, 2], self.constants.view(-1, 1, 1, 6), self.radius).all(0)
+
+    def learnt(self, packed: Tensor) -> Tensor:
+        """Net features [n, R, net] of packed observations [n, 8 A + 9]."""
+        a = self.axles
+        wheels = packed[:, : 8 * a].view(-1, 8, a)
+        return self.net(wheels[:, 0], wheels[:, 2], wheels[:, 4], packed[:, 8 * a + 2 : 8 * a + 3])
+
+    def average(self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor) -> tuple[BlockRows, Tensor]:
+        """Rows of a block on a soil, those ``chosen`` [R] (1 or 0), and the noise of its velocity rows [n, E, 3].
+
+        ``expansion`` [2 + M] is (c [kPa], tan phi, deviations of the constants) for which they are evaluated.
+        """
+        contact, theta = self.contact(soil, expansion[2:]), torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
+        rows = regression_rows(packed, likely_inputs(packed, contact, theta, chosen), contact)
+        rows = Rows(rows.features, rows.noise, rows.target, rows.variance, rows.used * chosen)
+        measured = packed[:, 8 * self.axles :]
+        velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
+        columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0)  # needs every wheel
+        step = measured[:, -2] * rows.used[:, 0]
+        averaged = block_rows(rows, columns, step, velocity, expansion[2:], self.fixed_columns, self.link_variance)
+        return averaged, rows.noise[0, :, 0]
