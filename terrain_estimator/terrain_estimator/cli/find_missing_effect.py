@@ -7,7 +7,6 @@ Writes OUT/finding.json. Exit codes: 0 for any verdict, 2 for a bad argument or 
 
 import argparse
 import json
-import math
 import random
 import sys
 from collections.abc import Sequence
@@ -16,14 +15,26 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from scipy.stats import chi2
 
 from terrain_estimator.bags import BagError
 from terrain_estimator.cli.discovery_runs import read_run
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import TopicError, bag_topics
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.discovery import Finding, Nominal, Run, RunError, Study, Thresholds, cut, investigate, nominal_of, singles
+from terrain_estimator.discovery import (
+    Diagnosis,
+    Finding,
+    Nominal,
+    Run,
+    RunError,
+    Study,
+    Thresholds,
+    cut,
+    diagnose,
+    investigate,
+    nominal_of,
+    singles,
+)
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import describe
@@ -33,8 +44,6 @@ from terramechanics.soil import load_soil
 
 WRONG = 2
 FEWEST = 2
-SHOWN = 1e-3
-"""Probability that chance makes a signal matter so much, below which it is listed."""
 
 
 class InputError(ValueError):
@@ -51,8 +60,10 @@ def main(arguments: list[str] | None = None) -> int:
         runs, held_out = _divided(options)
         blocks = _read(runs, nominal)
         with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
-            finding = investigate(Study(nominal, blocks), hypotheses, read_thresholds(), report.at)
-        text = json.dumps(summary(finding, blocks, held_out), indent=1, allow_nan=False)
+            study = Study(nominal, blocks)
+            finding = investigate(study, hypotheses, read_thresholds(), report.at)
+            diagnosis = diagnose(study, hypotheses, finding, report.at)
+        text = json.dumps(summary(finding, diagnosis, blocks, held_out), indent=1, allow_nan=False)
         options.out.mkdir(parents=True, exist_ok=True)
         (options.out / "finding.json").write_text(text + "\n", encoding="utf-8")
     except (ConfigError, RunError, InputError, TopicError, OSError) as error:
@@ -109,7 +120,7 @@ def _read(bags: Sequence[Path], nominal: Nominal) -> list[Blocks]:
     return blocks
 
 
-def summary(finding: Finding, blocks: Sequence[Blocks], held_out: Sequence[Path]) -> dict[str, Any]:
+def summary(finding: Finding, diagnosis: Diagnosis, blocks: Sequence[Blocks], held_out: Sequence[Path]) -> dict[str, Any]:
     """What goes to finding.json."""
     judgement = finding.judgement
     after = judgement.named[0] if judgement.named else None
@@ -119,23 +130,12 @@ def summary(finding: Finding, blocks: Sequence[Blocks], held_out: Sequence[Path]
         "effects": [entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)],
         "confusable_with": [each.label for each in judgement.named[1:]],
         "separate_by": finding.separate_by,
-        "where": _where(finding),
+        **diagnosis.plain(),
         "gap": {"before": None, "after": None, "noise_floor": None, "closed": None, "closed_95": None},
         "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},
         "runs": [each.name for each in blocks],
         "held_out": [run.name for run in held_out],
     }
-
-
-def _where(finding: Finding) -> list[dict[str, Any]]:
-    """Rows and signals on which the residual depends where nothing is added."""
-    listed = []
-    for each in finding.depends:
-        chance = float(chi2.sf(each.strength, each.degrees))
-        if chance < SHOWN:
-            strength = {"strength": math.sqrt(each.strength), "unit": "standard deviations", "p": chance}
-            listed.append({"row": each.column.row, "signal": each.column.signal, "region": "", **strength})
-    return listed
 
 
 def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@
     candidates = search(study, singles(), say)                             # each named effect, the most probable first
     study.with_discrepancy(candidates[0])                                  # what is left beside it, whatever it is
     finding = investigate(study, singles(), thresholds, say)               # all of it, and the verdict
+    diagnosis = diagnose(study, singles(), finding, say)                   # where it disagrees
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
 - ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
@@ -14,11 +15,13 @@
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
 - ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
+- ``where``: rows against regions of signals (``regions``) on the innovations of a fit (``whitening``).
 - ``separation``: what would tell confusable effects apart.
 
 No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
 """
 
+from terrain_estimator.discovery.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.finding import Finding, investigate
 from terrain_estimator.discovery.flexible import Column, Flexible
 from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, testable, together
@@ -26,12 +29,15 @@ from terrain_estimator.discovery.physics import Nominal, Part, nominal_of
 from terrain_estimator.discovery.runs import Blocks, Run, RunError, cut
 from terrain_estimator.discovery.search import Candidate, Study, search
 from terrain_estimator.discovery.verdict import Judgement, Leftover, Thresholds, Verdict
+from terrain_estimator.discovery.where import Disagreement, disagreements
 
 __all__ = [
     "NOTHING",
     "Blocks",
     "Candidate",
     "Column",
+    "Diagnosis",
+    "Disagreement",
     "Finding",
     "Flexible",
     "Hypothesis",
@@ -45,6 +51,8 @@ __all__ = [
     "Thresholds",
     "Verdict",
     "cut",
+    "diagnose",
+    "disagreements",
     "investigate",
     "nominal_of",
     "search",

@@ -58,7 +58,7 @@ def flexible(runs: Sequence[Blocks]) -> Flexible:
                 centre, spread = torch.zeros(()), torch.ones(())
             names.append(Column(name, signal.removeprefix("wheel_").removeprefix("each_")))
             for column, run, table in zip(values, runs, tables, strict=True):
-                column.append(_in_row((table[signal] - centre) / spread, row, run))
+                column.append(in_row((table[signal] - centre) / spread, row, run))
     return Flexible(tuple(names), tuple(torch.stack(columns, -1) for columns in values))
 
 
@@ -83,7 +83,7 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
     return functions
 
 
-def _in_row(values: Tensor, row: int, run: Blocks) -> Tensor:
+def in_row(values: Tensor, row: int, run: Blocks) -> Tensor:
     """A function [B] that adds to one row of every observation, as a column [B, Q] of the blocks' rows."""
     blocks, count, _ = run.packed.shape
     rows = len(row_names(run.wheel_rate.shape[-1]))

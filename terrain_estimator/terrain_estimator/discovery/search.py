@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.equations import RunEquations
+from terrain_estimator.discovery.equations import Equations, RunEquations
 from terrain_estimator.discovery.fit import PRIOR_THETA, Fit, Point, Shared, fit, foresee, start_of, with_shared
 from terrain_estimator.discovery.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.library import NOTHING, Hypothesis
@@ -63,6 +63,16 @@ class Study:
         # With columns of the soil constants from nearby an iteration takes a fifth of the time.
         settled = fit(systems, first.point, NOTHING.shared(), [each.by_constant for each in first.equations], most=9)
         return Candidate(NOTHING, fit(systems, settled.point, NOTHING.shared(), unknown, most=2))
+
+    def equations_of_nothing(self) -> list[Equations]:
+        """The equations of every run at the point at which "nothing is missing" fits best: those of its Fit are a step behind."""
+        found = self.nothing.fit
+        systems = self._systems(NOTHING, self._plain)
+        none = torch.zeros(0, dtype=torch.float64)
+        return [
+            system.at(unknowns, (), none, away, (), before.by_constant)
+            for system, unknowns, away, before in zip(systems, found.point.runs, found.away, found.equations, strict=True)
+        ]
 
     def _start(self, hypothesis: Hypothesis, after: Candidate | None) -> Point:
         start = (after or self.nothing).fit.point

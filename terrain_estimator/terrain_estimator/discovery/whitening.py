@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a fit leaves, as a white series: the recursive residuals of a run.
+
+A fit absorbs part of what is missing, and residuals of one fit are correlated over blocks. With the run's own unknowns spread as
+their priors have them the rows of a run have the covariance V = S + D + J Lambda^-1 J'. In the order of time its Cholesky factor
+turns them into innovations: each row less what everything before it says of it (Brown, Durbin and Evans 1975). They are independent
+and of unit variance where nothing is missing, and a column g regressed on them gives the score test g' V^-1 r, in which what the fit can
+absorb does not count.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.discovery.equations import Equations, Unknowns, places
+from terrain_estimator.discovery.fit import own_prior
+from terrain_estimator.gaussian import cholesky
+
+
+@dataclass(frozen=True, slots=True)
+class Whitening:
+    """Turns rows of a run [B, Q] into innovations [B, Q]."""
+
+    factor: Tensor  # [B Q, B Q] Cholesky factor of V
+    own: Tensor  # [B Q, P] columns of the run's own unknowns
+    present: Tensor  # [B, Q] 1 where a row is there
+
+    def of(self, rows: Tensor) -> Tensor:
+        """Innovations [B, Q, K] of columns [B, Q, K]; rows that are not there count as zero."""
+        blocks, count, columns = rows.shape
+        there = (rows * self.present.unsqueeze(-1)).reshape(blocks * count, columns)
+        return torch.linalg.solve_triangular(self.factor, there, upper=False).view(blocks, count, columns)
+
+
+def whitening(equations: Equations, unknowns: Unknowns, excess: Tensor | None = None) -> Whitening:
+    """For the rows at these ``equations``; ``excess`` [Q] is the variance beyond the sensors' noise, the fit's own where it is None."""
+    blocks, count = equations.residual.shape
+    local = 5 + unknowns.kappa.shape[0]
+    index = places(blocks, local - 2, equations.ends, 0)
+    _, precision = own_prior(unknowns)
+    own = torch.zeros(blocks, count, precision.shape[0], dtype=torch.float64)
+    own.scatter_add_(2, index.unsqueeze(1).expand(-1, count, -1), equations.jacobian[..., :local])
+    own = own.reshape(blocks * count, -1)
+    variance = equations.excess if excess is None else excess
+    noise = equations.covariance + torch.diag_embed(variance * equations.present)
+    covariance = torch.block_diag(*noise.unbind()) + (own / precision) @ own.T  # type: ignore[no-untyped-call]
+    return Whitening(cholesky(covariance), own, equations.present)
+
+
+def innovations(white: Whitening, equations: Equations, unknowns: Unknowns) -> Tensor:
+    """The residuals of a fit at ``unknowns``, [B, Q], each of unit variance where nothing is missing."""
+    mean, _ = own_prior(unknowns)
+    before = (white.own @ (unknowns.flat() - mean)).view_as(equations.residual)
+    return white.of((equations.residual + before).unsqueeze(-1)).squeeze(-1)
