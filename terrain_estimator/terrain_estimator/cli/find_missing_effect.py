@@ -6,6 +6,7 @@ Writes OUT/finding.json. Exit codes: 0 for any verdict, 2 for a bad argument or 
 """
 
 import argparse
+import dataclasses
 import json
 import random
 import sys
@@ -25,16 +26,21 @@ from terrain_estimator.discovery import (
     Diagnosis,
     Finding,
     Nominal,
+    Proof,
     Run,
     RunError,
     Study,
     Thresholds,
+    Verdict,
     cut,
     diagnose,
     investigate,
     nominal_of,
+    prove,
+    settled,
     singles,
 )
+from terrain_estimator.discovery.held_out import long_enough
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import describe
@@ -58,18 +64,21 @@ def main(arguments: list[str] | None = None) -> int:
         nominal = nominal_of(load_rover(options.rover), load_soil(options.soil))
         hypotheses = singles(tuple(name for name in options.library.split(",") if name))
         runs, held_out = _divided(options)
-        blocks = _read(runs, nominal)
+        blocks, unseen = _read(runs, nominal), _read(held_out, nominal, held_out=True)
         with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
             study = Study(nominal, blocks)
             finding = investigate(study, hypotheses, read_thresholds(), report.at)
             diagnosis = diagnose(study, hypotheses, finding, report.at)
-        text = json.dumps(summary(finding, diagnosis, blocks, held_out), indent=1, allow_nan=False)
+            report.at(0.97, "held-out runs")
+            proof = _proof(finding, nominal, unseen, options.seed)
+            finding = settled(finding, proof)
+        text = json.dumps(summary(finding, diagnosis, blocks, unseen, proof), indent=1, allow_nan=False)
         options.out.mkdir(parents=True, exist_ok=True)
         (options.out / "finding.json").write_text(text + "\n", encoding="utf-8")
     except (ConfigError, RunError, InputError, TopicError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
-    sys.stdout.write(sentence(finding) + f"\n{options.out / 'finding.json'}\n")
+    sys.stdout.write(sentence(finding, proof) + f"\n{options.out / 'finding.json'}\n")
     return 0
 
 
@@ -77,7 +86,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="find_missing_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="bags of drives, at least two")
     parser.add_argument(
-        "--hold-out", nargs="+", type=Path, default=[], metavar="RUN", help="bags for the proof alone (default: one in four of the runs)"
+        "--hold-out",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="RUN",
+        help="bags for the proof alone (default: one in four of three or more runs, at least one)",
     )
     parser.add_argument("--rover", default="mars_rover", help="name of a rover or path of a rover file (default: %(default)s)")
     parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
@@ -100,27 +114,37 @@ def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
         raise InputError(f"{len(runs)} run given, at least {FEWEST} are needed: an effect has to show in more than one drive")
     if options.hold_out:
         return runs, list(options.hold_out)
-    count = len(runs) // 4
+    # With two runs both are needed to find anything, and what is found stays unproven.
+    count = max(len(runs) // 4, 1) if len(runs) > FEWEST else 0
     held_out = set(random.Random(options.seed).sample(range(len(runs)), count))  # noqa: S311 - a reproducible choice, no secret
     return [run for k, run in enumerate(runs) if k not in held_out], [run for k, run in enumerate(runs) if k in held_out]
 
 
-def _read(bags: Sequence[Path], nominal: Nominal) -> list[Blocks]:
-    """Blocks of all runs; one that cannot be used is reported and left out."""
+def _read(bags: Sequence[Path], nominal: Nominal, *, held_out: bool = False) -> list[Blocks]:
+    """Blocks of all runs; one that cannot be used, or is too short to be held out, is reported and left out."""
     config, names = EstimatorConfig(), bag_topics([], "")
     blocks = []
     for bag in bags:
         try:
             run: Run = read_run(bag, nominal.rover, config, names)
-            blocks.append(cut(run, nominal.contact))
+            found = cut(run, nominal.contact)
+            blocks.append(long_enough(found) if held_out else found)
         except (BagError, TopicError, RunError, OSError) as error:
             sys.stderr.write(f"find_missing_effect: {bag} is left out: {error}\n")
-    if len(blocks) < FEWEST:
+    if len(blocks) < FEWEST and not held_out:
         raise InputError(f"{len(blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed")
     return blocks
 
 
-def summary(finding: Finding, diagnosis: Diagnosis, blocks: Sequence[Blocks], held_out: Sequence[Path]) -> dict[str, Any]:
+def _proof(finding: Finding, nominal: Nominal, unseen: Sequence[Blocks], seed: int) -> Proof | None:
+    """The best name on held-out runs, where there is one and they are there; else the nominal model alone."""
+    named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
+    return prove(nominal, finding.best if named else None, unseen, seed) if unseen else None
+
+
+def summary(
+    finding: Finding, diagnosis: Diagnosis, blocks: Sequence[Blocks], unseen: Sequence[Blocks], proof: Proof | None
+) -> dict[str, Any]:
     """What goes to finding.json."""
     judgement = finding.judgement
     after = judgement.named[0] if judgement.named else None
@@ -131,10 +155,11 @@ def summary(finding: Finding, diagnosis: Diagnosis, blocks: Sequence[Blocks], he
         "confusable_with": [each.label for each in judgement.named[1:]],
         "separate_by": finding.separate_by,
         **diagnosis.plain(),
-        "gap": {"before": None, "after": None, "noise_floor": None, "closed": None, "closed_95": None},
+        "gap": dataclasses.asdict(proof.gap) if proof else dict.fromkeys(("before", "after", "noise_floor", "closed", "closed_95")),
         "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},
         "runs": [each.name for each in blocks],
-        "held_out": [run.name for run in held_out],
+        "held_out": [each.name for each in unseen],
+        "proof": dataclasses.asdict(proof) | {"sentence": proof.sentence} if proof else None,
     }
 
 
@@ -165,8 +190,13 @@ def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, li
     }
 
 
-def sentence(finding: Finding) -> str:
-    """The verdict in words."""
+def sentence(finding: Finding, proof: Proof | None) -> str:
+    """The verdict in words, and what the held-out runs say of it."""
+    unproven = "no held-out run: what is found is unproven, give a third run or --hold-out"
+    return f"{_verdict(finding)}\n{proof.sentence if proof else unproven}"
+
+
+def _verdict(finding: Finding) -> str:
     judgement = finding.judgement
     labels = [each.label for each in judgement.named]
     sizes = ", ".join(f"{name} {size:.4g} +- {sd:.2g} {describe(name).unit}" for name, size, sd in finding.best.sizes)

@@ -8,6 +8,7 @@
     study.with_discrepancy(candidates[0])                                  # what is left beside it, whatever it is
     finding = investigate(study, singles(), thresholds, say)               # all of it, and the verdict
     diagnosis = diagnose(study, singles(), finding, say)                   # where it disagrees
+    proof = prove(nominal, finding.best, held_out)                         # does it help on runs that it has not seen?
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
 - ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
@@ -16,16 +17,19 @@
 - ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
 - ``where``: rows against regions of signals (``regions``) on the innovations of a fit (``whitening``).
+- ``proof``: the model with the effect against the one without, on runs that neither has seen. ``held_out``, ``one_step``,
+  ``scores``, ``resampling``: its steps.
 - ``separation``: what would tell confusable effects apart.
 
 No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
 """
 
 from terrain_estimator.discovery.diagnosis import Diagnosis, diagnose
-from terrain_estimator.discovery.finding import Finding, investigate
+from terrain_estimator.discovery.finding import Finding, investigate, settled
 from terrain_estimator.discovery.flexible import Column, Flexible
 from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, testable, together
 from terrain_estimator.discovery.physics import Nominal, Part, nominal_of
+from terrain_estimator.discovery.proof import Proof, prove
 from terrain_estimator.discovery.runs import Blocks, Run, RunError, cut
 from terrain_estimator.discovery.search import Candidate, Study, search
 from terrain_estimator.discovery.verdict import Judgement, Leftover, Thresholds, Verdict
@@ -45,6 +49,7 @@ __all__ = [
     "Leftover",
     "Nominal",
     "Part",
+    "Proof",
     "Run",
     "RunError",
     "Study",
@@ -55,7 +60,9 @@ __all__ = [
     "disagreements",
     "investigate",
     "nominal_of",
+    "prove",
     "search",
+    "settled",
     "singles",
     "testable",
     "together",

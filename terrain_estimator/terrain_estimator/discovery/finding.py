@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from terrain_estimator.discovery.library import Hypothesis, together
+from terrain_estimator.discovery.proof import Proof
 from terrain_estimator.discovery.search import Candidate, Progress, Study, search
 from terrain_estimator.discovery.separation import separate_by
 from terrain_estimator.discovery.verdict import Gains, Judgement, Leftover, Thresholds, Verdict, gains_of, judge, leftovers
@@ -59,3 +60,18 @@ def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thre
     return Finding(
         judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)), separate_by(confusable)
     )
+
+
+def settled(finding: Finding, proof: Proof | None) -> Finding:
+    """The finding after the held-out runs were asked: a name that did not prove itself there is not given as the answer.
+
+    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None) the verdict stands unproven.
+    """
+    judgement = finding.judgement
+    if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+        return finding
+    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
+    refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
+    refuted["unknown"] = 1.0 - sure["none"]
+    unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
+    return dataclasses.replace(finding, judgement=unknown, separate_by="")

@@ -3,7 +3,7 @@
 """Recorded runs, cut into blocks of one second whose observations are linked."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -88,6 +88,18 @@ class Blocks:
     ends: Tensor  # [B, 2] numbers of the velocity before and after the block
     velocities: int  # V
     signals: Signals
+
+    def between(self, first: int, last: int) -> "Blocks":
+        """Blocks ``first`` to ``last - 1`` as a run of their own."""
+        here = slice(first, last)
+        ends = self.ends[here] - self.ends[first, 0]
+        signals = Signals(*(getattr(self.signals, item.name)[here] for item in fields(Signals)))
+        return Blocks(self.name, self.packed[here], self.wheel_rate[here], ends, int(ends[-1, 1]) + 1, signals)
+
+    def follows(self) -> Tensor:
+        """Whether each block goes on where the one before it ended, [B] bool."""
+        joined = self.ends[1:, 0] == self.ends[:-1, 1]
+        return torch.cat([torch.zeros(1, dtype=torch.bool), joined])
 
 
 def cut(run: Run, nominal: Contact) -> Blocks:

@@ -96,6 +96,17 @@ class Study:
         known = [each.by_constant for each in self.nothing.fit.equations]
         return Candidate(hypothesis, fit(self._systems(hypothesis, self._plain), start, hypothesis.shared(), known, most=most))
 
+    def given(self, hypothesis: Hypothesis, values: Tensor) -> Candidate:
+        """Fit the runs' own unknowns to shared ones that are known from other runs; ``values`` as ``Fit.point.shared``."""
+        free = hypothesis.shared()
+        pinned = Shared(values, values, free.sd, free.step)  # a range without width
+        start = with_shared(self.nothing.fit.point, values)
+        systems = self._systems(hypothesis, self._plain)
+        known = [each.by_constant for each in self.nothing.fit.equations]
+        first = fit(systems, start, pinned, known, most=9)
+        unknown: list[Tensor | None] = [None] * len(self.runs)
+        return Candidate(hypothesis, fit(systems, first.point, pinned, unknown, most=3))
+
     def refine(self, candidate: Candidate, *, most: int = 8) -> Candidate:
         """The same with columns of the soil constants of its own, until nothing moves."""
         systems = self._systems(candidate.hypothesis, self._plain)

@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A held-out run in two halves, each of which is predicted with what the other one tells about the ground.
+
+c, tan phi, the soil constants and the accelerometer's bias are a run's own, so they have to be fitted to something: to the half
+that is not being judged. The sizes of effects are never fitted here, they come from other runs.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.discovery.equations import Equations, RunEquations, Unknowns, assembled
+from terrain_estimator.discovery.fit import own_prior
+from terrain_estimator.discovery.flexible import no_columns
+from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.physics import Laws, Nominal
+from terrain_estimator.discovery.runs import Blocks, RunError
+from terrain_estimator.discovery.search import Study
+from terrain_estimator.gaussian import cholesky
+
+SHORTEST_HALF = 8
+"""[blocks] of a half of a run: eight seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A hypothesis with what other runs said of its sizes."""
+
+    hypothesis: Hypothesis
+    values: Tensor  # [K] as ``Fit.point.shared``
+    covariance: Tensor  # [K, K]
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What a half tells about its run, under one model."""
+
+    unknowns: Unknowns  # the velocities are that half's
+    covariance: Tensor  # [P + K, P + K] of theta, soil constants, bias and sizes, by the sensors' stated noise
+
+
+@dataclass(frozen=True, slots=True)
+class Half:
+    """A half of a run that is judged, and what the other one tells under each model."""
+
+    blocks: Blocks
+    grounds: tuple[Ground, ...]
+
+
+def long_enough(run: Blocks) -> Blocks:
+    """The run, where it can be halved.
+
+    Raises:
+        RunError: it is too short.
+    """
+    if len(run.packed) < 2 * SHORTEST_HALF:
+        raise RunError(f"{run.name}: {len(run.packed)} whole seconds, a held-out run needs at least {2 * SHORTEST_HALF}")
+    return run
+
+
+def halves(nominal: Nominal, run: Blocks, models: tuple[Model, ...]) -> tuple[Half, Half]:
+    """Both halves of a held-out run; the same procedure for every model.
+
+    Raises:
+        RunError: the run is too short to be halved.
+    """
+    count = len(long_enough(run).packed)
+    parts = run.between(0, count // 2), run.between(count // 2, count)
+    told = [_told(Study(nominal, [part]), models) for part in parts]
+    return Half(parts[0], told[1]), Half(parts[1], told[0])
+
+
+def _told(study: Study, models: tuple[Model, ...]) -> tuple[Ground, ...]:
+    fits = [(study.given(model.hypothesis, model.values) if model.hypothesis.parts else study.nothing).fit for model in models]
+    return tuple(
+        Ground(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model)) for fit, model in zip(fits, models, strict=True)
+    )
+
+
+def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tensor:
+    """Of a run's own unknowns but the velocities, then of the sizes; misfit beyond the sensors' noise counts for nothing."""
+    sizes = model.values.shape[0]
+    weighted = torch.zeros_like(equations.residual).unsqueeze(-1)
+    hessian, _ = assembled(equations.jacobian, cholesky(equations.covariance), weighted, equations.ends, sizes)
+    _, precision = own_prior(unknowns)
+    size, own = precision.shape[0], 3 + unknowns.kappa.shape[0]
+    covariance = torch.cholesky_inverse(cholesky(hessian[:size, :size] + torch.diag(precision)))
+    parts = covariance[:own, :own], model.covariance
+    return torch.block_diag(*parts)  # type: ignore[no-untyped-call]
+
+
+def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equations:
+    """The rows of a half at what the other one tells under the model of that ``number``, with all velocities at zero."""
+    told = half.grounds[number].unknowns
+    rows = len(no_columns([half.blocks]).columns[0][0])
+    mask = torch.ones(rows - 1, dtype=torch.float64)
+    system = RunEquations(half.blocks, Laws(nominal, half.blocks, model.hypothesis.parts), mask, no_columns([half.blocks]).columns[0])
+    there = Unknowns(told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64))
+    values = tuple(model.values.tolist())
+    away = system.likely(there, values)
+    return system.at(there, values, torch.zeros(0, dtype=torch.float64), away, model.hypothesis.shared().step, None)
