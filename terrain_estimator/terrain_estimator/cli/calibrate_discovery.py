@@ -22,7 +22,7 @@ from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.discovery import Blocks, Nominal, Run, RunError, Study, cut, nominal_of, testable
 from terrain_estimator.discovery.calibration import Sample, sample, thresholds
 from terrain_estimator.discovery.library import Hypothesis
-from terrain_estimator.discovery.physics import Part
+from terrain_estimator.discovery.parts import Part
 from terrain_estimator.discovery.verdict import Gains
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics import sample as simulated

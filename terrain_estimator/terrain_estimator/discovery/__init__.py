@@ -11,6 +11,7 @@
     proof = prove(nominal, finding.best, held_out)                         # does it help on runs that it has not seen?
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
+- ``parts``: a named effect as part of a hypothesis.
 - ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
 - ``equations``: normal equations of one run; what one run contributes does not depend on the others.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
@@ -28,7 +29,8 @@ from terrain_estimator.discovery.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.finding import Finding, investigate, settled
 from terrain_estimator.discovery.flexible import Column, Flexible
 from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, testable, together
-from terrain_estimator.discovery.physics import Nominal, Part, nominal_of
+from terrain_estimator.discovery.parts import Part
+from terrain_estimator.discovery.physics import Nominal, nominal_of
 from terrain_estimator.discovery.proof import Proof, prove
 from terrain_estimator.discovery.runs import Blocks, Run, RunError, cut
 from terrain_estimator.discovery.search import Candidate, Study, search

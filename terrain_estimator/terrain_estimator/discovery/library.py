@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from terrain_estimator.discovery.fit import Shared
-from terrain_estimator.discovery.physics import Part
+from terrain_estimator.discovery.parts import Part
 from terramechanics.effects import EFFECTS, describe
 from terramechanics.loading import ConfigError
 

@@ -9,7 +9,7 @@ import pytest
 
 from terrain_estimator.discovery.calibration import Sample, thresholds
 from terrain_estimator.discovery.library import Hypothesis, singles
-from terrain_estimator.discovery.physics import Part
+from terrain_estimator.discovery.parts import Part
 from terrain_estimator.discovery.separation import separate_by
 from terrain_estimator.discovery.verdict import Gains, Thresholds, Verdict, judge
 
