@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo test lint train accuracy net paper calibrate bench workspace environment clean
+.PHONY: help demo test lint train accuracy net paper calibrate bench pages workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -40,6 +40,9 @@ calibrate: workspace  ## thresholds of find_missing_effect anew: out/thresholds.
 
 bench: workspace  ## time update, replay, simulation and training
 	ros2_ws/with python -m benchmarks $(ARGS)
+
+pages: workspace  ## write the pages that follow from the code: docs/parameters.md
+	ros2_ws/with python -m docs.pages
 
 workspace: environment
 	@ros2_ws/compile

@@ -4,11 +4,10 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any
 
-from terramechanics.loading import ConfigError, build, entry, number
+from terramechanics.loading import entry, number
 from terramechanics.soil import Soil
 
 FOLLOW = "cmd_vel"
@@ -84,49 +83,3 @@ class SimulatorConfig:
     def owns_clock(self) -> bool:
         """Whether this run keeps simulated time."""
         return self.publish_clock or self.real_time_factor != 1.0
-
-
-def configure(values: dict[str, Any]) -> SimulatorConfig:
-    """The configuration with flat, dotted parameter names replaced by ``values``. Raises ConfigError that names the parameter."""
-    nested: dict[str, Any] = {}
-    for name, value in values.items():
-        *groups, leaf = name.split(".")
-        level = nested
-        for group in groups:
-            level = level.setdefault(group, {})
-            if not isinstance(level, dict):
-                raise ConfigError(f"parameters: unknown key {name!r}: {group!r} has no parameters of its own")
-        if leaf in level:
-            raise ConfigError(f"parameters: unknown key below {name!r}, which has no parameters of its own")
-        level[leaf] = value
-    return build(SimulatorConfig, nested, "parameters")
-
-
-def leaves(config: object, prefix: str = "") -> Iterator[tuple[str, Any, Mapping[str, Any]]]:
-    """Flat name, value and metadata (description, unit, low, high, exclusive) of every parameter, in the order of definition."""
-    for item in dataclasses.fields(cast("Any", config)):
-        value = getattr(config, item.name)
-        if dataclasses.is_dataclass(value):
-            yield from leaves(value, f"{prefix}{item.name}.")
-        else:
-            yield f"{prefix}{item.name}", value, item.metadata
-
-
-def usage() -> str:
-    """What ``--help`` says: every parameter with default, range and unit."""
-    lines = ["usage: simulator [--ros-args [-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ...]"]
-    lines += ["for instance --ros-args -p soil:=regolith -p duration:=60.0", ""]
-    for name, value, metadata in leaves(SimulatorConfig()):
-        default = f"'{value}'" if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else f"{value:g}"
-        unit = metadata.get("unit", "1")
-        lines += [f"  {name} (default {default}{_limits(metadata)}{'' if unit == '1' else f' {unit}'})", f"      {metadata['description']}"]
-    return "\n".join(lines)
-
-
-def _limits(metadata: Mapping[str, Any]) -> str:
-    low, high = metadata.get("low", -math.inf), metadata.get("high", math.inf)
-    if math.isinf(low):
-        return ""
-    if math.isinf(high):
-        return f", {'above' if metadata['exclusive'] else 'at least'} {low:g}"
-    return f", {low:g} to {high:g}"

@@ -3,42 +3,51 @@
 """Declares the fields of a configuration as ROS parameters, with descriptors and ranges."""
 
 import math
+import sys
 from typing import Any, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from rover_sim_node.config import leaves
+from rover_sim_node.config import SimulatorConfig
+from terramechanics.parameter_files import parameter_files, read_parameters, without_those_of_ros
+from terramechanics.parameters import Parameter, configure, effective, parameters, template
 
-OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""Parameters that every node has."""
-
-
-def given_parameters(node: Node) -> dict[str, Any]:
-    """What the user gave, by flat name. The node must declare its overrides by itself, or misspelt names are not seen."""
-    found = cast("dict[str, Any]", node.get_parameters_by_prefix(""))
-    return {name: parameter.value for name, parameter in found.items() if not name.startswith(OF_ROS)}
+DUMP = "--dump-config"
+"""Asks for the parameters in force, as a parameter file."""
 
 
-def declare(node: Node, config: object) -> None:
-    """Declare every field of ``config`` with its value in force: read-only, described, with its range."""
-    for name, value, metadata in leaves(config):
-        if node.has_parameter(name):
-            node.undeclare_parameter(name)
-        node.declare_parameter(name, value, _descriptor(value, metadata), ignore_override=True)
+def declare(node: Node) -> SimulatorConfig:
+    """Read and declare every parameter, read-only; print them and end after ``--dump-config``.
+
+    The node must declare its overrides by itself, or misspelt names are not seen.
+
+    Raises:
+        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
+        SystemExit: with code 0 after ``--dump-config``.
+    """
+    for path in parameter_files(sys.argv):
+        read_parameters(path, node.get_fully_qualified_name())
+    given = {name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()}
+    config = configure(SimulatorConfig, without_those_of_ros(given))
+    if DUMP in sys.argv:
+        print(template(node.get_fully_qualified_name(), config))  # noqa: T201 - the user asked for it
+        sys.exit()
+    values = effective(config)
+    for entry in parameters(SimulatorConfig):
+        if node.has_parameter(entry.name):
+            node.undeclare_parameter(entry.name)
+        node.declare_parameter(entry.name, values[entry.name], _descriptor(entry), ignore_override=True)
+    return config
 
 
-def _descriptor(value: object, metadata: Any) -> ParameterDescriptor:  # noqa: ANN401 (a mapping of unlike things)
-    unit = f" [{metadata['unit']}]" if "unit" in metadata else ""
-    descriptor = ParameterDescriptor(description=f"{metadata['description']}{unit}", read_only=True)
-    low, high = metadata.get("low", -math.inf), metadata.get("high", math.inf)
-    if isinstance(value, bool | str) or (isinstance(value, float) and math.isnan(value)):
+def _descriptor(entry: Parameter) -> ParameterDescriptor:
+    """A range of ROS needs both ends, and holds for a default of NaN too, which says "not given"; else the words say it."""
+    descriptor = ParameterDescriptor(description=entry.meaning, additional_constraints=entry.limits, read_only=True)
+    if math.isinf(entry.low) or math.isinf(entry.high) or entry.default != entry.default:
         return descriptor
-    # ROS ranges need both ends; where one is missing the words say it.
-    if math.isinf(low) or math.isinf(high):
-        descriptor.additional_constraints = "" if math.isinf(low) else f"{'above' if metadata['exclusive'] else 'at least'} {low:g}"
-    elif isinstance(value, int):
-        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    if isinstance(entry.default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=entry.low, to_value=entry.high)]
     else:
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        descriptor.integer_range = [IntegerRange(from_value=int(entry.low), to_value=int(entry.high))]
     return descriptor

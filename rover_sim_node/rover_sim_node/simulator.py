@@ -22,12 +22,13 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import TerrainTruth
-from rover_sim_node.config import configure, usage
-from rover_sim_node.declare import declare, given_parameters
+from rover_sim_node.config import SimulatorConfig
+from rover_sim_node.declare import DUMP, declare
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
 from rover_sim_node.run import Reading, Run, Truth
 from terramechanics.loading import ConfigError
+from terramechanics.parameters import usage
 from terramechanics.suspension import TerrainError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
@@ -54,8 +55,7 @@ class SimulatorNode(Node):
     def __init__(self) -> None:
         """Read the parameters and set up the drive. Raises ConfigError that names a parameter."""
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
-        self.config = configure(given_parameters(self))
-        declare(self, self.config)
+        self.config = declare(self)
         self.run = Run(self.config)
         self._outputs = {topic: self.create_publisher(kind, topic, QOS) for topic, kind in TYPES.items()}
         self._truth_output = self.create_publisher(TerrainTruth, "ground_truth/terrain", LATCHED)
@@ -200,10 +200,10 @@ def main() -> int:
     try:
         others = remove_ros_args(sys.argv)[1:]
         if {"-h", "--help"} & set(others):
-            print(usage())  # noqa: T201 - the user asked for it
+            print(usage("simulator", "soil:=regolith", SimulatorConfig))  # noqa: T201 - the user asked for it
             return 0
-        if others:
-            return _refuse(f"unknown argument {others[0]!r}; parameters are given as --ros-args -p soil:=loose_sand; --help lists them", 2)
+        if unknown := [word for word in others if word != DUMP]:
+            return _refuse(f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p soil:=loose_sand; --help lists them", 2)
         # With rclpy's own handlers the context would end at the signal, and the readers would lose what is on its way.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; a damaged parameter file ends here

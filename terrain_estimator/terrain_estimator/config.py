@@ -1,62 +1,52 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of the estimator, defined once: the node declares them, ``replay --params-file`` reads them."""
+"""Every parameter of the nodes, defined once: they declare them, ``replay --params-file`` reads the estimator's."""
 
 from dataclasses import dataclass, field
 
-from terrain_estimator.parameters import ParameterError, effective, fingerprint, parameter
+from terrain_estimator.ros_types import RECORDED_TOPICS
+from terramechanics.loading import ConfigError, entry, number
+from terramechanics.parameters import INLINE, effective, fingerprint
 
 
 @dataclass(frozen=True, slots=True)
 class CoreConfig:
     """What :class:`terrain_estimator.estimator.Estimator` takes: nothing of topics, stamps or frames."""
 
-    use_torque: bool = parameter("use_torque", default=True, description="use the wheel torques of joint_states")
-    use_imu: bool = parameter("use_imu", default=True, description="use pitch and acceleration of imu; else pitch of odom")
-    use_moments: bool = parameter(
-        "use_moments", default=True, description="use the moment balances of rover and bogie; they need the bogie's angle in joint_states"
+    use_torque: bool = entry("use the wheel torques of joint_states", default=True)
+    use_imu: bool = entry("use pitch and acceleration of imu; else pitch of odom", default=True)
+    use_moments: bool = entry("use the moment balances of rover and bogie; they need the bogie's angle in joint_states", default=True)
+    prior_cohesion_mean_pa: float = number(
+        "site knowledge: mean of the cohesion (with prior.cohesion_sd)", "Pa", 0.0, 1e6, default=0.0, key="prior.cohesion_mean"
     )
-    prior_cohesion_mean_pa: float = parameter(
-        "prior.cohesion_mean", 0.0, "site knowledge: mean of the cohesion (with prior.cohesion_sd)", unit="Pa", minimum=0.0, maximum=1e6
+    prior_cohesion_sd_pa: float = number(
+        "site knowledge: its standard deviation; 0 takes the model's prior", "Pa", 0.0, 1e6, default=0.0, key="prior.cohesion_sd"
     )
-    prior_cohesion_sd_pa: float = parameter(
-        "prior.cohesion_sd", 0.0, "site knowledge: its standard deviation; 0 takes the model's prior", unit="Pa", minimum=0.0, maximum=1e6
+    prior_tan_phi_mean: float = number(
+        "site knowledge: mean of tan phi (with prior.tan_phi_sd)", "1", 0.0, 5.0, default=0.0, key="prior.tan_phi_mean"
     )
-    prior_tan_phi_mean: float = parameter(
-        "prior.tan_phi_mean", 0.0, "site knowledge: mean of tan phi (with prior.tan_phi_sd)", minimum=0.0, maximum=5.0
+    prior_tan_phi_sd: float = number(
+        "site knowledge: its standard deviation; 0 takes the model's prior", "1", 0.0, 5.0, default=0.0, key="prior.tan_phi_sd"
     )
-    prior_tan_phi_sd: float = parameter(
-        "prior.tan_phi_sd", 0.0, "site knowledge: its standard deviation; 0 takes the model's prior", minimum=0.0, maximum=5.0
+    prior_soil: str = entry(
+        "site knowledge: name of the soil; empty takes all that the model knows for equally likely", "", key="prior.soil"
     )
-    prior_soil: str = parameter(
-        "prior.soil", default="", description="site knowledge: name of the soil; empty takes all that the model knows for equally likely"
-    )
-    drift: float = parameter(
-        "drift",
-        0.0,
+    drift: float = number(
         "random walk of c and tan phi, in prior deviations per square root of a second of driving: forgets what is older; "
         "0 takes the ground for constant between sharp changes",
-        unit="1/sqrt(s)",
-        minimum=0.0,
-        maximum=1.0,
+        "1/sqrt(s)",
+        0.0,
+        1.0,
+        default=0.0,
     )
-    standstill_speed: float = parameter(
-        "standstill_speed",
-        0.01,
-        "the rover stands where no wheel's rim is faster (the rover itself, where no wheel rate is measured)",
-        unit="m/s",
-        minimum=0.0,
-        maximum=1.0,
+    standstill_speed: float = number(
+        "the rover stands where no wheel's rim is faster (the rover itself, where no wheel rate is measured)", "m/s", 0.0, 1.0, default=0.01
     )
-    gate_probability: float = parameter(
-        "gate_probability",
-        1e-5,
-        "share of good observations that the gates may reject; 0 switches them off",
-        minimum=0.0,
-        maximum=0.1,
+    gate_probability: float = number(
+        "share of good observations that the gates may reject; 0 switches them off", "1", 0.0, 0.1, default=1e-5
     )
-    slip_minimum: float = parameter("slip_minimum", -1.0, "a wheel with less slip is left out", minimum=-10.0, maximum=0.0)
-    slip_maximum: float = parameter("slip_maximum", 1.0, "a wheel with this slip or more is left out", minimum=0.0, maximum=1.0)
+    slip_minimum: float = number("a wheel with less slip is left out", "1", -10.0, 0.0, default=-1.0)
+    slip_maximum: float = number("a wheel with this slip or more is left out", "1", 0.0, 1.0, default=1.0)
 
     def __post_init__(self) -> None:
         """Refuse half a prior: a mean without its deviation would silently do nothing."""
@@ -65,46 +55,35 @@ class CoreConfig:
             ("tan_phi", self.prior_tan_phi_mean, self.prior_tan_phi_sd),
         ):
             if mean > 0.0 and sd == 0.0:
-                raise ParameterError(f"parameter prior.{name}_mean: {mean:g} has no effect without prior.{name}_sd: give both or none")
+                raise ConfigError(f"parameter prior.{name}_mean: {mean:g} has no effect without prior.{name}_sd: give both or none")
 
 
 @dataclass(frozen=True, slots=True)
 class ConversionConfig:
     """How messages become an observation."""
 
-    body_frame: str = parameter("body_frame", default="base_link", description="frame_id of the measurements; empty accepts any")
-    torque_relative_sd: float = parameter(
-        "torque_noise.relative", 0.03, "standard deviation of a measured wheel torque, as a fraction of it", minimum=0.0, maximum=1.0
+    body_frame: str = entry("frame_id of the measurements; empty accepts any", "base_link")
+    torque_relative_sd: float = number(
+        "standard deviation of a measured wheel torque, as a fraction of it", "1", 0.0, 1.0, default=0.03, key="torque_noise.relative"
     )
-    torque_absolute_sd: float = parameter(
-        "torque_noise.absolute",
-        0.0,
+    torque_absolute_sd: float = number(
         "standard deviation of a measured wheel torque, added in quadrature; 0 takes 1 % of 0.3 r m g / (number of wheels)",
-        unit="N m",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    bogie_joint: str = parameter(
-        "bogie_joint", default="bogie", description="name of the bogie's joint, or of several by commas, in joint_states"
-    )
-    bogie_nose_down: bool = parameter(
-        "bogie_nose_down",
-        default=False,
-        description="the bogie's joint counts nose down as positive (a y axis as in REP-103); else nose up",
-    )
-    default_velocity_sd: float = parameter(
-        "default_sd.velocity",
+        "N m",
         0.0,
-        "for odom without a twist variance; 0 refuses such an observation",
-        unit="m/s",
-        minimum=0.0,
-        maximum=10.0,
+        1e6,
+        default=0.0,
+        key="torque_noise.absolute",
     )
-    default_pitch_sd: float = parameter(
-        "default_sd.pitch", 0.0, "for a pitch without a variance; 0 refuses such an observation", unit="rad", minimum=0.0, maximum=1.0
+    bogie_joint: str = entry("name of the bogie's joint, or of several by commas, in joint_states", "bogie")
+    bogie_nose_down: bool = entry("the bogie's joint counts nose down as positive (a y axis as in REP-103); else nose up", default=False)
+    default_velocity_sd: float = number(
+        "for odom without a twist variance; 0 refuses such an observation", "m/s", 0.0, 10.0, default=0.0, key="default_sd.velocity"
     )
-    default_acceleration_sd: float = parameter(
-        "default_sd.acceleration", 0.0, "for imu without an acceleration variance; 0 leaves it out", unit="m/s^2", minimum=0.0, maximum=10.0
+    default_pitch_sd: float = number(
+        "for a pitch without a variance; 0 refuses such an observation", "rad", 0.0, 1.0, default=0.0, key="default_sd.pitch"
+    )
+    default_acceleration_sd: float = number(
+        "for imu without an acceleration variance; 0 leaves it out", "m/s^2", 0.0, 10.0, default=0.0, key="default_sd.acceleration"
     )
 
 
@@ -112,21 +91,16 @@ class ConversionConfig:
 class PairingConfig:
     """How messages of several topics are paired by stamp."""
 
-    tolerance_s: float = parameter(
-        "pairing_tolerance",
-        0.0,
-        "largest difference of stamps in one observation; 0 pairs equal stamps",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
+    tolerance_s: float = number(
+        "largest difference of stamps in one observation; 0 pairs equal stamps", "s", 0.0, 1.0, default=0.0, key="pairing_tolerance"
     )
-    timeout_s: float = parameter(
-        "pairing_timeout",
-        0.5,
+    timeout_s: float = number(
         "an observation waits for a missing message until other topics' stamps are this much later",
-        unit="s",
-        minimum=0.0,
-        maximum=60.0,
+        "s",
+        0.0,
+        60.0,
+        default=0.5,
+        key="pairing_timeout",
     )
 
 
@@ -134,11 +108,11 @@ class PairingConfig:
 class EstimatorConfig:
     """All parameters of the estimator node and of replay."""
 
-    model: str = parameter("model", default="", description="name of an installed model or path of a file; empty: mars_rover")
-    rover: str = parameter("rover", default="", description="name or file of the rover; empty takes the model's")
-    core: CoreConfig = field(default_factory=CoreConfig)
-    conversion: ConversionConfig = field(default_factory=ConversionConfig)
-    pairing: PairingConfig = field(default_factory=PairingConfig)
+    model: str = entry("name of an installed model or path of a file; empty: mars_rover", "")
+    rover: str = entry("name or file of the rover; empty takes the model's", "")
+    core: CoreConfig = field(default_factory=CoreConfig, metadata=INLINE)
+    conversion: ConversionConfig = field(default_factory=ConversionConfig, metadata=INLINE)
+    pairing: PairingConfig = field(default_factory=PairingConfig, metadata=INLINE)
 
     def sha256(self, rover_sha256: str = "") -> str:
         """Fingerprint of everything that changes the output, beside the model file, which has its own.
@@ -149,3 +123,21 @@ class EstimatorConfig:
         values = effective(self)
         del values["model"], values["rover"]
         return fingerprint(values | {"rover_sha256": rover_sha256})
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderConfig:
+    """All parameters of the recorder node."""
+
+    output: str = entry("folder of the bag, must not exist; empty: bags/<UTC time>", "")
+    topics: str = entry("names, as a list or separated by spaces; a relative name follows the namespace", " ".join(RECORDED_TOPICS))
+    fsync_interval_s: float = number("what a power cut may cost; a kill costs nothing", "s", 0.01, 60.0, default=1.0, key="fsync_interval")
+
+
+@dataclass(frozen=True, slots=True)
+class WatchConfig:
+    """All parameters of the watch node."""
+
+    period_s: float = number("time between two lines, by the wall clock", "s", 0.1, 3600.0, default=1.0, key="period")
+    report: str = entry("file for rates and jitter at the end, as JSON; empty: none", "")
+    real_time_factor: float = number("of the simulation, so that rates are those of simulated time", "1", 0.01, 1000.0, default=1.0)

@@ -32,6 +32,10 @@ OUTPUT_TYPES = {"terrain_estimate": ESTIMATE, "motion_prediction": PREDICTION}
 """Types of the output topics that depend on the stamped inputs alone: replay writes them too."""
 
 
+RECORDED_TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES, "estimator_health", "ground_truth/terrain")
+"""What the recorder records unless told otherwise."""
+
+
 def stamp_ns(message: Message) -> int:
     """Time of a message with a header [ns]."""
     stamp = message.header.stamp

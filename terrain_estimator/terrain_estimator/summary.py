@@ -10,8 +10,8 @@ from scipy.special import ndtr, ndtri
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.model_file import Metadata
 from terrain_estimator.observation import Floats
-from terrain_estimator.parameters import ParameterError
 from terrain_estimator.update import Estimate
+from terramechanics.loading import ConfigError
 
 HALF_WIDTH_95 = 1.959963984540054
 """[standard deviations] half width of the 95 % interval of a Gaussian."""
@@ -32,11 +32,11 @@ class Beliefs:
     def of(cls, metadata: Metadata, config: CoreConfig) -> "Beliefs":
         """Site knowledge of the configuration over the model's own prior, for each parameter.
 
-        Raises ParameterError where the model does not know the soil.
+        Raises ConfigError where the model does not know the soil.
         """
         soils = tuple(soil.name for soil in metadata.soils)
         if config.prior_soil and config.prior_soil not in soils:
-            raise ParameterError(f"parameter prior.soil: {config.prior_soil!r} is unknown to {metadata.model_id}: give {', '.join(soils)}")
+            raise ConfigError(f"parameter prior.soil: {config.prior_soil!r} is unknown to {metadata.model_id}: give {', '.join(soils)}")
         probable = [name == (config.prior_soil or name) for name in soils]
         given_mean = (config.prior_cohesion_mean_pa, config.prior_tan_phi_mean)
         given_sd = (config.prior_cohesion_sd_pa, config.prior_tan_phi_sd)

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strict reading of configuration files: YAML into frozen dataclasses.
 
-An unknown key is an error that names it, at every level; so are a missing key, a key given twice, a wrong type and a
-value outside its range. An int where a float is meant is accepted. A range is declared once, on the dataclass field,
-with :func:`number`.
+An unknown key is an error that names it and the nearest right one, at every level; so are a missing key, a key given
+twice, a wrong type and a value outside its range. An int where a float is meant is accepted. A range is declared once,
+on the dataclass field, with :func:`number`.
 """
 
 import dataclasses
+import difflib
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -34,20 +35,22 @@ def number(
     *,
     exclusive: bool = False,
     default: Any = dataclasses.MISSING,
+    key: str = "",
 ) -> Any:
     """Dataclass field of a number (or a tuple of numbers) with its meaning, unit and range.
 
-    ``exclusive`` takes the lower end out of the range: ``low=0, exclusive=True`` means positive.
+    ``exclusive`` takes the lower end out of the range: ``low=0, exclusive=True`` means positive. ``key`` is its public name as
+    a parameter (:mod:`terramechanics.parameters`) where that is not the field's.
     """
-    metadata = {"description": description, "unit": unit, "low": low, "high": high, "exclusive": exclusive}
+    metadata = {"description": description, "unit": unit, "low": low, "high": high, "exclusive": exclusive, "key": key}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def entry(description: str, default: Any = dataclasses.MISSING) -> Any:
-    """Dataclass field of anything but a number, with its meaning."""
-    metadata = {"description": description}
+def entry(description: str, default: Any = dataclasses.MISSING, *, key: str = "") -> Any:
+    """Dataclass field of anything but a number, with its meaning; ``key`` as for a number."""
+    metadata = {"description": description, "key": key}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -75,13 +78,32 @@ def preset_names(kind: str) -> tuple[str, ...]:
 
 def load(record: type[RecordT], path: Path) -> RecordT:
     """Read the YAML file at ``path`` into the dataclass ``record``. Raises ConfigError."""
+    return build(record, read_yaml(path), str(path))
+
+
+def read_yaml(path: Path) -> object:
+    """The content of a YAML file. Raises ConfigError."""
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
+        return parse_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (ConfigError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not valid YAML: {error}") from error
-    return build(record, content, str(path))
+
+
+def parse_yaml(text: str) -> object:
+    """The value of a YAML text. Raises ConfigError."""
+    try:
+        return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
+    except yaml.YAMLError as error:
+        raise ConfigError(str(error)) from error
+
+
+def nearest(name: object, known: Iterable[str]) -> str:
+    """What to say about a name that is not known."""
+    names = list(known)
+    near = difflib.get_close_matches(str(name), names, n=1)
+    return f"did you mean {near[0]}?" if near else f"known are {', '.join(names)}"
 
 
 def build(record: type[RecordT], content: object, where: str) -> RecordT:
@@ -91,20 +113,21 @@ def build(record: type[RecordT], content: object, where: str) -> RecordT:
     fields = {item.name: item for item in dataclasses.fields(record)}  # type: ignore[arg-type]
     for key in content:
         if key not in fields:
-            raise ConfigError(f"{where}: unknown key {key!r}; known keys are {', '.join(fields)}")
+            raise ConfigError(f"{where}: unknown key {key!r}: {nearest(key, fields)}")
     needed = [name for name, item in fields.items() if item.default is item.default_factory is dataclasses.MISSING]
     missing = [name for name in needed if name not in content]
     if missing:
         raise ConfigError(f"{where}: missing key {missing[0]!r}")
     hints = get_type_hints(record)
-    values = {key: _convert(hints[key], value, fields[key], f"{where}: {key}") for key, value in content.items()}
+    values = {key: convert(hints[key], value, fields[key], f"{where}: {key}") for key, value in content.items()}
     try:
         return record(**values)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from error
 
 
-def _convert(hint: Any, value: object, field: Any, where: str) -> Any:
+def convert(hint: Any, value: object, field: Any, where: str) -> Any:
+    """``value`` as the type ``hint`` of a dataclass field, inside its range. Raises ConfigError that begins with ``where``."""
     if get_origin(hint) is tuple:
         return _convert_sequence(get_args(hint), value, field, where)
     if dataclasses.is_dataclass(hint):
@@ -125,7 +148,7 @@ def _convert_sequence(kinds: tuple[Any, ...], value: object, field: Any, where: 
     wanted = len(items) if kinds[-1] is Ellipsis else len(kinds)
     if len(items) != wanted or not items:
         raise ConfigError(f"{where}: expected a list of {wanted or 'at least 1'} values, got {len(items)}")
-    return tuple(_convert(kinds[0], item, field, f"{where}[{index}]") for index, item in enumerate(items))
+    return tuple(convert(kinds[0], item, field, f"{where}[{index}]") for index, item in enumerate(items))
 
 
 def _text(value: object, where: str, *, empty: bool) -> str:

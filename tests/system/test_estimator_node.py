@@ -244,8 +244,8 @@ def test_a_signal_ends_it_with_success(estimator: Process, number: signal.Signal
     ("arguments", "words"),
     [
         (["-p", "modell:=x"], ["modell", "did you mean model"]),
-        (["-p", "pairing_timeout:=-1.0"], ["pairing_timeout", "0 to 60 s"]),
-        (["-p", "use_imu:=3"], ["use_imu", "bool"]),
+        (["-p", "pairing_timeout:=-1.0"], ["pairing_timeout", "at least 0 and at most 60 [s]"]),
+        (["-p", "use_imu:=3"], ["use_imu", "true or false"]),
         (["-p", "prior.cohesion_mean:=1000.0"], ["prior.cohesion_sd"]),
         (["-p", "model:=/nowhere/model.pt"], ["/nowhere/model.pt"]),
         (["-p", "rover:=paper_rover"], ["paper_rover", "mass"]),
@@ -265,6 +265,26 @@ def test_an_unknown_key_of_a_parameter_file_is_named(start: Starter, tmp_path: P
     process = start("terrain_estimator", "estimator", "--ros-args", "--params-file", str(path))
     assert process.wait() == 2
     assert "prior.cohesion_average" in process.output
+
+
+def test_a_parameter_file_that_is_for_no_such_node_is_named(start: Starter, tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text("estimatr: {ros__parameters: {use_imu: false}}\n")
+    process = start("terrain_estimator", "estimator", "--ros-args", "--params-file", str(path))
+    assert process.wait() == 2
+    assert "p.yaml: no section is for the node /estimator" in process.output
+    assert "did you mean /estimatr?" in process.output
+
+
+def test_the_dumped_configuration_is_a_parameter_file_that_gives_the_same_again(start: Starter, tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    first = start("terrain_estimator", "estimator", "--dump-config", "--ros-args", "-r", "__ns:=/a", "-p", "prior.soil:=regolith")
+    assert first.wait() == 0
+    path.write_text(first.output)
+    second = start("terrain_estimator", "estimator", "--dump-config", "--ros-args", "-r", "__ns:=/a", "--params-file", str(path))
+    assert second.wait() == 0
+    assert second.output == first.output
+    assert "prior.soil: regolith" in first.output
 
 
 def test_an_unknown_argument_is_named(start: Starter) -> None:

@@ -150,7 +150,7 @@ def test_a_full_disk_ends_it_with_what_was_written_before(start: Starter, listen
     ("parameter", "words"),
     [
         ("topcis:=[odom]", "unknown parameter topcis: did you mean topics"),
-        ("fsync_interval:=0.0", "parameter fsync_interval: 0.0 is out of range"),
+        ("fsync_interval:=0.0", "parameter fsync_interval: 0 is outside its range"),
         ("topics:=[odom, 3d]", "parameter topics: Invalid topic name"),
         ("topics:=' '", "parameter topics: no topic is named"),
         ("output:=/proc/bag", "cannot write a bag to /proc/bag"),

@@ -156,8 +156,8 @@ def test_a_signal_ends_its_waiting_with_exit_code_0(name: str, start: Starter, l
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        (("soil_overrides.cohesio:=1.0",), "parameters: soil_overrides: unknown key 'cohesio'"),
-        (("soil:=mud", "sed:=1"), "parameters: unknown key 'sed'"),
+        (("soil_overrides.cohesio:=1.0",), "unknown parameter soil_overrides.cohesio: did you mean soil_overrides.cohesion?"),
+        (("soil:=mud", "sed:=1"), "unknown parameter sed: did you mean seed?"),
         (("soil:=mud",), "mud: neither one of the soils that come with the package"),
     ],
 )
@@ -174,7 +174,7 @@ def test_a_misspelt_name_in_a_parameter_file_and_an_unknown_argument_are_refused
     from_file = start("rover_sim_node", "simulator", "--ros-args", "--params-file", str(path))
     argument = start("rover_sim_node", "simulator", "--fast")
     assert (from_file.wait(), argument.wait()) == (2, 2)
-    assert "soil_overrides: unknown key 'phi'" in from_file.output
+    assert "unknown parameter soil_overrides.phi" in from_file.output
     assert "unknown argument '--fast'" in argument.output
 
 

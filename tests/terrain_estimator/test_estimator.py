@@ -16,9 +16,9 @@ from terrain_estimator.learning.observations import STEP_NS, observations_of
 from terrain_estimator.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.parameters import ParameterError
 from terrain_estimator.update import Update
 from terramechanics.ground import Ground, Patch
+from terramechanics.loading import ConfigError
 from terramechanics.sensors import Noise, measure_drive
 from terramechanics.simulation import simulate
 from terramechanics.soil import load_soil
@@ -225,7 +225,7 @@ def test_a_known_soil_is_the_only_one_that_is_considered(model: LoadedModel, dri
     estimates = [update.estimate for update in run(model, drive[:100], CoreConfig(prior_soil="regolith"))]
     for estimate in estimates:
         assert estimate.soil_probability == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
-    with pytest.raises(ParameterError, match=r"prior\.soil: 'mud' is unknown to mars_rover-\d+: give loose_sand, compact_sand, regolith"):
+    with pytest.raises(ConfigError, match=r"prior\.soil: 'mud' is unknown to mars_rover-\d+: give loose_sand, compact_sand, regolith"):
         Estimator(model, CoreConfig(prior_soil="mud"))
 
 

@@ -22,7 +22,7 @@ from terrain_estimator.config import CoreConfig
 from terrain_estimator.learning.change import Change, ChangeScore, FalseAlarms, study_change, study_constant
 from terrain_estimator.learning.study import ROVERS, SOILS
 from terrain_estimator.model_file import ModelFileError, load_model
-from terrain_estimator.parameters import ParameterError
+from terramechanics.loading import ConfigError
 
 LOOSE, COMPACT, REGOLITH = SOILS
 KINDS = (
@@ -51,7 +51,7 @@ def main(argv: list[str] | None = None) -> int:
         for path, text in ((args.out, json.dumps(dataclasses.asdict(run), indent=1) + "\n"), (args.table, page(run))):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-    except (ModelFileError, ParameterError, OSError) as error:
+    except (ModelFileError, ConfigError, OSError) as error:
         sys.stderr.write(f"change: {error}\n")
         return 2
     sys.stdout.write(f"{args.out} and {args.table}: {len(scores)} changes of {args.drives} drives\n")

@@ -14,44 +14,51 @@ from typing import Any
 import torch
 
 from terrain_estimator.bags import BagError
-from terrain_estimator.cli.params_file import parse_assignment, read_parameters
 from terrain_estimator.cli.replaying import Replay, compare_with_live, replay
 from terrain_estimator.cli.summary import print_table, summary, write_summary
-from terrain_estimator.cli.topics import TopicError, bag_topics
+from terrain_estimator.cli.topics import TopicError, absolute, bag_topics
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
-from terrain_estimator.parameters import ParameterError, build
 from terrain_estimator.pipeline import rover_of
 from terrain_estimator.summary import Beliefs
 from terramechanics.loading import ConfigError
+from terramechanics.parameter_files import parse_assignment, read_parameters
+from terramechanics.parameters import configure, template
 
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Replay the bags that the command line names; returns the exit code."""
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if not (options.bags or options.dump_config):
+        parser.error("no bag is named")
     torch.set_num_threads(1)  # the live node has one, and a sum's order is part of its result
     try:
-        config = build(EstimatorConfig, _parameters(options))
+        config = configure(EstimatorConfig, _parameters(options))
+        if options.dump_config:
+            print(template("estimator", config))
+            return 0
         model = load_model(config.model)
         names = bag_topics(options.remap, options.namespace)
         rover_of(model, config)
         Beliefs.of(model.metadata, config.core)
-    except (ParameterError, ModelFileError, ConfigError, TopicError) as error:
+    except (ModelFileError, ConfigError, TopicError) as error:
         return _refuse(str(error))
     return _replay_all(options, model, config, names)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="replay", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file, finished or not")
+    parser.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file, finished or not")
     parser.add_argument(
         "--out", type=Path, default=Path("out/replay"), help="folder for estimates bags and summary.json (default: %(default)s)"
     )
     parser.add_argument("--model", default="", help="name of an installed model or path of a model file (default: mars_rover)")
     parser.add_argument("--params-file", type=Path, action="append", default=[], help="parameters as the node takes them; later files win")
     parser.add_argument("-p", "--param", action="append", default=[], metavar="NAME:=VALUE", help="one parameter; wins over the files")
+    parser.add_argument("--dump-config", action="store_true", help="print the parameters in force as a parameter file, and end")
     parser.add_argument("--namespace", default="", help="namespace of the topics in the bag, such as /rover1")
     parser.add_argument(
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic, such as wheel_slip:=/slip"
@@ -64,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
 def _parameters(options: argparse.Namespace) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for path in options.params_file:
-        values |= read_parameters(path)
+        values |= read_parameters(path, absolute("estimator", options.namespace))
     values |= dict(parse_assignment(text) for text in options.param)
     return values | ({"model": options.model} if options.model else {})
 

@@ -17,7 +17,7 @@ from terrain_estimator.cli.replaying import Replay
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.parameters import effective
+from terramechanics.parameters import effective
 
 WIDTH = 150
 """[characters] of the table where stdout is no terminal."""

@@ -11,7 +11,11 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from terrain_estimator.parameters import ParameterError, definitions
+from terramechanics.loading import ConfigError
+from terramechanics.parameters import usage
+
+DUMP = "--dump-config"
+"""Asks for the parameters in force, as a parameter file; answered where they are declared."""
 
 
 def begin(name: str, example: str, config: type[Any]) -> threading.Event:
@@ -20,13 +24,13 @@ def begin(name: str, example: str, config: type[Any]) -> threading.Event:
     Args:
         name: of the executable.
         example: a parameter with a value, for the messages.
-        config: made of fields by ``parameters.parameter``; ``--help`` lists them.
+        config: made of fields by ``terramechanics.loading``; ``--help`` lists them.
 
     Returns:
         What SIGINT and SIGTERM set.
 
     Raises:
-        ParameterError: an argument, a remapping rule or a parameter file is wrong.
+        ConfigError: an argument, a remapping rule or a parameter file is wrong.
         SystemExit: with code 0 after ``--help``.
     """
     stop = threading.Event()
@@ -35,26 +39,15 @@ def begin(name: str, example: str, config: type[Any]) -> threading.Event:
     try:
         others = remove_ros_args(sys.argv)[1:]
     except Exception as error:  # rclpy's errors have no common class; a damaged parameter file ends here
-        raise ParameterError(str(error)) from error
+        raise ConfigError(str(error)) from error
     if {"-h", "--help"} & set(others):
-        print(_help(name, example, config))  # noqa: T201 - the user asked for it
+        print(usage(name, example, config))  # noqa: T201 - the user asked for it
         sys.exit()
-    if others:
-        raise ParameterError(f"unknown argument {others[0]!r}; parameters are given as --ros-args -p {example}; --help lists them")
+    if unknown := [word for word in others if word != DUMP]:
+        raise ConfigError(f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p {example}; --help lists them")
     try:
         # With rclpy's own handlers the context would end at the signal, and what waits in the queues would be lost.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
-        raise ParameterError(str(error)) from error
+        raise ConfigError(str(error)) from error
     return stop
-
-
-def _help(name: str, example: str, config: type[Any]) -> str:
-    lines = [f"usage: {name} [--ros-args [-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ...]"]
-    lines += [f"for instance --ros-args -p {example}", ""]
-    for entry in definitions(config):
-        default = f"'{entry.default}'" if isinstance(entry.default, str) else str(entry.default).lower()
-        limits = f", {entry.constraints}" if entry.constraints else ""
-        unit = f" {entry.unit}" if entry.unit else ""
-        lines += [f"  {entry.name} (default {default}{limits}{unit})", f"      {entry.description}"]
-    return "\n".join(lines)

@@ -3,34 +3,42 @@
 """Declares a node's parameters from their one definition, strictly."""
 
 import math
+import sys
 from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from terrain_estimator.parameters import Parameter, build, definitions, effective
+from terrain_estimator.nodes.command_line import DUMP
+from terramechanics.parameter_files import parameter_files, read_parameters, without_those_of_ros
+from terramechanics.parameters import Parameter, configure, effective, parameters, template
 
 Config = TypeVar("Config")
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def declare(node: Node, config: type[Config]) -> Config:
-    """Read and declare all parameters of a configuration, read-only.
+    """Read and declare all parameters of a configuration, read-only; print them and end after ``--dump-config``.
 
-    ROS passes over a parameter that a node does not declare; here a misspelt name is an error. A list of strings is
-    taken where words separated by spaces are meant.
+    ROS passes over a parameter that a node does not declare, and over a parameter file that has nothing for the node; here a
+    misspelt name is an error. A list of strings is taken where words separated by spaces are meant.
 
     Args:
         node: made with ``automatically_declare_parameters_from_overrides=True``, or what a user gave is not seen.
-        config: made of fields by ``parameters.parameter``.
+        config: made of fields by ``terramechanics.loading``.
 
     Raises:
-        ParameterError: unknown name, wrong type or value out of range.
+        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
+        SystemExit: with code 0 after ``--dump-config``.
     """
-    given = {name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items() if not name.startswith(_OF_ROS)}
-    result = build(config, {name: _words(value) for name, value in given.items()})
+    for path in parameter_files(sys.argv):
+        read_parameters(path, node.get_fully_qualified_name())
+    given = {name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()}
+    result = configure(config, {name: _words(value) for name, value in without_those_of_ros(given).items()})
+    if DUMP in sys.argv:
+        print(template(node.get_fully_qualified_name(), result))  # noqa: T201 - the user asked for it
+        sys.exit()
     values = effective(result)
-    for entry in definitions(config):
+    for entry in parameters(config):
         if node.has_parameter(entry.name):
             node.undeclare_parameter(entry.name)
         node.declare_parameter(entry.name, values[entry.name], _descriptor(entry), ignore_override=True)
@@ -42,11 +50,12 @@ def _words(value: object) -> object:
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
-    unit = f" [{entry.unit}]" if entry.unit else ""
-    descriptor = ParameterDescriptor(description=f"{entry.description}{unit}", additional_constraints=entry.constraints, read_only=True)
-    if math.isfinite(entry.minimum) and math.isfinite(entry.maximum):
-        if isinstance(entry.default, float):
-            descriptor.floating_point_range = [FloatingPointRange(from_value=entry.minimum, to_value=entry.maximum)]
-        else:
-            descriptor.integer_range = [IntegerRange(from_value=int(entry.minimum), to_value=int(entry.maximum))]
+    """A range of ROS needs both ends, and holds for a value that stands for "not given" too; else the words say it."""
+    descriptor = ParameterDescriptor(description=entry.meaning, additional_constraints=entry.limits, read_only=True)
+    if math.isinf(entry.low) or math.isinf(entry.high) or entry.default != entry.default:
+        return descriptor
+    if isinstance(entry.default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=entry.low, to_value=entry.high)]
+    else:
+        descriptor.integer_range = [IntegerRange(from_value=int(entry.low), to_value=int(entry.high))]
     return descriptor

@@ -24,7 +24,6 @@ from terrain_estimator.model_file import ModelFileError, load_model
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.parameters import ParameterError
 from terrain_estimator.pipeline import Answer, Pipeline
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
 from terramechanics.loading import ConfigError
@@ -43,7 +42,7 @@ class EstimatorNode(Node):
         """Read parameters and model, then subscribe.
 
         Raises:
-            ParameterError: a parameter is unknown or wrong.
+            ConfigError: a parameter is unknown or wrong.
             ModelFileError: the model file is missing, damaged or for another rover.
         """
         super().__init__("estimator", automatically_declare_parameters_from_overrides=True)
@@ -129,7 +128,7 @@ def main() -> int:
     """
     try:
         stop = begin("estimator", "model:=FILE", EstimatorConfig)
-    except ParameterError as error:
+    except ConfigError as error:
         return _refuse(str(error))
     torch.set_num_threads(1)
     try:
@@ -141,7 +140,7 @@ def main() -> int:
 def _run(stop: threading.Event) -> int:
     try:
         node = EstimatorNode()
-    except (ParameterError, ModelFileError, ConfigError) as error:
+    except (ModelFileError, ConfigError) as error:
         return _refuse(str(error))
     gc.collect()
     gc.freeze()  # a full collection over torch's modules would stall an update

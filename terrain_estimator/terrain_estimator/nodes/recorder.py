@@ -24,29 +24,17 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from terrain_estimator.bags import BagError, BagWriter, Qos, Topic
 from terrain_estimator.bags.qos import INFINITE_NS
+from terrain_estimator.config import RecorderConfig
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.parameters import ParameterError, parameter
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terramechanics.loading import ConfigError
 
-TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES, "estimator_health", "ground_truth/terrain")
 QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
 POLL_S = 0.1
 PATIENCE_S = 5.0
 DRAIN_S = 1.0
 BURST = 50  # callbacks taken at once while draining
-
-
-@dataclass(frozen=True, slots=True)
-class RecorderConfig:
-    """What a user may set."""
-
-    output: str = parameter("output", "", "folder of the bag, must not exist; empty: bags/<UTC time>")
-    topics: str = parameter("topics", " ".join(TOPICS), "names, as a list or separated by spaces; a relative name follows the namespace")
-    fsync_interval_s: float = parameter(
-        "fsync_interval", 1.0, "what a power cut may cost; a kill costs nothing", unit="s", minimum=0.01, maximum=60.0
-    )
 
 
 @dataclass(slots=True)
@@ -74,7 +62,7 @@ class Recorder:
             node: made with ``automatically_declare_parameters_from_overrides=True``.
 
         Raises:
-            ParameterError: a parameter is unknown or wrong.
+            ConfigError: a parameter is unknown or wrong.
             BagError: the bag cannot be written.
         """
         self._node = node
@@ -113,10 +101,10 @@ class Recorder:
             for name in names.split():
                 validate_topic_name(name)
         except InvalidTopicNameException as error:
-            raise ParameterError(f"parameter topics: {error}") from error
+            raise ConfigError(f"parameter topics: {error}") from error
         resolved = dict.fromkeys(self._node.resolve_topic_name(name) for name in names.split())
         if not resolved:
-            raise ParameterError("parameter topics: no topic is named, so there is nothing to record")
+            raise ConfigError("parameter topics: no topic is named, so there is nothing to record")
         return list(resolved)
 
     def _look_around(self) -> None:
@@ -194,7 +182,7 @@ def main() -> int:
     """
     try:
         stop = begin("recorder", "output:=bags/run", RecorderConfig)
-    except ParameterError as error:
+    except ConfigError as error:
         return _refuse(str(error))
     try:
         return _run(stop)
@@ -206,7 +194,7 @@ def _run(stop: threading.Event) -> int:
     node = rclpy.create_node("recorder", automatically_declare_parameters_from_overrides=True)
     try:
         recorder = Recorder(node)
-    except (ParameterError, BagError) as error:
+    except (ConfigError, BagError) as error:
         return _refuse(str(error))
     executor = SingleThreadedExecutor()
     executor.add_node(node)

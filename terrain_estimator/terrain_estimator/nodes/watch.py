@@ -4,10 +4,7 @@
 
 import json
 import math
-import signal
 import sys
-import threading
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,30 +14,20 @@ from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCal
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rclpy.signals import SignalHandlerOptions
 
+from terrain_estimator.config import WatchConfig
+from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.parameters import ParameterError, parameter
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message, stamp_ns
 from terrain_estimator.timing import timing
+from terramechanics.loading import ConfigError
 
 TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
 SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")
 TRUTH = "ground_truth/terrain"
 DEPTH = 1000
 POLL_S = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class WatchConfig:
-    """What a user may set."""
-
-    period_s: float = parameter("period", 1.0, "time between two lines, by the wall clock", unit="s", minimum=0.1, maximum=3600.0)
-    report: str = parameter("report", "", "file for rates and jitter at the end, as JSON; empty: none")
-    real_time_factor: float = parameter(
-        "real_time_factor", 1.0, "of the simulation, so that rates are those of simulated time", minimum=0.01, maximum=1000.0
-    )
 
 
 class Watch(Node):
@@ -50,7 +37,7 @@ class Watch(Node):
         """Read the parameters and subscribe.
 
         Raises:
-            ParameterError: a parameter is unknown or wrong.
+            ConfigError: a parameter is unknown or wrong.
         """
         super().__init__("watch", automatically_declare_parameters_from_overrides=True)
         self._config = declare(self, WatchConfig)
@@ -140,11 +127,8 @@ def _mean(message: Message, name: str) -> float:
 
 def main() -> int:
     """Watch until SIGINT or SIGTERM. Returns 0 after a signal, 2 where parameters are wrong."""
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
+        stop = begin("watch", "period:=2.0", WatchConfig)
         node = Watch()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
@@ -152,7 +136,7 @@ def main() -> int:
             executor.spin_once(timeout_sec=POLL_S)
         node.finish()
         node.destroy_node()
-    except ParameterError as error:
+    except ConfigError as error:
         print(f"watch: {error}", file=sys.stderr)  # noqa: T201 - there is no node, hence no logger
         return 2
     finally:

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the pages that follow from the code:  make pages. A test compares them."""
+
+from pathlib import Path
+
+from rover_sim_node.config import SimulatorConfig
+from terrain_estimator.config import EstimatorConfig, RecorderConfig, WatchConfig
+from terramechanics.parameters import table
+
+FOLDER = Path(__file__).parent
+_HEAD = """<!--
+SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+SPDX-License-Identifier: Apache-2.0
+
+Written by `make pages`: change the code, not this page.
+-->
+"""
+NODES = {"estimator": EstimatorConfig, "recorder": RecorderConfig, "simulator": SimulatorConfig, "watch": WatchConfig}
+_PARAMETERS = """# Parameters
+
+All are read when a node starts, and stay as they are. They are given one by one, `--ros-args -p NAME:=VALUE`, or by a file:
+
+    ros2 run terrain_estimator estimator --dump-config > estimator.yaml      # a template: all values in force, with their meanings
+    ros2 run terrain_estimator estimator --ros-args --params-file estimator.yaml
+
+An unknown or misspelt name is an error that says which is the nearest known one, at every level of a file; so are a value of another type
+or out of its range, and a file that has no section for the node (in a namespace the section is `/rover1/estimator`, or `/**`). An int is
+taken where a float is meant. `replay` takes the estimator's by `-p NAME:=VALUE` and from the same files. The sha256 of the values in force
+is in every estimate and in the health.
+"""
+
+
+def parameters_page() -> str:
+    """The page of all parameters, from their definitions."""
+    sections = [f"## {name}\n\n{table(config)}\n" for name, config in NODES.items()]
+    return "\n".join([_HEAD + _PARAMETERS, *sections])
+
+
+PAGES = {"parameters.md": parameters_page}
+
+if __name__ == "__main__":
+    for name, page in PAGES.items():
+        (FOLDER / name).write_text(page(), encoding="utf-8")

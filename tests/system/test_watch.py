@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The watch as a process of its own, on real DDS."""
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from msg_defs.msg import TerrainEstimate, WheelSinkage, WheelSlip
+from tests.system.listening import Listener
+from tests.system.processes import Starter
+from tests.system.waiting import wait_until
+
+KINDS = {"wheel_slip": WheelSlip, "wheel_sinkage": WheelSinkage, "terrain_estimate": TerrainEstimate}
+
+
+def test_it_says_what_it_hears_and_reports_rates_of_simulated_time(start: Starter, listener: Listener, tmp_path: Path) -> None:
+    parameters = {"period": "0.1", "report": str(tmp_path / "report.json"), "real_time_factor": "2.0"}
+    process = start("terrain_estimator", "watch", "--ros-args", *(w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")))
+    publishers = {topic: listener.publisher(kind, topic) for topic, kind in KINDS.items()}
+    begin_s = time.monotonic()
+    for number in range(30):
+        wait_until(lambda number=number: time.monotonic() >= begin_s + 0.05 * number, "the next message is due")  # type: ignore[misc]
+        for topic, kind in KINDS.items():
+            publishers[topic].publish(kind(sequence=number))
+    process.wait_for_output("tan phi")
+    assert process.interrupt() == 0
+    # 1.5 s of messages: a line every 0.1 s would be 15, every 1 s would be 2
+    assert process.output.count("tan phi") > 5
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["rate_hz"]["wheel_slip"] == pytest.approx(10.0, rel=0.1)  # 20 a second, at twice real time
