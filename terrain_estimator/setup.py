@@ -17,7 +17,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(),
-    package_data={NAME: ["py.typed", "models/*", "discovery/*.json"]},
+    package_data={NAME: ["py.typed", "models/*", "discovery/*.json", "pages/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """find_missing_effect RUN...: which physical effect the model of rover and soil lacks, from recorded runs.
 
-Writes OUT/finding.json. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
+Writes OUT/finding.json and OUT/report.html. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
 """
 
 import argparse
@@ -19,6 +19,7 @@ import torch
 
 from terrain_estimator.bags import BagError
 from terrain_estimator.cli.discovery_runs import read_run
+from terrain_estimator.cli.finding_file import asked, provenance, write_finding
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import TopicError, bag_topics
 from terrain_estimator.config import EstimatorConfig
@@ -72,13 +73,15 @@ def main(arguments: list[str] | None = None) -> int:
             report.at(0.97, "held-out runs")
             proof = _proof(finding, nominal, unseen, options.seed)
             finding = settled(finding, proof)
-        text = json.dumps(summary(finding, diagnosis, blocks, unseen, proof), indent=1, allow_nan=False)
-        options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "finding.json").write_text(text + "\n", encoding="utf-8")
+        told = {
+            "asked": asked(options.rover, options.soil, options.seed),
+            "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
+        }
+        written = write_finding(options.out, summary(finding, diagnosis, blocks, unseen, proof) | told)
     except (ConfigError, RunError, InputError, TopicError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
-    sys.stdout.write(sentence(finding, proof) + f"\n{options.out / 'finding.json'}\n")
+    sys.stdout.write("\n".join([sentence(finding, proof), *map(str, written)]) + "\n")
     return 0
 
 

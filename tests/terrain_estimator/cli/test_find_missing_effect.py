@@ -37,6 +37,11 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags:
     assert len(finding["runs"]) == 3
     assert len(finding["held_out"]) == 1
     assert not set(finding["runs"]) & set(finding["held_out"])
+    assert finding["asked"] == {"rover": "mars_rover", "soil": "loose_sand", "seed": 0}
+    assert {name for name, _ in finding["provenance"]["runs_sha256"]} == {*finding["runs"], *finding["held_out"]}
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<h1>The model lacks drive_drag</h1>" in report
+    assert repr(effect["coefficient"]) in report
 
 
 @pytest.mark.parametrize(

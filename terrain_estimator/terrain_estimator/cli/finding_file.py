@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what find_missing_effect found: finding.json for programs, report.html for people, and from what they were made."""
+
+import dataclasses
+import hashlib
+import json
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from terrain_estimator.pages.finding import finding_page
+from terramechanics.rover import Rover
+from terramechanics.soil import Soil
+
+PACKAGES = ("terrain_estimator", "torch", "numpy", "scipy", "rosbags", "mcap")
+
+
+def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
+    """Write finding.json and report.html to ``folder``, which is made; the same content gives the same bytes. Returns their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {
+        "finding.json": json.dumps(content, indent=1, allow_nan=False) + "\n",
+        "report.html": finding_page(content),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+def asked(rover: str, soil: str, seed: int) -> dict[str, Any]:
+    """What the command line said beside the runs; nothing that the answer does not depend on."""
+    return {"rover": rover, "soil": soil, "seed": seed}
+
+
+def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]:
+    """Versions, and SHA-256 of everything that went in."""
+    thresholds = (files("terrain_estimator.discovery") / "thresholds.json").read_bytes()
+    return {
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
+        "sha256": {"rover": _of_record(rover), "soil": _of_record(soil), "thresholds": hashlib.sha256(thresholds).hexdigest()},
+        "runs_sha256": [[bag.name, _of_files(sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag])] for bag in bags],
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "from its source, not installed"
+
+
+def _of_record(record: Rover | Soil) -> str:
+    """Of the values in force, not of the text of their file."""
+    return hashlib.sha256(json.dumps(dataclasses.asdict(record), sort_keys=True).encode()).hexdigest()
+
+
+def _of_files(paths: Iterable[Path]) -> str:
+    """Of the files one after the other; says so where one cannot be read."""
+    digest = hashlib.sha256()
+    try:
+        for path in paths:
+            with path.open("rb") as file:
+                while block := file.read(1 << 20):
+                    digest.update(block)
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    return digest.hexdigest()

@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of find_missing_effect: one page from what finding.json holds. What is not there is said to be absent."""
+
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from terrain_estimator.pages import finding_words as say
+from terrain_estimator.pages.numbers import NORMAL_95
+from terrain_estimator.pages.page import page
+from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, Series, Table, bars, lines, points
+
+LISTED = 1e-3
+"""Probability from which a candidate has a line of its own."""
+MOST = 12
+"""Disagreements that are listed; more repeat the same."""
+ALIKE_NATS = 3.0
+"""[nat] below which two effects count as not told apart: odds of twenty to one."""
+_CLEAR_NATS = 30.0
+"""[nat] from which a cell of the matrix gets no darker."""
+
+EVERYWHERE = "everywhere"
+"""Name of the region that holds all others."""
+_STYLES = {"before": (BEFORE, "s"), "after": (AFTER, "o")}
+_STRENGTHS = (("cohesion_pa", "Cohesion c", "c [kPa]", 1e-3), ("tan_phi", "Friction angle, as tan phi", "tan phi [1]", 1.0))
+"""Key, title, axis and factor to the unit of the axis."""
+_KINDS = {"one_step": "Prediction of the next second", "rollout": "Simulation of 5 s from commanded wheel rates alone"}
+
+Finding = Mapping[str, Any]
+
+
+def finding_page(finding: Finding, unsealed: str = "") -> str:
+    """The page about one finding (the content of finding.json); ``unsealed`` is what was hidden, where somebody knows it."""
+    effects = finding["effects"]
+    title = (
+        "Sizes of the effects that are named" if finding["verdict"] in {"named", "confusable"} else "The closest, which do not explain it"
+    )
+    listed, rest = _candidates(finding)
+    return page(
+        "finding.html",
+        verdict=say.verdict(finding),
+        unsealed=unsealed,
+        asked=_asked(finding),
+        where=_where(finding.get("where") or ()),
+        candidates=listed,
+        rest=rest,
+        effects=effects,
+        effects_title=title,
+        proof=_proof(finding),
+        parameters=_parameters(finding),
+        parameters_words=_PARAMETERS_WORDS,
+        apart=_apart(finding.get("isolability") or {}),
+        next=_next(finding),
+        provenance=_provenance(finding.get("provenance") or {}),
+        everything=json.dumps(finding, indent=1, ensure_ascii=False),
+    )
+
+
+_PARAMETERS_WORDS = (
+    "Where something is missing, cohesion and friction angle bend to explain it. These are the estimates of every run without "
+    "what was found and with it."
+)
+
+
+def _asked(finding: Finding) -> dict[str, Any]:
+    library = [name for name in finding["probabilities"] if name not in {"none", "unknown"} and " + " not in name]
+    told = {"rover": "", "soil": ""} | dict(finding.get("asked") or {})
+    return told | {"runs": finding["runs"], "held_out": finding["held_out"], "library": library}
+
+
+def _candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
+    """Candidates worth a line, the most probable first, and the names of the others."""
+    ranked = sorted(finding["probabilities"].items(), key=lambda pair: -pair[1])
+    listed = [
+        {"name": name, "id": name.replace(" + ", "-"), "probability": value, "sentence": say.what_it_is(name)}
+        for name, value in ranked
+        if value >= LISTED
+    ]
+    return listed, [name for name, value in ranked if value < LISTED]
+
+
+def _where(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What disagrees, in sentences; a picture for each unit, as lengths of different ones do not compare."""
+    shown = [{"number": k, "sentence": say.disagreement(each), **each} for k, each in enumerate(entries[:MOST], start=1)]
+    by_unit: dict[str, list[dict[str, Any]]] = {}
+    for each in shown:
+        by_unit.setdefault(each["unit"], []).append(each)
+    return {"sentences": [each["sentence"] for each in shown], "pictures": [_where_picture(unit, own) for unit, own in by_unit.items()]}
+
+
+def _where_picture(unit: str, entries: Sequence[Mapping[str, Any]]) -> Picture:
+    labels = [f"{each['number']}. {each['row']}: {each['signal']}" for each in entries]
+    name = f"disagreement-{entries[0]['number']}"
+    rows = tuple((label, each["region"], each["strength"], each["p"]) for label, each in zip(labels, entries, strict=True))
+    drawn = bars(name, f"How much they disagree, in {unit}", labels, [each["strength"] for each in entries], f"strength [{unit}]")
+    return dataclasses.replace(drawn, table=Table(("disagreement", "region", f"strength [{unit}]", "p"), rows))
+
+
+def _proof(finding: Finding) -> dict[str, Any]:
+    gap, proof = finding.get("gap") or {}, finding.get("proof") or {}
+    scores = proof.get("rows") or ()
+    kinds = list(dict.fromkeys(each["kind"] for each in scores))
+    overall = {kind: [each for each in scores if each["kind"] == kind and each["region"] == EVERYWHERE] for kind in kinds}
+    rollout = proof.get("rollout")
+    return {
+        "sentence": say.proof_sentence(gap, proof),
+        "gap": _gap_table(gap) if gap.get("before") is not None else None,
+        "why_not": "the finding has none" if finding["held_out"] else "no run was held out",
+        "pictures": [_scores_picture(kind, own) for kind, own in overall.items() if own],
+        "tables": [(_KINDS.get(kind, kind), _score_table([each for each in scores if each["kind"] == kind])) for kind in kinds],
+        "rollout": _rollout(rollout) if rollout else None,
+        "parameters": _halves(proof.get("parameters") or ()),
+    }
+
+
+def _rollout(rollout: Mapping[str, Any]) -> Picture:
+    series = [Series("measured", rollout["measured"], INK, "^")]
+    series += [Series(word, rollout[word], *_STYLES[word]) for word in _STYLES if rollout[word]]
+    title = f"The worst five seconds of {rollout['run']}"
+    return lines("rollout", title, rollout["time_s"], series, ("time [s]", f"{rollout['signal']} [{rollout['unit']}]"))
+
+
+def _halves(strengths: Sequence[Mapping[str, Any]]) -> list[Picture]:
+    """c and tan phi of the halves of held-out runs; the second of a pair is None where nothing was added."""
+    labels = [f"{each['run']}, {('first', 'second')[each['half']]} half" for each in strengths]
+    return [
+        points(
+            f"held-out-{key}",
+            title,
+            labels,
+            [_half_series(strengths, key, unit, k) for k in (0, 1) if strengths[0][key][k] is not None],
+            axis,
+        )
+        for key, title, axis, unit in _STRENGTHS
+        if strengths
+    ]
+
+
+def _half_series(strengths: Sequence[Mapping[str, Any]], key: str, unit: float, k: int) -> Series:
+    word = tuple(_STYLES)[k]
+    halves = [NORMAL_95 * unit * each[f"{key}_sd"][k] for each in strengths]
+    return Series(word, [unit * each[key][k] for each in strengths], *_STYLES[word], halves)
+
+
+def _gap_table(gap: Mapping[str, Any]) -> Table:
+    closed = gap.get("closed_95") or (None, None)
+    rows = (
+        ("error before [standard deviations]", gap["before"]),
+        ("error after [standard deviations]", gap["after"]),
+        ("noise floor [standard deviations]", gap["noise_floor"]),
+        ("share of the gap that is closed", gap["closed"]),
+        ("its 95 % interval, lower end", closed[0]),
+        ("its 95 % interval, upper end", closed[1]),
+    )
+    return Table(("", "value"), rows)
+
+
+def _scores_picture(kind: str, rows: Sequence[Mapping[str, Any]]) -> Picture:
+    """Errors in units of the noise floor, so that rows of different units share a picture."""
+    series = [Series(word, [_over(each, k) for each in rows], *style) for k, (word, style) in enumerate(_STYLES.items())]
+    title = _KINDS.get(kind, kind)
+    return points(f"scores-{kind}", title, [each["row"] for each in rows], series, "root mean square error over the noise floor [1]")
+
+
+def _over(row: Mapping[str, Any], k: int) -> float | None:
+    error = row["error"][k]
+    return None if error is None else error / row["noise_floor"]
+
+
+def _score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    pairs = [f"{what} {when}" for what in ("error", "NLL", "coverage") for when in ("before", "after")]
+    head = ("row and region", "unit", "noise floor", *pairs)
+    return Table(head, tuple((f"{each['row']}, {each['region']}", each["unit"], each["noise_floor"], *_pairs(each)) for each in rows))
+
+
+def _pairs(score: Mapping[str, Any]) -> Iterator[float | None]:
+    for what in ("error", "nll", "coverage"):
+        yield from score[what]
+
+
+def _parameters(finding: Finding) -> list[Picture]:
+    """c and tan phi of every run that was searched, before and after; none where nothing is named."""
+    found = finding["parameters"]
+    if finding["verdict"] not in {"named", "confusable"}:
+        return []
+    return [
+        points(
+            key,
+            title,
+            finding["runs"],
+            [Series(word, [unit * each for each in found[word][key]], *_STYLES[word]) for word in _STYLES],
+            axis,
+        )
+        for key, title, axis, unit in _STRENGTHS
+    ]
+
+
+def _apart(matrix: Mapping[str, Any]) -> dict[str, Any]:
+    names = matrix.get("names") or []
+    rows = [
+        {"name": name, "cells": [_cell(value, of_itself=i == j) for j, value in enumerate(values)]}
+        for i, (name, values) in enumerate(zip(names, matrix.get("nats") or [], strict=True))
+    ]
+    words = (
+        "If the effect of a row were the one that is missing: the evidence for it over the effect of the column that runs like these are "
+        f"expected to bring, in nat. Less than {ALIKE_NATS:g} (framed) is not told apart; the darker, the clearer."
+    )
+    return {"names": names, "rows": rows, "words": words, "not_testable": dict(matrix.get("not_testable") or {})}
+
+
+def _cell(value: float | None, *, of_itself: bool) -> dict[str, Any]:
+    if of_itself or value is None:
+        return {"value": None, "alike": False, "shade": 0.0}
+    shade = 0.45 * min(max(value, 0.0), _CLEAR_NATS) / _CLEAR_NATS
+    return {"value": value, "alike": value < ALIKE_NATS, "shade": shade}
+
+
+def _next(finding: Finding) -> dict[str, Any]:
+    otherwise = "Nothing has to be told apart." if finding["verdict"] in {"none", "named"} else "No drive was compared."
+    return {"separate_by": say.separation(finding.get("separate_by") or ""), "table": None, "otherwise": otherwise}
+
+
+def _provenance(told: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What, and its version or SHA-256."""
+    pairs = [(f"{name}, version", value) for name, value in (told.get("versions") or {}).items()]
+    pairs += [(f"{name}, SHA-256", value) for name, value in (told.get("sha256") or {}).items()]
+    return pairs + [(f"run {name}, SHA-256", value) for name, value in told.get("runs_sha256") or ()]

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a finding says, in words that need no other reading."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from terrain_estimator.pages.numbers import chance, interval, number, probability, words
+from terramechanics.effects import EFFECTS
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer on top of the page."""
+
+    name: str
+    sign: str
+    headline: str
+    sentence: Markup
+
+
+_SIGNS = {"none": "✓", "named": "●", "confusable": "≈", "unknown": "?"}
+
+
+def verdict(finding: Mapping[str, Any]) -> Verdict:
+    """The verdict; a name that is none of the four is an error."""
+    name = finding["verdict"]
+    headline, sentence = {"none": _none, "named": _named, "confusable": _confusable, "unknown": _unknown}[name](finding)
+    return Verdict(name, _SIGNS[name], headline, sentence)
+
+
+def what_it_is(name: str) -> str:
+    """The physics of a candidate in a sentence; of several together one after the other."""
+    special = {"none": "Nothing is missing.", "unknown": "Something is missing that is not among the considered effects."}
+    return special.get(name) or " ".join(EFFECTS[part].sentence for part in name.split(" + ") if part in EFFECTS)
+
+
+def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
+    sure = probability(finding["probabilities"]["none"])
+    sentence = Markup(
+        "The model explains these runs as well as their noise allows (probability {}). "
+        "An effect that is too small to show here is not excluded."
+    )
+    return "Nothing is missing that these runs show", sentence.format(sure)
+
+
+def _named(finding: Mapping[str, Any]) -> tuple[str, Markup]:
+    effects = finding["effects"]
+    names = [each["name"] for each in effects]
+    sizes = Markup("; ").join(_size(each) for each in effects)
+    sure = probability(effects[0]["probability"])
+    sentence = Markup("{} Its size: {}. Probability {}.") if len(effects) == 1 else Markup("{} Their sizes: {}. Probability {}.")
+    return f"The model lacks {words(names)}", sentence.format(" ".join(what_it_is(each) for each in names), sizes, sure)
+
+
+def _confusable(finding: Mapping[str, Any]) -> tuple[str, Markup]:
+    names = alternatives(finding)
+    sentence = Markup("Something is missing, and these runs cannot tell which of {} it is: {}. Each would explain them about as well.")
+    listed = Markup("; ").join(Markup("{} ({})").format(_size(each), probability(each["probability"])) for each in finding["effects"])
+    return f"The model lacks {words(names, 'or')}", sentence.format(len(names), listed)
+
+
+def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
+    closest = words(alternatives(finding))
+    sentence = Markup("Something is missing, and no effect that was considered explains enough of it{} (probability of that {}).")
+    nearest = f"; closest comes {closest}" if closest else ""
+    if (finding.get("proof") or {}).get("effect"):
+        sentence = Markup("Something is missing{} (probability of that {}).")
+        nearest = f". In the runs that were searched {closest} explains it, but not in those that were held out"
+    return "Something is missing, and it has no name here", sentence.format(nearest, probability(finding["probabilities"]["unknown"]))
+
+
+def alternatives(finding: Mapping[str, Any]) -> list[str]:
+    """Names between which a confusable verdict leaves the choice."""
+    return list(dict.fromkeys(each["name"] for each in finding["effects"]))
+
+
+def _size(effect: Mapping[str, Any]) -> Markup:
+    return Markup("{} {}").format(effect["name"], interval(effect["coefficient"], effect["sd"], effect["unit"]))
+
+
+def disagreement(entry: Mapping[str, Any]) -> str:
+    """Where a row and the model disagree."""
+    if entry.get("sentence"):
+        return f"{entry['sentence'][0].upper()}{entry['sentence'][1:]}."
+    region = f", {entry['region']}" if entry["region"] else ""
+    return f"{entry['row']} row, {entry['signal']}{region}: {entry['strength']:.2g} {entry['unit']} (p {chance(entry['p']).striptags()})."
+
+
+def proof_sentence(gap: Mapping[str, Any], proof: Mapping[str, Any]) -> Markup:
+    """What the held-out runs say; empty where they were not asked."""
+    if gap.get("before") is None:
+        return Markup("")
+    before, after, floor = (number(gap[key]) for key in ("before", "after", "noise_floor"))
+    if gap["after"] is None:
+        return Markup(
+            "Runs that were held out are predicted with an error of {} standard deviations of what the model expects; "
+            "{} is the noise floor."
+        ).format(before, floor)
+    sentence = Markup(
+        "With it, runs that were held out are predicted with an error of {} instead of {} standard deviations of what the model expects; "
+        "{} is the noise floor."
+    ).format(after, before, floor)
+    if gap.get("closed") is not None:
+        limits = [_percent(each) for each in gap.get("closed_95") or ()]
+        sentence += Markup(" That closes {} of the gap").format(_percent(gap["closed"]))
+        sentence += Markup(" (95 % interval {} to {}).").format(*limits) if limits else Markup(".")
+    return sentence + _decision(proof)
+
+
+def _decision(proof: Mapping[str, Any]) -> str:
+    if "added" not in proof:
+        return ""
+    if proof["added"]:
+        return f" The improvement is more than chance: {proof['effect']} is added to the model."
+    return f" That may be chance: {proof['effect']} is not added to the model."
+
+
+def _percent(share: float) -> Markup:
+    return Markup('<data value="{}">{:.0f} %</data>').format(repr(float(share)), 100.0 * share)
+
+
+def separation(text: str) -> Sequence[str]:
+    """The manoeuvres of ``separate_by``, one a sentence."""
+    return [part.strip().rstrip(".") + "." for part in text.split(". ") if part.strip()]

@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers as people read them. Each stands in a ``<data>`` element whose value is the number in full."""
+
+import math
+from collections.abc import Sequence
+
+from markupsafe import Markup
+
+DIGITS = 3
+"""Significant digits where no deviation says how many mean something."""
+NORMAL_95 = 1.959964
+"""Half width of the 95 % interval of a Gaussian, in deviations."""
+_ABSENT = Markup('<span class="absent">not known</span>')
+
+
+def number(value: float | None, unit: str = "", digits: int = DIGITS) -> Markup:
+    """A number with its unit; None where it is not known."""
+    if value is None or not math.isfinite(value):
+        return _ABSENT
+    return _data(value, _shown(value, digits)) + _unit(unit)
+
+
+def interval(mean: float, sd: float, unit: str = "") -> Markup:
+    """Mean with the deviation's own number of digits, and the 95 % interval of a Gaussian."""
+    places = _places(sd)
+    low, high = (_fixed(mean + side * NORMAL_95 * sd, places) for side in (-1.0, 1.0))
+    shown = Markup("{} ± {}").format(_data(mean, _fixed(mean, places)), _data(sd, _fixed(sd, places)))
+    return shown + _unit(unit) + Markup(' <span class="range">(95 % interval {} to {})</span>').format(low, high)
+
+
+def probability(value: float) -> Markup:
+    """In percent; what is all but sure is not rounded to certain."""
+    percent = 100.0 * value
+    shown = "< 0.1 %" if percent < 0.1 else "> 99.9 %" if percent > 99.9 else f"{percent:.1f} %"
+    return _data(value, shown)
+
+
+def chance(value: float) -> Markup:
+    """A p value."""
+    return _data(value, "< 1e-6" if value < 1e-6 else f"{value:.2g}")
+
+
+def words(items: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return f" {last} ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
+
+
+def _data(value: float, shown: str) -> Markup:
+    return Markup('<data value="{}">{}</data>').format(
+        repr(float(value)), shown.replace("-", "\N{MINUS SIGN}") if shown[0] == "-" else shown
+    )
+
+
+def _unit(unit: str) -> Markup:
+    return Markup("&nbsp;{}").format(unit) if unit not in {"", "1"} else Markup("")
+
+
+def _shown(value: float, digits: int) -> str:
+    """Significant digits without an exponent where a person would write none."""
+    if value == 0.0 or not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits}g}"
+    return _fixed(value, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
+
+
+def _places(sd: float) -> int:
+    """Decimal places that show two digits of a deviation."""
+    return max(0, 1 - math.floor(math.log10(sd))) if sd > 0.0 else DIGITS
+
+
+def _fixed(value: float, places: int) -> str:
+    return f"{value:.{places}f}"

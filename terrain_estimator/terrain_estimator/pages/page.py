@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fills the templates."""
+
+from functools import cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from terrain_estimator.pages import numbers
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("terrain_estimator.pages", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "number": numbers.number,
+        "interval": numbers.interval,
+        "probability": numbers.probability,
+        "chance": numbers.chance,
+        "words": numbers.words,
+    }
+    return environment
+
+
+def page(template: str, **values: object) -> str:
+    """The text of the HTML page that ``template`` makes of ``values``; a value that is not given is an error."""
+    return _environment().get_template(template).render(values)

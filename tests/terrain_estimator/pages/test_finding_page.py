@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report as text; test_in_browser.py opens it."""
+
+import re
+
+import pytest
+from jinja2 import UndefinedError
+
+from terrain_estimator.pages import page
+from terrain_estimator.pages.finding import finding_page
+from tests.terrain_estimator.pages.findings import finding, report
+
+
+def test_the_same_finding_gives_the_same_page() -> None:
+    assert report("named") == finding_page(finding("named"))
+
+
+@pytest.mark.parametrize("verdict", ["none", "named", "confusable", "unknown"])
+def test_the_report_names_no_outside_address(verdict: str) -> None:
+    text = report(verdict)
+    assert re.findall(r"""(?:src|href)=["'](?![#"']|data:,)|url\((?!#)|@import|<script|//[a-z]+\.[a-z]""", text) == []
+
+
+@pytest.mark.parametrize(
+    ("verdict", "headline"),
+    [
+        ("none", "Nothing is missing that these runs show"),
+        ("named", "The model lacks drive_drag"),
+        ("confusable", "The model lacks drive_drag or coulomb_drag"),
+        ("unknown", "Something is missing, and it has no name here"),
+    ],
+)
+def test_the_headline_says_the_verdict_in_words(verdict: str, headline: str) -> None:
+    text = report(verdict)
+    assert f"<h1>{headline}</h1>" in text
+    assert f"<title>{headline}</title>" in text
+
+
+def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
+    bare = finding("named")
+    for key in ("proof", "isolability", "asked", "provenance"):
+        del bare[key]
+    bare |= {"gap": dict.fromkeys(("before", "after", "noise_floor", "closed", "closed_95")), "held_out": []}
+    text = finding_page(bare)
+    assert "There is no proof on held-out runs: no run was held out." in text
+    assert "No matrix was computed for these runs." in text
+    assert "The finding does not say what it was made from." in text
+    whole = report("named")
+    assert not re.search("There is no proof|No matrix was|does not say what", whole)
+
+
+def test_what_was_hidden_stands_on_the_page_only_where_somebody_says_it() -> None:
+    assert "What was hidden" not in report("named")
+    assert "What was hidden" in finding_page(finding("named"), "A shear-thinning grease.")
+
+
+def test_names_of_runs_are_text_and_never_markup_or_formulas() -> None:
+    hostile = "<script>alert(1)</script>$x"
+    given = finding("named")
+    given["runs"][0] = hostile
+    text = finding_page(given)
+    assert "<script" not in text
+    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;$x") >= 3  # in the list, in a picture and in its table
+
+
+def test_a_value_that_a_template_wants_and_does_not_get_is_an_error() -> None:
+    with pytest.raises(UndefinedError, match="verdict"):
+        page("finding.html")
