@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.observation import Floats, Observation
+from terramechanics.sensors import Measurement
+from terramechanics.simulation import TIME_STEP
 
 AXLE_FIELDS = (
     "slip",
@@ -83,3 +85,15 @@ def pack(observation: Observation, torque: Floats, step_s: float, *, linked: boo
         1.0 if linked else 0.0,
     )
     return torch.tensor(values, dtype=torch.float64)
+
+
+def pack_measurement(measurement: Measurement) -> Tensor:
+    """Packed observations [batch, time, 8 A + 9] of a batch of drives; every one is linked to the one before."""
+    groups = torch.stack([getattr(measurement, name) for name in AXLE_FIELDS], dim=2)
+    batch, time = measurement.velocity.shape
+    names = ("velocity", "velocity_sd", "pitch", "pitch_sd", "acceleration", "acceleration_sd", "bogie_angle")
+    scalars = [getattr(measurement, name).expand(batch, time) for name in names]
+    step = torch.full((batch, time), TIME_STEP, dtype=torch.float64)
+    linked = torch.ones(batch, time, dtype=torch.float64)
+    linked[:, 0] = 0.0
+    return torch.cat([groups.flatten(2), torch.stack([*scalars, step, linked], dim=2)], dim=2)

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from terrain_estimator.learning.batched import Trace, run
 from terrain_estimator.learning.restore import physics_alone
-from terrain_estimator.learning.tasks import pack_measurement
+from terrain_estimator.packing import pack_measurement
 from terramechanics.sensors import Measurement
 from terramechanics.soil import load_soil
 from tests.hidden.cases import DRIVES, EACH, Plan, Simulated, drive_ends, simulate_cases

@@ -21,7 +21,7 @@ from torch import Tensor
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.discovery import Blocks, Nominal, Run, RunError, Study, cut, nominal_of, testable
 from terrain_estimator.discovery.calibration import Sample, sample, thresholds
-from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.library import TYPICAL, Hypothesis
 from terrain_estimator.discovery.parts import Part
 from terrain_estimator.discovery.verdict import Gains
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
@@ -35,13 +35,8 @@ from terramechanics.soil import load_soil
 
 SOILS = ("loose_sand", "regolith")
 DRIVES, SECONDS = 5, 60.0
-SIZES = {
-    "slope_bias": 0.02, "bulldozing": 6000.0, "drive_drag": 0.2, "coulomb_drag": 0.27, "payload": 15.0, "grousers": 4.0,
-    "slip_sinkage": 0.1, "multipass": 0.12, "odometry_scale": 0.012, "failed_wheel": 0.7, "sinkage_bias": 0.0025, "latency": 0.25,
-    "rate_dependence": 0.15, "exit_angle": 0.02,
-}  # fmt: skip
-"""Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover; halved and doubled in turn."""
 FACTORS = (1.0, 0.5, 2.0)
+"""[1] Of the typical size, in turn."""
 VARIATION, PERIOD = 0.4, 40.0
 """[1], [s] By which a size swings about its nominal one in the course of a drive, with a phase of its own in every drive."""
 
@@ -105,9 +100,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
     """The soil and the runs of case ``k``: five drives, the effect the same in all."""
-    generator = torch.Generator().manual_seed(seed + k + 1000 * (1 + list(SIZES).index(truth) if truth else 0))
+    generator = torch.Generator().manual_seed(seed + k + 1000 * (1 + list(TYPICAL).index(truth) if truth else 0))
     rover, name = load_rover("mars_rover"), SOILS[k % len(SOILS)]
-    size = SIZES[truth] * FACTORS[k // len(SOILS) % len(FACTORS)] if truth else 0.0
+    size = TYPICAL[truth] * FACTORS[k // len(SOILS) % len(FACTORS)] if truth else 0.0
     ground = random_ground(load_soil(name), DRIVES, generator)
     phase = 2.0 * math.pi * torch.rand(DRIVES, generator=generator, dtype=torch.float64)
     plant = Swinging(truth, size, k % rover.axles, phase) if truth else None

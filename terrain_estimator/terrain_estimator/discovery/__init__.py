@@ -7,7 +7,7 @@
     candidates = search(study, singles(), say)                             # each named effect, the most probable first
     study.with_discrepancy(candidates[0])                                  # what is left beside it, whatever it is
     finding = investigate(study, singles(), thresholds, say)               # all of it, and the verdict
-    diagnosis = diagnose(study, singles(), finding, say)                   # where it disagrees
+    diagnosis = diagnose(study, singles(), finding, say)                   # where it disagrees, what these runs can tell apart
     proof = prove(nominal, finding.best, held_out)                         # does it help on runs that it has not seen?
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
@@ -18,6 +18,7 @@
 - ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
 - ``where``: rows against regions of signals (``regions``) on the innovations of a fit (``whitening``).
+- ``isolability``: which effects the runs can tell apart, by expected log Bayes factors (``expected``).
 - ``proof``: the model with the effect against the one without, on runs that neither has seen. ``held_out``, ``one_step``,
   ``scores``, ``resampling``: its steps.
 - ``separation``: what would tell confusable effects apart.

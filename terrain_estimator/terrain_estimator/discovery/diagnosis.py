@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from terrain_estimator.discovery.finding import Finding
+from terrain_estimator.discovery.isolability import Isolability, isolability
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.search import Progress, Study
+from terrain_estimator.discovery.verdict import Verdict
 from terrain_estimator.discovery.where import Disagreement, disagreements
-from terramechanics.effects import EFFECTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,19 +19,22 @@ class Diagnosis:
     """Beside a Finding."""
 
     where: tuple[Disagreement, ...]
+    isolability: Isolability
 
     def plain(self) -> dict[str, Any]:
         """As parts of finding.json."""
-        sideways = {name: "it acts sideways, which a planar rover does not show" for name, each in EFFECTS.items() if each.make is None}
+        nats = [[round(each, 1) for each in row] for row in self.isolability.nats.tolist()]
         return {
             "where": [asdict(each) for each in self.where],
-            "isolability": {"names": [], "nats": [], "not_testable": sideways},
+            "isolability": {"names": list(self.isolability.names), "nats": nats, "not_testable": self.isolability.not_testable},
             "next_drives": [],
         }
 
 
 def diagnose(study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, say: Progress) -> Diagnosis:
     """Look at the runs of ``study`` after the verdict."""
-    del hypotheses, finding
     say(0.95, "where it disagrees")
-    return Diagnosis(tuple(disagreements(study)))
+    found = tuple(disagreements(study))
+    say(0.97, "what these runs can tell apart")
+    around = study.nothing if finding.judgement.verdict is Verdict.NONE else finding.best
+    return Diagnosis(found, isolability(study, hypotheses, around))

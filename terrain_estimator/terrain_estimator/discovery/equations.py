@@ -153,6 +153,14 @@ class RunEquations:
             hessian, gradient, misfit, known, residual, factor, covariance, present, self._blocks.ends, excess, jacobian, int(present.sum())
         )
 
+    def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], away: Tensor) -> Tensor:
+        """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's mark."""
+        count = self._blocks.packed.shape[0]
+        rows = self._laws.rows(Place(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False)
+        average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
+        theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
+        return average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
+
     def _moved(self, noise: Tensor, error: Tensor) -> Tensor:
         count = self._blocks.packed.shape[0]
         return (_block_shape(noise, count, 0) @ error.transpose(-1, -2)).squeeze(-1)

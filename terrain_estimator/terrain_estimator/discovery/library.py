@@ -12,6 +12,12 @@ from terramechanics.effects import EFFECTS, describe
 from terramechanics.loading import ConfigError
 
 AXLES = 3
+TYPICAL = {
+    "slope_bias": 0.02, "bulldozing": 6000.0, "drive_drag": 0.2, "coulomb_drag": 0.27, "payload": 15.0, "grousers": 4.0,
+    "slip_sinkage": 0.1, "multipass": 0.12, "odometry_scale": 0.012, "failed_wheel": 0.7, "sinkage_bias": 0.0025, "latency": 0.25,
+    "rate_dependence": 0.15, "exit_angle": 0.02,
+}  # fmt: skip
+"""Sizes at which the named effects spoil the estimate of the ground on the Mars-like rover."""
 _START = 0.02
 """[1] Share of its range at which the search for the size of a one-sided effect begins."""
 _STEP = 0.01
@@ -45,6 +51,10 @@ class Hypothesis:
             bounds += [(-4.0 * each.sd, 4.0 * each.sd, each.sd, _STEP * each.sd) for each in part.beside]
         table = torch.tensor(bounds, dtype=torch.float64).view(-1, 4)
         return Shared(table[:, 0], table[:, 1], table[:, 2], tuple(table[:, 3].tolist()))
+
+    def typical(self) -> tuple[float, ...]:
+        """Values of effects of typical size, in those that the fit moves."""
+        return tuple(value for part in self.parts for value in (part.value(TYPICAL[part.name]), *(0.0 for _ in part.beside)))
 
     def start(self) -> list[float]:
         """Values at which the search begins: 0, or a little inside of a one-sided range."""

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.equations import Equations, Unknowns, places
+from terrain_estimator.discovery.equations import Equations, Unknowns
+from terrain_estimator.discovery.expected import own_columns
 from terrain_estimator.discovery.fit import own_prior
 from terrain_estimator.gaussian import cholesky
 
@@ -34,17 +35,11 @@ class Whitening:
         return torch.linalg.solve_triangular(self.factor, there, upper=False).view(blocks, count, columns)
 
 
-def whitening(equations: Equations, unknowns: Unknowns, excess: Tensor | None = None) -> Whitening:
-    """For the rows at these ``equations``; ``excess`` [Q] is the variance beyond the sensors' noise, the fit's own where it is None."""
-    blocks, count = equations.residual.shape
-    local = 5 + unknowns.kappa.shape[0]
-    index = places(blocks, local - 2, equations.ends, 0)
+def whitening(equations: Equations, unknowns: Unknowns) -> Whitening:
+    """For the rows at these ``equations``."""
     _, precision = own_prior(unknowns)
-    own = torch.zeros(blocks, count, precision.shape[0], dtype=torch.float64)
-    own.scatter_add_(2, index.unsqueeze(1).expand(-1, count, -1), equations.jacobian[..., :local])
-    own = own.reshape(blocks * count, -1)
-    variance = equations.excess if excess is None else excess
-    noise = equations.covariance + torch.diag_embed(variance * equations.present)
+    own = own_columns(equations, unknowns).flatten(0, 1)
+    noise = equations.covariance + torch.diag_embed(equations.excess * equations.present)
     covariance = torch.block_diag(*noise.unbind()) + (own / precision) @ own.T  # type: ignore[no-untyped-call]
     return Whitening(cholesky(covariance), own, equations.present)
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from terrain_estimator.packing import AXLE_FIELDS
+from terrain_estimator.packing import AXLE_FIELDS, pack_measurement
 from terramechanics.ground import Ground, Patch
 from terramechanics.plant import Plant
 from terramechanics.rover import Rover
 from terramechanics.sample import Drive, Sample
-from terramechanics.sensors import Measurement, Noise, measure_drive
+from terramechanics.sensors import Noise, measure_drive
 from terramechanics.simulation import TIME_STEP, simulate
 from terramechanics.soil import Soil
 
@@ -82,18 +82,6 @@ def random_ground(
     error = 2.0 * torch.rand(batch, 6, generator=generator, dtype=torch.float64) - 1.0
     constants = soil.constants() * (1.0 + spread * error)
     return Ground([Patch(constants, torch.stack([cohesion, torch.tan(angle)], 1), name=soil.name)])
-
-
-def pack_measurement(measurement: Measurement) -> Tensor:
-    """Packed observations [batch, time, 8 A + 9] of a batch of drives; every one is linked to the one before."""
-    groups = torch.stack([getattr(measurement, name) for name in AXLE_FIELDS], dim=2)
-    batch, time = measurement.velocity.shape
-    names = ("velocity", "velocity_sd", "pitch", "pitch_sd", "acceleration", "acceleration_sd", "bogie_angle")
-    scalars = [getattr(measurement, name).expand(batch, time) for name in names]
-    step = torch.full((batch, time), TIME_STEP, dtype=torch.float64)
-    linked = torch.ones(batch, time, dtype=torch.float64)
-    linked[:, 0] = 0.0
-    return torch.cat([groups.flatten(2), torch.stack([*scalars, step, linked], dim=2)], dim=2)
 
 
 def draw_tasks(

@@ -33,7 +33,8 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags:
     assert {entry["row"] for entry in finding["where"]} <= set(row_names(3))
     assert {"row", "signal", "region", "strength", "unit", "p", "runs", "sentence"} == set(finding["where"][0])
     assert any(entry["row"].startswith("torque") and entry["p"] < 0.01 for entry in finding["where"])
-    assert "lateral_bulldozing" in finding["isolability"]["not_testable"]
+    assert "sideways" in finding["isolability"]["not_testable"]["lateral_bulldozing"]
+    assert len(finding["isolability"]["nats"]) == len(finding["isolability"]["names"])
     assert len(finding["runs"]) == 3
     assert len(finding["held_out"]) == 1
     assert not set(finding["runs"]) & set(finding["held_out"])

@@ -22,7 +22,7 @@ from scipy.stats import binomtest
 from terrain_estimator.cli.find_missing_effect import read_thresholds
 from terrain_estimator.discovery import Finding, Run, Study, cut, investigate, nominal_of, singles
 from terrain_estimator.discovery.verdict import Verdict
-from terrain_estimator.learning.tasks import pack_measurement
+from terrain_estimator.packing import pack_measurement
 from terramechanics.rover import Rover
 from terramechanics.sensors import Measurement
 from terramechanics.simulation import TIME_STEP

@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Two short drives whose missing effect is known, for the tests of the discovery."""
+
+from functools import cache
+
+import torch
+
+from terrain_estimator.discovery import Run, Study, cut, nominal_of
+from terrain_estimator.learning.tasks import measure_tasks
+from terramechanics.effects import make_effect
+from terramechanics.ground import Ground, Patch
+from terramechanics.plant import Plant
+from terramechanics.rover import load_rover
+from terramechanics.sensors import Noise
+from terramechanics.simulation import simulate
+from terramechanics.soil import load_soil
+
+MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
+SIZES = {"drive_drag": 0.5, "slope_bias": 0.01}
+
+
+@cache
+def drives(name: str) -> tuple[Run, ...]:
+    """Two drives of 25 s with the soil constants as in the file."""
+    generator = torch.Generator().manual_seed(41)
+    strength = torch.tensor([[2500.0, 0.6], [1500.0, 0.7]], dtype=torch.float64)
+    plant = Plant([make_effect(name, SIZES[name])]) if name else None
+    drive = simulate(MARS, Ground([Patch(LOOSE.constants(), strength)]), "S1", 25.0, generator, 2, plant=plant)
+    packed = measure_tasks(drive, Noise(), generator).measured
+    time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
+    return tuple(Run(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(2))
+
+
+@cache
+def study(name: str) -> Study:
+    nominal = nominal_of(MARS, LOOSE)
+    with torch.inference_mode():
+        return Study(nominal, [cut(run, nominal.contact) for run in drives(name)])

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Expected log Bayes factors against their closed form, and which effects two known drives can tell apart."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from terrain_estimator.discovery import singles
+from terrain_estimator.discovery.expected import Stage, loss
+from terrain_estimator.discovery.isolability import isolability
+from tests.terrain_estimator.discovery.known import study
+
+BLOCKS, ROWS, OWN = 30, 3, 4
+
+
+def stage() -> Stage:
+    generator = torch.Generator().manual_seed(3)
+    mixing = torch.randn(BLOCKS, ROWS, ROWS, generator=generator, dtype=torch.float64)
+    noise = mixing @ mixing.transpose(1, 2) + torch.eye(ROWS, dtype=torch.float64)
+    own = torch.randn(BLOCKS, ROWS, OWN, generator=generator, dtype=torch.float64)
+    return Stage(noise, torch.ones(BLOCKS, ROWS, dtype=torch.float64), own, torch.full((OWN,), 0.5, dtype=torch.float64))
+
+
+def table(columns: int) -> Tensor:
+    return torch.randn(BLOCKS, ROWS, columns, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
+
+
+def test_a_small_mark_gains_half_its_square_under_the_rows_covariance_with_the_own_unknowns_marginalised() -> None:
+    place, mark = stage(), 0.1 * table(1)
+    own = place.own.flatten(0, 1)
+    noise = torch.block_diag(*place.covariance)  # type: ignore[no-untyped-call]
+    marginal = noise + own @ torch.diag(1.0 / place.precision) @ own.T
+    flat = mark.flatten()
+    assert loss([place], [mark], None).nats == pytest.approx(float(0.5 * flat @ torch.linalg.solve(marginal, flat)), rel=0.02)
+
+
+def test_a_large_mark_counts_as_noise_and_gains_with_its_logarithm() -> None:
+    place, mark = stage(), table(1)
+    ten, hundred = (loss([place], [factor * mark], None).nats for factor in (100.0, 1000.0))
+    assert hundred - ten == pytest.approx(BLOCKS * ROWS * 2.302585, rel=0.1)
+
+
+def test_an_effect_with_the_same_mark_explains_it_at_a_size_in_its_range_alone() -> None:
+    place = stage()
+    double = torch.cat([2.0 * table(1), table(1)], 2)
+    assert loss([place], [double], (0.0, 5.0)).nats < 0.5
+    assert loss([place], [double], (0.0, 1.0)).nats == pytest.approx(loss([place], [table(1)], None).nats, rel=0.05)
+    assert loss([place], [double], (-5.0, 0.0)).nats == pytest.approx(loss([place], [2.0 * table(1)], None).nats, rel=0.05)
+
+
+def test_what_another_run_holds_counts_with_the_same_size() -> None:
+    place = stage()
+    mark, other = table(2)[..., :1], table(2)[..., 1:]
+    alike, opposite = torch.cat([mark, mark], 2), torch.cat([mark, -mark], 2)
+    assert loss([place, place], [alike, alike], (-5.0, 5.0)).nats < 0.5
+    both = loss([place, place], [alike, opposite], (-5.0, 5.0)).nats
+    assert both > loss([place], [mark], None).nats
+    assert loss([place], [torch.cat([mark, other], 2)], (-5.0, 5.0)).nats > 1.0
+
+
+def test_drags_are_nearest_to_each_other_and_what_a_planar_rover_cannot_show_is_named() -> None:
+    with torch.inference_mode():
+        found = isolability(study(""), singles(("drive_drag", "coulomb_drag", "slope_bias")), study("").nothing)
+    assert found.nearest("drive_drag") == "coulomb_drag"
+    assert found.nearest("coulomb_drag") == "drive_drag"
+    i, j = found.names.index("drive_drag"), found.names.index("slope_bias")
+    assert found.nats[i, j] > 0.5 * found.nats[i, i] > 10.0
+    assert "sideways" in found.not_testable["lateral_bulldozing"]
