@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo test lint train accuracy net paper calibrate bench pages workspace environment clean
+.PHONY: help demo discover test lint train accuracy net paper calibrate bench pages workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -12,6 +12,9 @@ help:  ## this list
 
 demo: workspace  ## drive, estimate, record and replay in one go; results in out/demo
 	ros2_ws/bin/ros2 run terrain_estimator demo $(ARGS)
+
+discover: workspace  ## hide an effect in a simulated rover, find it blind, unseal, open the report; results in out/discover
+	ros2_ws/with python -m tests.terrain_estimator.discovery.discover $(ARGS)
 
 test: workspace  ## all tests
 	ros2_ws/with python -m pytest $(ARGS)

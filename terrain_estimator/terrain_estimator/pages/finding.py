@@ -5,6 +5,7 @@
 import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from terrain_estimator.pages import finding_words as say
@@ -31,9 +32,16 @@ _KINDS = {"one_step": "Prediction of the next second", "rollout": "Simulation of
 Finding = Mapping[str, Any]
 
 
-def finding_page(finding: Finding, unsealed: str = "") -> str:
+@dataclass(frozen=True, slots=True)
+class Unsealed:
+    """What was hidden in simulated runs, known only after the verdict."""
+
+    sentence: str
+    strengths: Mapping[str, Mapping[str, float]]  # cohesion_pa and tan_phi by the name of the run
+
+
+def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
     """The page about one finding (the content of finding.json); ``unsealed`` is what was hidden, where somebody knows it."""
-    effects = finding["effects"]
     title = (
         "Sizes of the effects that are named" if finding["verdict"] in {"named", "confusable"} else "The closest, which do not explain it"
     )
@@ -46,10 +54,10 @@ def finding_page(finding: Finding, unsealed: str = "") -> str:
         where=_where(finding.get("where") or ()),
         candidates=listed,
         rest=rest,
-        effects=effects,
+        effects=finding["effects"],
         effects_title=title,
         proof=_proof(finding),
-        parameters=_parameters(finding),
+        parameters=_parameters(finding, unsealed),
         parameters_words=_PARAMETERS_WORDS,
         apart=_apart(finding.get("isolability") or {}),
         next=_next(finding),
@@ -83,7 +91,7 @@ def _candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
 
 def _where(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What disagrees, in sentences; a picture for each unit, as lengths of different ones do not compare."""
-    shown = [{"number": k, "sentence": say.disagreement(each), **each} for k, each in enumerate(entries[:MOST], start=1)]
+    shown = [{**each, "number": k, "sentence": say.disagreement(each)} for k, each in enumerate(entries[:MOST], start=1)]
     by_unit: dict[str, list[dict[str, Any]]] = {}
     for each in shown:
         by_unit.setdefault(each["unit"], []).append(each)
@@ -91,11 +99,16 @@ def _where(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _where_picture(unit: str, entries: Sequence[Mapping[str, Any]]) -> Picture:
-    labels = [f"{each['number']}. {each['row']}: {each['signal']}" for each in entries]
+    labels = [f"{each['number']}. {each['row']}: {_place(each)}" for each in entries]
     name = f"disagreement-{entries[0]['number']}"
     rows = tuple((label, each["region"], each["strength"], each["p"]) for label, each in zip(labels, entries, strict=True))
     drawn = bars(name, f"How much they disagree, in {unit}", labels, [each["strength"] for each in entries], f"strength [{unit}]")
     return dataclasses.replace(drawn, table=Table(("disagreement", "region", f"strength [{unit}]", "p"), rows))
+
+
+def _place(entry: Mapping[str, Any]) -> str:
+    """The signal; where a row disagrees whatever the signals are, the region says it."""
+    return str(entry["region"] if entry["signal"] in {"none", "wheel"} else entry["signal"])
 
 
 def _proof(finding: Finding) -> dict[str, Any]:
@@ -180,21 +193,18 @@ def _pairs(score: Mapping[str, Any]) -> Iterator[float | None]:
         yield from score[what]
 
 
-def _parameters(finding: Finding) -> list[Picture]:
-    """c and tan phi of every run that was searched, before and after; none where nothing is named."""
-    found = finding["parameters"]
-    if finding["verdict"] not in {"named", "confusable"}:
+def _parameters(finding: Finding, unsealed: Unsealed | None) -> list[Picture]:
+    """c and tan phi of every run that was searched: before, after where something is named, and the truth where somebody knows it."""
+    found, words = finding["parameters"], tuple(_STYLES) if finding["verdict"] in {"named", "confusable"} else ("before",)
+    if len(words) == 1 and unsealed is None:
         return []
-    return [
-        points(
-            key,
-            title,
-            finding["runs"],
-            [Series(word, [unit * each for each in found[word][key]], *_STYLES[word]) for word in _STYLES],
-            axis,
-        )
-        for key, title, axis, unit in _STRENGTHS
-    ]
+    pictures = []
+    for key, title, axis, unit in _STRENGTHS:
+        series = [Series(word, [unit * each for each in found[word][key]], *_STYLES[word]) for word in words]
+        if unsealed is not None:
+            series.append(Series("truth", [unit * unsealed.strengths[run][key] for run in finding["runs"]], INK, "D"))
+        pictures.append(points(key, title, finding["runs"], series, axis))
+    return pictures
 
 
 def _apart(matrix: Mapping[str, Any]) -> dict[str, Any]:

@@ -49,22 +49,29 @@ def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
 
 def _named(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     effects = finding["effects"]
-    names = [each["name"] for each in effects]
     sizes = Markup("; ").join(_size(each) for each in effects)
-    sure = probability(effects[0]["probability"])
-    sentence = Markup("{} Its size: {}. Probability {}.") if len(effects) == 1 else Markup("{} Their sizes: {}. Probability {}.")
-    return f"The model lacks {words(names)}", sentence.format(" ".join(what_it_is(each) for each in names), sizes, sure)
+    sentence = Markup("{} {}: {}. Probability {}.").format(
+        " ".join(what_it_is(each["name"]) for each in effects),
+        "Its size" if len(effects) == 1 else "Their sizes",
+        sizes,
+        probability(effects[0]["probability"]),
+    )
+    return f"The model lacks {words([each['name'] for each in effects])}", sentence
 
 
 def _confusable(finding: Mapping[str, Any]) -> tuple[str, Markup]:
-    names = alternatives(finding)
-    sentence = Markup("Something is missing, and these runs cannot tell which of {} it is: {}. Each would explain them about as well.")
-    listed = Markup("; ").join(Markup("{} ({})").format(_size(each), probability(each["probability"])) for each in finding["effects"])
+    each_way = alternatives(finding)
+    listed = Markup("; ").join(
+        Markup("{} (probability {})").format(Markup(" with ").join(map(_size, effects)), probability(effects[0]["probability"]))
+        for effects in each_way
+    )
+    sentence = Markup("Something is missing, and these runs cannot tell which of {} it is: {}. Each explains them about as well.")
+    names = [" with ".join(each["name"] for each in effects) for effects in each_way]
     return f"The model lacks {words(names, 'or')}", sentence.format(len(names), listed)
 
 
 def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
-    closest = words(alternatives(finding))
+    closest = words([each["name"] for each in finding["effects"]])
     sentence = Markup("Something is missing, and no effect that was considered explains enough of it{} (probability of that {}).")
     nearest = f"; closest comes {closest}" if closest else ""
     if (finding.get("proof") or {}).get("effect"):
@@ -73,9 +80,11 @@ def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     return "Something is missing, and it has no name here", sentence.format(nearest, probability(finding["probabilities"]["unknown"]))
 
 
-def alternatives(finding: Mapping[str, Any]) -> list[str]:
-    """Names between which a confusable verdict leaves the choice."""
-    return list(dict.fromkeys(each["name"] for each in finding["effects"]))
+def alternatives(finding: Mapping[str, Any]) -> list[list[Mapping[str, Any]]]:
+    """The effects of each hypothesis that a finding leaves open; several in one where they act together."""
+    rest = list(finding["effects"])
+    others = [label.count(" + ") + 1 for label in finding["confusable_with"]]
+    return [[rest.pop(0) for _ in range(count)] for count in (len(rest) - sum(others), *others) if count]
 
 
 def _size(effect: Mapping[str, Any]) -> Markup:

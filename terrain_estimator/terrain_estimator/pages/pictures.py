@@ -15,6 +15,7 @@ import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 WIDTH_INCH = 4.6
 """About a phone's width at the size of its text; wider screens enlarge it by half at most."""
@@ -146,6 +147,7 @@ def _rows(labels: Sequence[str], axis: str) -> tuple[Figure, Axes]:
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x")
     axes.set_axisbelow(True)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel(axis)
     return figure, axes
 

@@ -8,7 +8,7 @@ import pytest
 from jinja2 import UndefinedError
 
 from terrain_estimator.pages import page
-from terrain_estimator.pages.finding import finding_page
+from terrain_estimator.pages.finding import Unsealed, finding_page
 from tests.terrain_estimator.pages.findings import finding, report
 
 
@@ -52,7 +52,18 @@ def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
 
 def test_what_was_hidden_stands_on_the_page_only_where_somebody_says_it() -> None:
     assert "What was hidden" not in report("named")
-    assert "What was hidden" in finding_page(finding("named"), "A shear-thinning grease.")
+    truth = Unsealed("A shear-thinning grease.", {run: {"cohesion_pa": 3001.0, "tan_phi": 0.6} for run in ("dune_1", "dune_2")})
+    text = finding_page(finding("named"), truth)
+    assert "What was hidden" in text
+    assert "A shear-thinning grease." in text
+    assert '<data value="3.001">' in text  # in the table of the cohesions
+
+
+def test_effects_that_act_together_are_one_alternative() -> None:
+    given = finding("confusable")
+    given["effects"] = [given["effects"][k] | {"name": name} for k, name in ((0, "drive_drag"), (1, "payload"), (1, "coulomb_drag"))]
+    given["confusable_with"] = ["coulomb_drag"]
+    assert "<h1>The model lacks drive_drag with payload or coulomb_drag</h1>" in finding_page(given)
 
 
 def test_names_of_runs_are_text_and_never_markup_or_formulas() -> None:
