@@ -208,23 +208,17 @@ def _parameters(finding: Finding, unsealed: Unsealed | None) -> list[Picture]:
 
 
 def _apart(matrix: Mapping[str, Any]) -> dict[str, Any]:
+    """The matrix, with what stands on its diagonal (an effect over nothing) as a column of its own."""
     names = matrix.get("names") or []
     rows = [
-        {"name": name, "cells": [_cell(value, of_itself=i == j) for j, value in enumerate(values)]}
+        {"name": name, "cells": [_cell(values[i]), *(None if i == j else _cell(value) for j, value in enumerate(values))]}
         for i, (name, values) in enumerate(zip(names, matrix.get("nats") or [], strict=True))
     ]
-    words = (
-        "If the effect of a row were the one that is missing: the evidence for it over the effect of the column that runs like these are "
-        f"expected to bring, in nat. Less than {ALIKE_NATS:g} (framed) is not told apart; the darker, the clearer."
-    )
-    return {"names": names, "rows": rows, "words": words, "not_testable": dict(matrix.get("not_testable") or {})}
+    return {"names": ["nothing", *names], "rows": rows, "alike": ALIKE_NATS, "not_testable": dict(matrix.get("not_testable") or {})}
 
 
-def _cell(value: float | None, *, of_itself: bool) -> dict[str, Any]:
-    if of_itself or value is None:
-        return {"value": None, "alike": False, "shade": 0.0}
-    shade = 0.45 * min(max(value, 0.0), _CLEAR_NATS) / _CLEAR_NATS
-    return {"value": value, "alike": value < ALIKE_NATS, "shade": shade}
+def _cell(nats: float) -> dict[str, Any]:
+    return {"value": nats, "alike": nats < ALIKE_NATS, "shade": 0.45 * min(max(nats, 0.0), _CLEAR_NATS) / _CLEAR_NATS}
 
 
 def _next(finding: Finding) -> dict[str, Any]:

@@ -40,7 +40,7 @@ def finding(verdict: str) -> dict[str, Any]:
         "parameters": {"before": _STRENGTHS, "after": {"cohesion_pa": [3100.0, 2410.5], "tan_phi": [0.612, 0.655]}},
         "isolability": {
             "names": ["drive_drag", "coulomb_drag"],
-            "nats": [[None, 12.5], [1.25, None]],
+            "nats": [[810.0, 12.5], [1.25, 450.0]],
             "not_testable": {"lateral_bulldozing": "it acts sideways"},
         },
         "runs": ["dune_1", "dune_2"],

@@ -82,7 +82,7 @@ def test_what_is_shown_is_what_the_finding_holds(browser: Browser, written: Call
         assert values(page, "#held-out-cohesion_pa tbody tr:first-child") == pytest.approx([3.6, 1.96 * 0.21, 3.05, 1.96 * 0.18], rel=1e-4)
         assert values(page, "#rollout tbody tr:last-child") == [0.12, 0.16, 0.125]
         assert len(before["tan_phi"]) == len(after["tan_phi"]) == page.locator("#tan_phi tbody tr").count()
-        assert values(page, ".matrix") == [12.5, 1.25]
+        assert values(page, ".matrix") == [810.0, 12.5, 450.0, 1.25]
         assert page.locator(".matrix .alike").count() == 1
         shown = page.locator("#content").inner_text()
         for text in ("torque_1 row, speed, above 0.12 m/s", "lateral_bulldozing", "ab" * 32, "cd" * 32, "dune_3"):
