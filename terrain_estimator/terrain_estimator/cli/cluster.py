@@ -4,13 +4,17 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import torch
-from distributed import Client, LocalCluster
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 Item = TypeVar("Item")
+Kept = TypeVar("Kept")
 Result = TypeVar("Result")
 
 
@@ -21,21 +25,79 @@ class Spread(Protocol):
         """The result of every item."""
 
 
-PATIENCE_S = "20s"
-"""Until a scheduler that does not answer is an error."""
+PATIENCE_S = 20.0
+"""[s] Until a scheduler that does not answer is an error."""
+
+_WORKERS = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.nanny.pre-spawn-environ": {
+        "OMP_NUM_THREADS": "1",
+        "MKL_NUM_THREADS": "1",
+        "MALLOC_TRIM_THRESHOLD_": "1000000000",
+        "MALLOC_MMAP_THRESHOLD_": "33554432",
+    },
+}
+"""Workers of this machine keep the memory that they have freed: by dask's default they hand it back at once, and tensors of some
+megabytes then cost as much time in page faults as in arithmetic. The profiler takes a fifth more."""
 
 
 class ClusterError(ValueError):
-    """There is no scheduler at the address; the message says what to do."""
+    """There is no scheduler at the address, no worker, or it was lost on the way; the message says what to do."""
+
+
+class Held(Generic[Kept]):
+    """Results that stay on the workers which computed them; a worker that is lost takes none along: they are computed anew."""
+
+    def __init__(self, client: "Client", kept: "Sequence[Future[Kept]]") -> None:
+        """Of futures on the client's cluster."""
+        self._client, self._kept = client, kept
+
+    def fetch(self) -> Iterator[Kept]:
+        """Copies of all in order."""
+        return map(_result, self._kept)
+
+    def chosen(self, numbers: Sequence[int]) -> "Held[Kept]":
+        """Those alone."""
+        return Held(self._client, [self._kept[number] for number in numbers])
+
+    def __call__(self, function: Callable[[Kept, Item], Result], items: Sequence[Item]) -> list[Result]:
+        """``function`` of every kept result and its item, computed where that lies; in order."""
+        futures = self._client.map(_alone_with, [function] * len(items), self._kept, items, pure=False)
+        return [_result(future) for future in futures]
+
+
+class Cluster:
+    """A Spread over the workers of a client."""
+
+    def __init__(self, client: "Client") -> None:
+        """Of a client that stays open."""
+        self._client = client
+
+    def __call__(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """See Spread."""
+        for future in self._submitted(function, items):
+            yield _result(future)
+            future.release()
+
+    def hold(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Held[Result]:
+        """The same, but the results stay where they are."""
+        return Held(self._client, self._submitted(function, items))
+
+    def _submitted(self, function: Callable[[Item], Result], items: Sequence[Item]) -> "list[Future[Result]]":
+        # pure=False: the same item asked for twice is computed twice, nothing is kept under a key of its contents
+        return self._client.map(_alone, [function] * len(items), items, pure=False)
 
 
 @contextmanager
-def cluster(scheduler: str, workers: int | None = None) -> Iterator[Spread]:
+def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
     """A way to spread work over the cluster of the ``scheduler`` (host:port), or for "" over processes of this machine.
 
     On this machine there are ``workers`` processes of one thread, by default one for each CPU. Raises ClusterError where
-    no scheduler answers.
+    no scheduler answers or it has no worker.
     """
+    from dask import config  # noqa: PLC0415 (as below)
+    from distributed import Client, LocalCluster  # noqa: PLC0415 (takes a second, and most commands do without)
+
     if scheduler:
         try:
             client = Client(scheduler, timeout=PATIENCE_S)
@@ -44,28 +106,38 @@ def cluster(scheduler: str, workers: int | None = None) -> Iterator[Spread]:
                 f"--scheduler {scheduler}: {error}; start one with `dask scheduler`, and workers that import this package"
             ) from error
         with client:
-            yield _spread_over(client)
+            try:
+                client.wait_for_workers(1, timeout=PATIENCE_S)
+            except TimeoutError as error:
+                raise ClusterError(f"--scheduler {scheduler}: it has no worker; start some with `dask worker {scheduler}`") from error
+            yield Cluster(client)
         return
     count = workers or os.cpu_count() or 1
     with (
+        config.set(_WORKERS),
         LocalCluster(n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None) as local,
         Client(local) as client,
     ):
-        yield _spread_over(client)
+        yield Cluster(client)
 
 
-def _spread_over(client: Client) -> Spread:
-    def spread(function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        # pure=False: the same item asked for twice is computed twice, nothing is kept under a key of its contents
-        futures = client.map(_alone, [function] * len(items), items, pure=False)
-        for future in futures:
-            yield future.result()
-            future.release()
+def _result(future: "Future[Result]") -> Result:
+    from distributed import KilledWorker  # noqa: PLC0415 (see above)
 
-    return spread
+    try:
+        return future.result()
+    except KilledWorker as error:
+        raise ClusterError(f"{error} Memory is what workers run out of most often: take fewer, or give them more") from error
+    except CancelledError as error:
+        raise ClusterError(f"the scheduler was lost: {error}") from error
 
 
 def _alone(function: Callable[[Item], Result], item: Item) -> Result:
     """One item with one thread of torch, so that sums are added in the same order everywhere."""
     torch.set_num_threads(1)
     return function(item)
+
+
+def _alone_with(function: Callable[[Kept, Item], Result], kept: Kept, item: Item) -> Result:
+    torch.set_num_threads(1)
+    return function(kept, item)

@@ -1,19 +1,99 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the runs of a discovery from bags, by the estimator's own pairing and conversion."""
+"""Reads the runs of a discovery from bags, by the estimator's own pairing and conversion; here, or each on a worker that keeps it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import cast
 
-from terrain_estimator.bags import BagReader
-from terrain_estimator.cli.topics import check_inputs
+from terrain_estimator.bags import BagError, BagReader
+from terrain_estimator.cli.cluster import Cluster, Held, Item, Result, cluster
+from terrain_estimator.cli.topics import TopicError, bag_topics, check_inputs
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.conversion import Converter
-from terrain_estimator.discovery.runs import Run, run_of
+from terrain_estimator.discovery import Blocks, Contributions, Nominal, Run, RunError, cut, here
+from terrain_estimator.discovery.held_out import long_enough
+from terrain_estimator.discovery.runs import run_of
 from terrain_estimator.observation import Observation
 from terrain_estimator.pairing import Synchronizer, Topic
 from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.rover import Rover
+
+FEW = 8
+"""Bags that are read and looked into in this process where no cluster is asked for: processes take some seconds to start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """The runs that can be used, who computes what they contribute, and why others are left out."""
+
+    blocks: list[Blocks]
+    contributions: Contributions
+    left_out: list[str]
+
+
+Progress = Callable[[float, str], None]
+
+
+class Workplace:
+    """Where bags are read and looked into: this process, or a cluster whose workers keep what they have read."""
+
+    def __init__(self, on: Cluster | None) -> None:
+        """On a cluster, or here."""
+        self._cluster = on
+
+    def spread(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """A function of every item, in order."""
+        return (self._cluster or map)(function, items)
+
+    def read(self, bags: Sequence[Path], nominal: Nominal, say: Progress, *, held_out: bool = False) -> Runs:
+        """The runs of these bags in their order; for ``held_out`` ones those that can be halved."""
+        read = partial(read_blocks, nominal, held_out=held_out)
+        files = [bag.absolute() for bag in bags]  # a worker may have another working directory
+        if self._cluster is None:
+            blocks, _, left_out = _sorted_out(map(read, files), bags, say)
+            return Runs(blocks, here(blocks), left_out)
+        held = self._cluster.hold(read, files)
+        blocks, numbers, left_out = _sorted_out(held.fetch(), bags, say)
+        return Runs(blocks, cast("Held[Blocks]", held.chosen(numbers)), left_out)
+
+
+@contextmanager
+def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
+    """A place for so many bags: the cluster of a ``scheduler``, else so many ``workers`` of this machine, 0 for as many as are worth it.
+
+    Raises ClusterError where the scheduler does not answer.
+    """
+    if not scheduler and (workers == 1 or (not workers and bags < FEW)):
+        yield Workplace(None)
+        return
+    with cluster(scheduler, workers or None) as spread:
+        yield Workplace(spread)
+
+
+def _sorted_out(found: Iterable[Blocks | str], bags: Sequence[Path], say: Progress) -> tuple[list[Blocks], list[int], list[str]]:
+    """Runs, their numbers, and why the others are left out."""
+    blocks, numbers, left_out = [], [], []
+    for number, (each, bag) in enumerate(zip(found, bags, strict=True)):
+        say(number / len(bags), f"reading {bag}")
+        if isinstance(each, str):
+            left_out.append(f"{bag} is left out: {each}")
+        else:
+            blocks.append(each)
+            numbers.append(number)
+    return blocks, numbers, left_out
+
+
+def read_blocks(nominal: Nominal, bag: Path, *, held_out: bool = False) -> Blocks | str:
+    """The blocks of a run, or why it cannot be used."""
+    try:
+        blocks = cut(read_run(bag, nominal.rover, EstimatorConfig(), bag_topics([], "")), nominal.contact)
+        return long_enough(blocks) if held_out else blocks
+    except (BagError, TopicError, RunError, OSError) as error:
+        return str(error)
 
 
 def read_run(bag: Path, rover: Rover, config: EstimatorConfig, names: Mapping[str, str]) -> Run:

@@ -17,23 +17,18 @@ from typing import Any
 
 import torch
 
-from terrain_estimator.bags import BagError
-from terrain_estimator.cli.discovery_runs import read_run
+from terrain_estimator.cli.cluster import ClusterError
+from terrain_estimator.cli.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.cli.finding_file import asked, provenance, write_finding
 from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.cli.topics import TopicError, bag_topics
-from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.discovery import (
     Diagnosis,
     Finding,
     Nominal,
     Proof,
-    Run,
-    RunError,
     Study,
     Thresholds,
     Verdict,
-    cut,
     diagnose,
     investigate,
     nominal_of,
@@ -41,7 +36,6 @@ from terrain_estimator.discovery import (
     settled,
     singles,
 )
-from terrain_estimator.discovery.held_out import long_enough
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import describe
@@ -65,20 +59,24 @@ def main(arguments: list[str] | None = None) -> int:
         nominal = nominal_of(load_rover(options.rover), load_soil(options.soil))
         hypotheses = singles(tuple(name for name in options.library.split(",") if name))
         runs, held_out = _divided(options)
-        blocks, unseen = _read(runs, nominal), _read(held_out, nominal, held_out=True)
-        with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
-            study = Study(nominal, blocks)
+        with (
+            workplace(len(runs), options.scheduler, options.workers) as place,
+            torch.inference_mode(),
+            ProgressReport("find_missing_effect") as report,
+        ):
+            usable, unseen = _read(place, runs, nominal, report), _read(place, held_out, nominal, report, held_out=True).blocks
+            study = Study(nominal, usable.blocks, contributions=usable.contributions)
             finding = investigate(study, hypotheses, read_thresholds(), report.at)
             diagnosis = diagnose(study, hypotheses, finding, report.at)
             report.at(0.97, "held-out runs")
-            proof = _proof(finding, nominal, unseen, options.seed)
+            proof = _proof(finding, nominal, unseen, options.seed, place)
             finding = settled(finding, proof)
         told = {
             "asked": asked(options.rover, options.soil, options.seed),
             "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
         }
-        written = write_finding(options.out, summary(finding, diagnosis, blocks, unseen, proof) | told)
-    except (ConfigError, RunError, InputError, TopicError, OSError) as error:
+        written = write_finding(options.out, summary(finding, diagnosis, usable.blocks, unseen, proof) | told)
+    except (ConfigError, ClusterError, InputError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
     sys.stdout.write("\n".join([sentence(finding, proof), *map(str, written)]) + "\n")
@@ -100,6 +98,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
     parser.add_argument("--library", default="", metavar="NAME,...", help="effects to consider (default: all that a planar rover shows)")
     parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
+    parser.add_argument(
+        "--scheduler", default="", help="address of a dask.distributed scheduler that takes the work; default: this machine"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=0, help=f"processes of this machine that take it; 0: one, from {FEW} runs on one for each CPU"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the choice of held-out runs (default: %(default)s)")
     return parser
 
@@ -123,26 +127,24 @@ def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     return [run for k, run in enumerate(runs) if k not in held_out], [run for k, run in enumerate(runs) if k in held_out]
 
 
-def _read(bags: Sequence[Path], nominal: Nominal, *, held_out: bool = False) -> list[Blocks]:
-    """Blocks of all runs; one that cannot be used, or is too short to be held out, is reported and left out."""
-    config, names = EstimatorConfig(), bag_topics([], "")
-    blocks = []
-    for bag in bags:
-        try:
-            run: Run = read_run(bag, nominal.rover, config, names)
-            found = cut(run, nominal.contact)
-            blocks.append(long_enough(found) if held_out else found)
-        except (BagError, TopicError, RunError, OSError) as error:
-            sys.stderr.write(f"find_missing_effect: {bag} is left out: {error}\n")
-    if len(blocks) < FEWEST and not held_out:
-        raise InputError(f"{len(blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed")
-    return blocks
+def _read(place: Workplace, bags: Sequence[Path], nominal: Nominal, report: ProgressReport, *, held_out: bool = False) -> Runs:
+    """All runs; one that cannot be used, or is too short to be held out, is reported and left out."""
+    found = place.read(bags, nominal, lambda share, note: report.at(_READING * share, note), held_out=held_out)
+    for reason in found.left_out:
+        sys.stderr.write(f"find_missing_effect: {reason}\n")
+    if len(found.blocks) < FEWEST and not held_out:
+        raise InputError(f"{len(found.blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed")
+    return found
 
 
-def _proof(finding: Finding, nominal: Nominal, unseen: Sequence[Blocks], seed: int) -> Proof | None:
+_READING = 0.03
+"""[1] Share of the time that reading takes, about."""
+
+
+def _proof(finding: Finding, nominal: Nominal, unseen: Sequence[Blocks], seed: int, place: Workplace) -> Proof | None:
     """The best name on held-out runs, where there is one and they are there; else the nominal model alone."""
     named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
-    return prove(nominal, finding.best if named else None, unseen, seed) if unseen else None
+    return prove(nominal, finding.best if named else None, unseen, seed, place.spread) if unseen else None
 
 
 def summary(

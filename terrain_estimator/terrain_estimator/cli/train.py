@@ -10,6 +10,7 @@ from pathlib import Path
 
 import torch
 
+from terrain_estimator.cli.cluster import cluster
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.training_curves import draw_curves
 from terrain_estimator.learning.departures import HIDDEN
@@ -153,8 +154,6 @@ def draw(order: Order, scheduler: str, workers: int) -> Regression:
 
         if not scheduler and workers < 2 and (workers == 1 or order.drives <= _FEW):
             return generate(order, watched(map))
-        from terrain_estimator.cli.cluster import cluster  # noqa: PLC0415 (dask takes a second, and most trainings do without)
-
         with cluster(scheduler, workers or None) as spread:
             return generate(order, watched(spread))
 

@@ -14,6 +14,7 @@
 - ``parts``: a named effect as part of a hypothesis.
 - ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
 - ``equations``: normal equations of one run; what one run contributes does not depend on the others.
+- ``contributions``: who computes them, run by run: this process, or whoever is handed in.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
 - ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
@@ -26,6 +27,7 @@
 No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
 """
 
+from terrain_estimator.discovery.contributions import Contributions, here
 from terrain_estimator.discovery.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.finding import Finding, investigate, settled
 from terrain_estimator.discovery.flexible import Column, Flexible
@@ -43,6 +45,7 @@ __all__ = [
     "Blocks",
     "Candidate",
     "Column",
+    "Contributions",
     "Diagnosis",
     "Disagreement",
     "Finding",
@@ -61,6 +64,7 @@ __all__ = [
     "cut",
     "diagnose",
     "disagreements",
+    "here",
     "investigate",
     "nominal_of",
     "prove",

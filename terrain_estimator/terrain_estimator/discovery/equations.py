@@ -51,6 +51,19 @@ class Unknowns:
 
 
 @dataclass(frozen=True, slots=True)
+class Ask:
+    """Where the equations of a run are wanted."""
+
+    unknowns: Unknowns
+    sizes: tuple[float, ...]  # of the hypothesis' parts
+    weights: Tensor  # [F] of the discrepancy's columns
+    columns: Tensor  # [B, Q, F] of a flexible discrepancy
+    steps: tuple[float, ...]  # of the differences by each size
+    known: Tensor | None  # [B, Q, M] columns of the soil constants where they need not be computed
+    away: Tensor | None = None  # inputs around which to expand the rows; where it is None they are looked for
+
+
+@dataclass(frozen=True, slots=True)
 class Equations:
     """One run's quadratic model around a place; the shared unknowns come last."""
 
@@ -66,6 +79,7 @@ class Equations:
     excess: Tensor  # [Q] diagonal of D
     jacobian: Tensor  # [B, Q, 2 + M + 3 + K] of theta, constants, bias, velocity before and after, shared
     degrees: int  # rows that are present
+    away: Tensor  # inputs around which the rows were expanded
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,21 +111,16 @@ def averages(blocks: Blocks, used: Tensor) -> Averages:
 class RunEquations:
     """Evaluates the equations of one run under one hypothesis."""
 
-    def __init__(self, blocks: Blocks, laws: Laws, mask: Tensor, columns: Tensor) -> None:
-        """``mask`` [R] 1 for rows that may be used; ``columns`` [B, Q, F] of a flexible discrepancy."""
-        self._blocks, self._laws, self._mask, self._columns = blocks, laws, mask, columns
-        self._shared = sum(1 + len(part.beside) for part in laws.parts) + columns.shape[-1]
+    def __init__(self, blocks: Blocks, laws: Laws, mask: Tensor) -> None:
+        """``mask`` [R] 1 for rows that may be used."""
+        self._blocks, self._laws, self._mask = blocks, laws, mask
 
-    def likely(self, unknowns: Unknowns, sizes: tuple[float, ...]) -> Tensor:
-        """Where to expand the rows, see ``Laws.likely``."""
-        return self._laws.likely(Place(unknowns.theta, unknowns.kappa, sizes), self._mask)
-
-    def at(
-        self, unknowns: Unknowns, sizes: tuple[float, ...], weights: Tensor, away: Tensor, steps: tuple[float, ...], known: Tensor | None
-    ) -> Equations:
-        """The equations at a place. ``steps`` of the differences by each size; ``known`` columns of the soil constants, or None."""
+    def at(self, ask: Ask) -> Equations:
+        """The equations at a place."""
         count = self._blocks.packed.shape[0]
-        place = Place(unknowns.theta, unknowns.kappa, sizes)
+        unknowns, known = ask.unknowns, ask.known
+        place = Place(unknowns.theta, unknowns.kappa, ask.sizes)
+        away = self._laws.likely(place, self._mask) if ask.away is None else ask.away
         rows = self._laws.rows(place, away, changes_too=known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
         average = averages(self._blocks, used)
@@ -129,8 +138,8 @@ class RunEquations:
         joined = torch.stack([unknowns.bias.expand(count), *unknowns.velocity[self._blocks.ends].unbind(1)], -1)
         short = average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
         short[:, 0] += average.measured[:, 0]
-        columns = self._columns * present.unsqueeze(-1)
-        residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ weights
+        columns = ask.columns * present.unsqueeze(-1)
+        residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ ask.weights
         covariance = sources @ sources.transpose(1, 2) + torch.diag_embed(spread)
         excess, factor, surplus = unexplained(covariance, residual, present)
         weighted = torch.cholesky_solve(residual.unsqueeze(-1), factor)
@@ -144,14 +153,13 @@ class RunEquations:
             known = average.of(change).permute(1, 2, 0)
         by_size = [
             average.of((self._corrected(place, away, error, theta, k, step) - self._base(rows, error, theta)) / step)
-            for k, step in enumerate(steps)
+            for k, step in enumerate(ask.steps)
         ]
         jacobian = torch.cat([by_theta, known, fixed, *(column.unsqueeze(-1) for column in by_size), columns], -1)
-        hessian, gradient = assembled(jacobian, factor, weighted, self._blocks.ends, self._shared)
+        hessian, gradient = assembled(jacobian, factor, weighted, self._blocks.ends, len(ask.sizes) + ask.weights.shape[0])
         misfit = float((residual * weighted.squeeze(-1)).sum()) + surplus
-        return Equations(
-            hessian, gradient, misfit, known, residual, factor, covariance, present, self._blocks.ends, excess, jacobian, int(present.sum())
-        )
+        ends, degrees = self._blocks.ends, int(present.sum())
+        return Equations(hessian, gradient, misfit, known, residual, factor, covariance, present, ends, excess, jacobian, degrees, away)
 
     def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], away: Tensor) -> Tensor:
         """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's mark."""

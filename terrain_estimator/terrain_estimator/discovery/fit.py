@@ -8,13 +8,13 @@ its normal equations with its own unknowns eliminated (Schur complement), and co
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.equations import Equations, RunEquations, Unknowns, linear
+from terrain_estimator.discovery.equations import Ask, Equations, Unknowns, linear
 from terrain_estimator.gaussian import cholesky, log_determinant
 
 PRIOR_THETA = ((2.75, 1.3), (0.6, 0.22))
@@ -27,6 +27,10 @@ LONGEST_STEP = (1.0, 0.25)
 """Largest change of c [kPa] and tan phi in one step."""
 SETTLED = 0.3
 """[1] Decrease of the objective that a step foresees, after which no other is made; it is taken into account."""
+
+
+Evaluate = Callable[[Sequence[Ask]], Sequence[Equations]]
+"""The equations of every run under one hypothesis, in the order of the runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +60,6 @@ class Fit:
     log_evidence: float  # [nat] up to a constant of the runs
     covariance: Tensor  # [K, K] of the shared unknowns
     equations: tuple[Equations, ...]
-    away: tuple[Tensor, ...]  # inputs of each run around which its rows were expanded
     degrees: int  # rows of all blocks
     iterations: int
 
@@ -153,9 +156,10 @@ def _moved(point: Point, owns: list[Tensor], move: Tensor, share: float) -> Poin
 
 
 def fit(
-    systems: Sequence[RunEquations],
+    evaluate: Evaluate,
     start: Point,
     shared: Shared,
+    columns: Sequence[Tensor],
     known: Sequence[Tensor | None],
     *,
     most: int = 8,
@@ -163,21 +167,16 @@ def fit(
 ) -> Fit:
     """Minimise the objective from ``start``.
 
-    ``known`` [B, Q, M] are each run's columns of the soil constants where they are known well enough from another fit:
-    they need four fifths of the time. A step that does not lower the objective is halved.
+    ``columns`` [B, Q, F] of each run are those of a discrepancy. ``known`` [B, Q, M] are each run's columns of the soil
+    constants where they are known well enough from another fit: they need four fifths of the time. A step that does not
+    lower the objective is halved.
     """
-    sizes = shared.low.shape[0]
     point, share = start, 1.0
-    best: tuple[Point, _Normal, tuple[Tensor, ...], float] | None = None
+    best: tuple[Point, _Normal, float] | None = None
     iteration = 0
     while iteration < most:
         iteration += 1
-        values = tuple(point.shared[:sizes].tolist())
-        away = tuple(system.likely(unknowns, values) for system, unknowns in zip(systems, point.runs, strict=True))
-        equations = [
-            system.at(unknowns, values, point.shared[sizes:], where, _inward(values, shared), columns)
-            for system, unknowns, where, columns in zip(systems, point.runs, away, known, strict=True)
-        ]
+        equations = evaluate(_asks(point, shared, columns, known))
         normal = _normal(point, equations, shared)
         worse = best is not None and not normal.objective < best[1].objective + _TOLERANCE
         if worse and best is not None and share > _SHORTEST:
@@ -186,7 +185,7 @@ def fit(
             point = _moved(best[0], owns, move, share)
             continue
         owns, move, promised = _step(normal, point, shared)
-        best, share = (point, normal, away, promised), 1.0
+        best, share = (point, normal, promised), 1.0
         if promised < settled + _RELATIVE * max(normal.objective - sum(each.degrees for each in equations), 0.0):
             break
         point = _moved(point, owns, move, 1.0)
@@ -199,19 +198,25 @@ _RELATIVE = 1e-3  # [1] of the misfit in excess of the noise: what a wrong hypot
 _SHORTEST = 0.05
 
 
+def _asks(point: Point, shared: Shared, columns: Sequence[Tensor], known: Sequence[Tensor | None]) -> list[Ask]:
+    """What to ask of every run at a point."""
+    sizes = shared.low.shape[0]
+    values = tuple(point.shared[:sizes].tolist())
+    weights, steps = point.shared[sizes:], _inward(values, shared)
+    return [Ask(own, values, weights, own_columns, steps, kept) for own, own_columns, kept in zip(point.runs, columns, known, strict=True)]
+
+
 def foresee(
-    systems: Sequence[RunEquations], start: Point, shared: Shared, known: Sequence[Tensor | None], away: Sequence[Tensor]
+    evaluate: Evaluate, start: Point, shared: Shared, columns: Sequence[Tensor], before: Sequence[Equations]
 ) -> tuple[Point, float]:
     """Where one evaluation at ``start`` foresees the minimum, and its log evidence: rows taken as linear, weights as they follow.
 
-    A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it. ``away`` as in a Fit of the start.
+    A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it. ``before`` are the equations of a
+    fit from which the start was taken: columns of the soil constants and inputs around which to expand are theirs.
     """
-    sizes, count = shared.low.shape[0], start.shared.shape[0]
-    values = tuple(start.shared[:sizes].tolist())
-    equations = [
-        system.at(unknowns, values, start.shared[sizes:], where, _inward(values, shared), columns)
-        for system, unknowns, where, columns in zip(systems, start.runs, away, known, strict=True)
-    ]
+    count = start.shared.shape[0]
+    asks = _asks(start, shared, columns, [each.by_constant for each in before])
+    equations = evaluate([dataclasses.replace(ask, away=each.away) for ask, each in zip(asks, before, strict=True)])
     for _ in range(_REWEIGHTED):
         owns, move, _ = _step(_normal(start, equations, shared), start, shared)
         equations = [linear(each, torch.cat([own, move]), count) for each, own in zip(equations, owns, strict=True)]
@@ -235,8 +240,8 @@ def _inward(values: tuple[float, ...], shared: Shared) -> tuple[float, ...]:
     )
 
 
-def _finished(best: tuple[Point, _Normal, tuple[Tensor, ...], float], shared: Shared, iterations: int) -> Fit:
-    point, normal, away, promised = best
+def _finished(best: tuple[Point, _Normal, float], shared: Shared, iterations: int) -> Fit:
+    point, normal, promised = best
     owns, move, _ = _step(normal, point, shared)
     objective = normal.objective - min(max(promised, 0.0), 10.0)
     factor = cholesky(normal.schur)
@@ -244,7 +249,7 @@ def _finished(best: tuple[Point, _Normal, tuple[Tensor, ...], float], shared: Sh
     evidence = -0.5 * (objective + _volume(normal, shared)) + _log_inside(final.shared, factor, shared)
     degrees = sum(equation.degrees for equation in normal.equations)
     covariance = torch.cholesky_inverse(factor)
-    return Fit(final, objective, evidence, covariance, normal.equations, away, degrees, iterations)
+    return Fit(final, objective, evidence, covariance, normal.equations, degrees, iterations)
 
 
 def _log_inside(values: Tensor, factor: Tensor, shared: Shared) -> float:

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.equations import Equations, RunEquations, Unknowns, assembled
+from terrain_estimator.discovery.contributions import Law
+from terrain_estimator.discovery.equations import Ask, Equations, Unknowns, assembled
 from terrain_estimator.discovery.fit import own_prior
 from terrain_estimator.discovery.flexible import no_columns
 from terrain_estimator.discovery.library import Hypothesis
-from terrain_estimator.discovery.physics import Laws, Nominal
+from terrain_estimator.discovery.physics import Nominal
 from terrain_estimator.discovery.runs import Blocks, RunError
 from terrain_estimator.discovery.search import Study
 from terrain_estimator.gaussian import cholesky
@@ -60,7 +61,8 @@ def long_enough(run: Blocks) -> Blocks:
     return run
 
 
-def halves(nominal: Nominal, run: Blocks, models: tuple[Model, ...]) -> tuple[Half, Half]:
+@torch.inference_mode()
+def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Half, Half]:
     """Both halves of a held-out run; the same procedure for every model.
 
     Raises:
@@ -94,10 +96,9 @@ def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tenso
 def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equations:
     """The rows of a half at what the other one tells under the model of that ``number``, with all velocities at zero."""
     told = half.grounds[number].unknowns
-    rows = len(no_columns([half.blocks]).columns[0][0])
-    mask = torch.ones(rows - 1, dtype=torch.float64)
-    system = RunEquations(half.blocks, Laws(nominal, half.blocks, model.hypothesis.parts), mask, no_columns([half.blocks]).columns[0])
+    columns = no_columns([half.blocks]).columns[0]
+    mask = torch.ones(columns.shape[1] - 1, dtype=torch.float64)
     there = Unknowns(told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64))
-    values = tuple(model.values.tolist())
-    away = system.likely(there, values)
-    return system.at(there, values, torch.zeros(0, dtype=torch.float64), away, model.hypothesis.shared().step, None)
+    none = torch.zeros(0, dtype=torch.float64)
+    ask = Ask(there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None)
+    return Law(nominal, model.hypothesis.parts, mask)(half.blocks, ask)

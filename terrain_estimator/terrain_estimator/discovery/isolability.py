@@ -108,22 +108,23 @@ def stages_of(around: Candidate) -> list[Stage]:
 
 def marks(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> list[Mark]:
     """Marks of hypotheses in all runs."""
-    found = around.fit
-    every = [
-        run_marks(study.nominal, run, study.mask, hypotheses, unknowns, away)
-        for run, unknowns, away in zip(study.runs, found.point.runs, found.away, strict=True)
-    ]
+    nominal, mask, found = study.nominal, study.mask, around.fit
+
+    def of_run(run: Blocks, where: tuple[Unknowns, Tensor]) -> list[Mark]:
+        return run_marks(nominal, run, mask, hypotheses, *where)
+
+    every = study.contributions(of_run, [(own, each.away) for own, each in zip(found.point.runs, found.equations, strict=True)])
     return [reduce(Mark.joined, each) for each in zip(*every, strict=True)]
 
 
+@torch.inference_mode()
 def run_marks(
     nominal: Nominal, run: Blocks, mask: Tensor, hypotheses: Sequence[Hypothesis], unknowns: Unknowns, away: Tensor
 ) -> list[Mark]:
     """Marks of hypotheses in one run, around ``unknowns`` and with the rows expanded ``away`` from the measured inputs."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
-        no_columns = torch.zeros(run.packed.shape[0], len(mask) + 1, 0, dtype=torch.float64)
-        return RunEquations(run, Laws(nominal, run, hypothesis.parts), mask, no_columns).shortfall(unknowns, values, away)
+        return RunEquations(run, Laws(nominal, run, hypothesis.parts), mask).shortfall(unknowns, values, away)
 
     nothing = rows(NOTHING, ())
     found = []

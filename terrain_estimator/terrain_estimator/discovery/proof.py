@@ -7,8 +7,9 @@ mean square error of all rows, each second predicted from the one before, in sta
 noise floor, what it would be if the model were true.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -91,7 +92,11 @@ class Proof:
         return f"{self.effect} is added: {changed}, {rule}"
 
 
-def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks], seed: int = 0) -> Proof:
+Spread = Callable[[Callable[[Blocks], tuple[Half, Half]], Sequence[Blocks]], Iterable[tuple[Half, Half]]]
+"""Applies a function to every run, in order: the built-in map, or a cluster."""
+
+
+def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks], seed: int = 0, spread: Spread = map) -> Proof:
     """Confront ``candidate``, which was fitted to other runs, with the held-out ``runs``; None where nothing is to be added.
 
     Raises:
@@ -100,7 +105,7 @@ def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks],
     models: tuple[Model, ...] = (Model(NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64)),)
     if candidate is not None:
         models += (Model(candidate.hypothesis, candidate.fit.point.shared, candidate.fit.covariance),)
-    judged = [half for run in runs for half in halves(nominal, run, models)]
+    judged = [half for pair in spread(partial(halves, nominal, models), runs) for half in pair]
     before, *rest = (_one_step(nominal, judged, number, model) for number, model in enumerate(models))
     after = rest[0] if rest else None
     gap = _gap(before, after, [len(half.blocks.packed) for half in judged], np.random.default_rng(seed))

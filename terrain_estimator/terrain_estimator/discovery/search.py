@@ -5,15 +5,17 @@
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.equations import Equations, RunEquations
-from terrain_estimator.discovery.fit import PRIOR_THETA, Fit, Point, Shared, fit, foresee, start_of, with_shared
+from terrain_estimator.discovery.contributions import Contributions, Law, here
+from terrain_estimator.discovery.equations import Ask, Equations
+from terrain_estimator.discovery.fit import PRIOR_THETA, Evaluate, Fit, Point, Shared, fit, foresee, start_of, with_shared
 from terrain_estimator.discovery.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.library import NOTHING, Hypothesis
-from terrain_estimator.discovery.physics import Laws, Nominal
+from terrain_estimator.discovery.physics import Nominal
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.rows import row_names
 
@@ -41,38 +43,41 @@ class Candidate:
 class Study:
     """Runs of one rover on one soil, and fits to them."""
 
-    def __init__(self, nominal: Nominal, runs: Sequence[Blocks], mask: Tensor | None = None) -> None:
-        """``mask`` [R] is 1 for the rows that may be used, 0 for others; all where it is None."""
+    def __init__(
+        self, nominal: Nominal, runs: Sequence[Blocks], mask: Tensor | None = None, contributions: Contributions | None = None
+    ) -> None:
+        """``mask`` [R] is 1 for the rows that may be used, 0 for others; all where it is None.
+
+        ``contributions`` computes what these runs contribute, by default here, one after the other.
+        """
         self.nominal, self.runs = nominal, tuple(runs)
         self.mask = torch.ones(len(row_names(nominal.rover.axles)), dtype=torch.float64) if mask is None else mask
+        self.contributions = contributions or here(self.runs)
         self._plain = no_columns(self.runs)
         self.nothing = self._nothing()
 
-    def _systems(self, hypothesis: Hypothesis, weights: Flexible) -> list[RunEquations]:
-        return [
-            RunEquations(run, Laws(self.nominal, run, hypothesis.parts), self.mask, columns)
-            for run, columns in zip(self.runs, weights.columns, strict=True)
-        ]
+    def _evaluate(self, hypothesis: Hypothesis) -> Evaluate:
+        return partial(self.contributions, Law(self.nominal, hypothesis.parts, self.mask))
 
     def _nothing(self) -> Candidate:
         strengths = [(PRIOR_THETA[0][0], PRIOR_THETA[1][0])] * len(self.runs)
         start = start_of([_velocities(run) for run in self.runs], self.nominal.uncertain.shape[0], strengths, 0)
         unknown: list[Tensor | None] = [None] * len(self.runs)
-        systems = self._systems(NOTHING, self._plain)
-        first = fit(systems, start, NOTHING.shared(), unknown, most=3)
+        evaluate, columns = self._evaluate(NOTHING), self._plain.columns
+        first = fit(evaluate, start, NOTHING.shared(), columns, unknown, most=3)
         # With columns of the soil constants from nearby an iteration takes a fifth of the time.
-        settled = fit(systems, first.point, NOTHING.shared(), [each.by_constant for each in first.equations], most=9)
-        return Candidate(NOTHING, fit(systems, settled.point, NOTHING.shared(), unknown, most=2))
+        settled = fit(evaluate, first.point, NOTHING.shared(), columns, [each.by_constant for each in first.equations], most=9)
+        return Candidate(NOTHING, fit(evaluate, settled.point, NOTHING.shared(), columns, unknown, most=2))
 
     def equations_of_nothing(self) -> list[Equations]:
         """The equations of every run at the point at which "nothing is missing" fits best: those of its Fit are a step behind."""
         found = self.nothing.fit
-        systems = self._systems(NOTHING, self._plain)
         none = torch.zeros(0, dtype=torch.float64)
-        return [
-            system.at(unknowns, (), none, away, (), before.by_constant)
-            for system, unknowns, away, before in zip(systems, found.point.runs, found.away, found.equations, strict=True)
+        asks = [
+            Ask(unknowns, (), none, columns, (), before.by_constant, before.away)
+            for unknowns, columns, before in zip(found.point.runs, self._plain.columns, found.equations, strict=True)
         ]
+        return list(self._evaluate(NOTHING)(asks))
 
     def _start(self, hypothesis: Hypothesis, after: Candidate | None) -> Point:
         start = (after or self.nothing).fit.point
@@ -83,9 +88,8 @@ class Study:
     def foresee(self, hypothesis: Hypothesis, after: Candidate | None = None) -> tuple[Point, float]:
         """What one evaluation says of a hypothesis: about where it fits best, and its log evidence."""
         before = (after or self.nothing).fit
-        systems = self._systems(hypothesis, self._plain)
-        known = [each.by_constant for each in before.equations]
-        return foresee(systems, self._start(hypothesis, after), hypothesis.shared(), known, before.away)
+        start = self._start(hypothesis, after)
+        return foresee(self._evaluate(hypothesis), start, hypothesis.shared(), self._plain.columns, before.equations)
 
     def explain(self, hypothesis: Hypothesis, after: Candidate | None = None) -> Candidate:
         """Fit a hypothesis, beginning from nothing, or from another candidate whose parts come first in it."""
@@ -94,24 +98,25 @@ class Study:
     def fit_from(self, hypothesis: Hypothesis, start: Point, *, most: int = 8) -> Candidate:
         """Fit a hypothesis from ``start`` with the columns of the soil constants of nothing."""
         known = [each.by_constant for each in self.nothing.fit.equations]
-        return Candidate(hypothesis, fit(self._systems(hypothesis, self._plain), start, hypothesis.shared(), known, most=most))
+        found = fit(self._evaluate(hypothesis), start, hypothesis.shared(), self._plain.columns, known, most=most)
+        return Candidate(hypothesis, found)
 
     def given(self, hypothesis: Hypothesis, values: Tensor) -> Candidate:
         """Fit the runs' own unknowns to shared ones that are known from other runs; ``values`` as ``Fit.point.shared``."""
         free = hypothesis.shared()
         pinned = Shared(values, values, free.sd, free.step)  # a range without width
         start = with_shared(self.nothing.fit.point, values)
-        systems = self._systems(hypothesis, self._plain)
+        evaluate, columns = self._evaluate(hypothesis), self._plain.columns
         known = [each.by_constant for each in self.nothing.fit.equations]
-        first = fit(systems, start, pinned, known, most=9)
+        first = fit(evaluate, start, pinned, columns, known, most=9)
         unknown: list[Tensor | None] = [None] * len(self.runs)
-        return Candidate(hypothesis, fit(systems, first.point, pinned, unknown, most=3))
+        return Candidate(hypothesis, fit(evaluate, first.point, pinned, columns, unknown, most=3))
 
     def refine(self, candidate: Candidate, *, most: int = 8) -> Candidate:
         """The same with columns of the soil constants of its own, until nothing moves."""
-        systems = self._systems(candidate.hypothesis, self._plain)
+        evaluate, sizes = self._evaluate(candidate.hypothesis), candidate.hypothesis.shared()
         unknown: list[Tensor | None] = [None] * len(self.runs)
-        found = fit(systems, candidate.fit.point, candidate.hypothesis.shared(), unknown, most=most)
+        found = fit(evaluate, candidate.fit.point, sizes, self._plain.columns, unknown, most=most)
         return dataclasses.replace(candidate, fit=found)
 
     def with_discrepancy(self, candidate: Candidate, *, rounds: int = 2, most: int = 4) -> Candidate:
@@ -124,11 +129,11 @@ class Study:
         shared_start = torch.cat([candidate.fit.point.shared, torch.zeros(len(weights.names), dtype=torch.float64)])
         point = with_shared(candidate.fit.point, shared_start)
         known = [each.by_constant for each in candidate.fit.equations]
-        systems = self._systems(candidate.hypothesis, weights)
+        evaluate = self._evaluate(candidate.hypothesis)
         found = candidate.fit
         for round_ in range(rounds + 1):
             shared = Shared(sizes.low, sizes.high, torch.cat([sizes.sd, spread]), sizes.step)
-            found = fit(systems, point, shared, known, most=most)
+            found = fit(evaluate, point, shared, weights.columns, known, most=most)
             point = found.point
             if round_ < rounds:
                 spread = _spread(found, sizes.low.shape[0], row_of)

@@ -52,7 +52,7 @@ def test_any_number_of_workers_gives_the_same_data_even_if_one_is_killed(tmp_pat
 def test_a_scheduler_that_does_not_answer_is_an_error_that_names_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("terrain_estimator.cli.cluster.PATIENCE_S", "1s")
+    monkeypatch.setattr("terrain_estimator.cli.cluster.PATIENCE_S", 1.0)
     with pytest.raises(ClusterError, match=r"127\.0\.0\.1:9"), cluster("tcp://127.0.0.1:9"):
         pass
     assert main(["--rover", "mars_rover", "--scheduler", "tcp://127.0.0.1:9"]) == 2
