@@ -8,6 +8,7 @@ Writes OUT/finding.json and OUT/report.html. Exit codes: 0 for any verdict, 2 fo
 import argparse
 import dataclasses
 import json
+import math
 import random
 import sys
 from collections.abc import Sequence
@@ -159,6 +160,7 @@ def summary(
         "effects": [entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)],
         "confusable_with": [each.label for each in judgement.named[1:]],
         "separate_by": finding.separate_by,
+        "left": [{"row": each.column.row, "signal": each.column.signal, "strength": math.sqrt(each.strength)} for each in finding.left[:3]],
         **diagnosis.plain(),
         "gap": dataclasses.asdict(proof.gap) if proof else dict.fromkeys(("before", "after", "noise_floor", "closed", "closed_95")),
         "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},

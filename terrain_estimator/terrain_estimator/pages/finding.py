@@ -167,14 +167,15 @@ def _gap_table(gap: Mapping[str, Any]) -> Table:
         ("its 95 % interval, lower end", closed[0]),
         ("its 95 % interval, upper end", closed[1]),
     )
-    return Table(("", "value"), rows)
+    return Table(("", "value"), tuple(row for row in rows if row[1] is not None))
 
 
 def _scores_picture(kind: str, rows: Sequence[Mapping[str, Any]]) -> Picture:
     """Errors in units of the noise floor, so that rows of different units share a picture."""
-    series = [Series(word, [_over(each, k) for each in rows], *style) for k, (word, style) in enumerate(_STYLES.items())]
-    title = _KINDS.get(kind, kind)
-    return points(f"scores-{kind}", title, [each["row"] for each in rows], series, "root mean square error over the noise floor [1]")
+    words = [word for k, word in enumerate(_STYLES) if any(each["error"][k] is not None for each in rows)]
+    series = [Series(word, [_over(each, k) for each in rows], *_STYLES[word]) for k, word in enumerate(words)]
+    labels = [each["row"] for each in rows]
+    return points(f"scores-{kind}", _KINDS.get(kind, kind), labels, series, "root mean square error over the noise floor [1]", goal=1.0)
 
 
 def _over(row: Mapping[str, Any], k: int) -> float | None:

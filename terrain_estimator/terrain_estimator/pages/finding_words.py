@@ -71,13 +71,17 @@ def _confusable(finding: Mapping[str, Any]) -> tuple[str, Markup]:
 
 
 def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
-    closest = words([each["name"] for each in finding["effects"]])
-    sentence = Markup("Something is missing, and no effect that was considered explains enough of it{} (probability of that {}).")
-    nearest = f"; closest comes {closest}" if closest else ""
+    sure, closest = probability(finding["probabilities"]["unknown"]), words([each["name"] for each in finding["effects"]])
+    sentence = Markup("Something is missing that no effect that was considered explains (probability {}).").format(sure)
     if (finding.get("proof") or {}).get("effect"):
-        sentence = Markup("Something is missing{} (probability of that {}).")
-        nearest = f". In the runs that were searched {closest} explains it, but not in those that were held out"
-    return "Something is missing, and it has no name here", sentence.format(nearest, probability(finding["probabilities"]["unknown"]))
+        sentence += Markup(
+            " In the runs that were searched {} explains it, but it does not help to predict those that were held out."
+        ).format(closest)
+    elif closest:
+        sentence += Markup(" Closest comes {}.").format(closest)
+    for each in (finding.get("left") or ())[:1]:
+        sentence += Markup(" What is left depends most on {} in the {} row.").format(each["signal"], each["row"])
+    return "Something is missing, and it has no name here", sentence
 
 
 def alternatives(finding: Mapping[str, Any]) -> list[list[Mapping[str, Any]]]:

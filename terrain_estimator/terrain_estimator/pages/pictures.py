@@ -84,8 +84,8 @@ def bars(name: str, title: str, labels: Sequence[str], values: Sequence[float], 
     return Picture(name, title, words, svg, Table(("", axis), tuple(zip(labels, values, strict=True))))
 
 
-def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series], axis: str) -> Picture:
-    """Points with intervals, one row for each label, the series of a row one below the other."""
+def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series], axis: str, goal: float | None = None) -> Picture:
+    """Points with intervals, one row for each label, the series of a row one below the other; a dashed line stands at ``goal``."""
     with mpl.rc_context(_LOOK):
         figure, axes = _rows(labels, axis)
         for number, each in enumerate(series):
@@ -101,6 +101,8 @@ def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series
                 capsize=2.5,
                 markersize=5,
             )
+        if goal is not None:
+            axes.axvline(goal, color=INK, linestyle="--", linewidth=1.0)
         figure.legend(loc="outside upper right", ncols=len(series), frameon=False, handletextpad=0.2, borderpad=0.0)
         svg = _inline(figure, name)
     head = ("", *(column for each in series for column in _columns(each)))

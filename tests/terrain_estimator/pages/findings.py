@@ -26,6 +26,7 @@ def finding(verdict: str) -> dict[str, Any]:
         "effects": [_effect(name, verdict) for name in names],
         "confusable_with": names[1:],
         "separate_by": "drive_drag or coulomb_drag: drive at two speeds that differ by a factor of three" if len(names) > 1 else "",
+        "left": [{"row": "velocity", "signal": "distance", "strength": 9.1}] if verdict == "unknown" else [],
         "where": [] if verdict == "none" else _WHERE,
         "gap": _GAP if added else {"before": 1.02, "after": None, "noise_floor": 1.0, "closed": None, "closed_95": None},
         "proof": {

@@ -3,6 +3,7 @@
 """The report as text; test_in_browser.py opens it."""
 
 import re
+from typing import Any
 
 import pytest
 from jinja2 import UndefinedError
@@ -10,6 +11,9 @@ from jinja2 import UndefinedError
 from terrain_estimator.pages import page
 from terrain_estimator.pages.finding import Unsealed, finding_page
 from tests.terrain_estimator.pages.findings import finding, report
+
+PLAIN: dict[str, Any] = {"where": [], "proof": None}
+"""Without most of the pictures, which take their time to be drawn."""
 
 
 def test_the_same_finding_gives_the_same_page() -> None:
@@ -37,6 +41,13 @@ def test_the_headline_says_the_verdict_in_words(verdict: str, headline: str) -> 
     assert f"<title>{headline}</title>" in text
 
 
+def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_runs_refuted_a_name() -> None:
+    assert "Closest comes slope_bias. What is left depends most on distance in the velocity row." in report("unknown")
+    refuted = finding("unknown")
+    refuted["proof"] = {"effect": "slope_bias", "added": False}
+    assert "slope_bias explains it, but it does not help to predict those that were held out." in finding_page(refuted)
+
+
 def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
     bare = finding("named")
     for key in ("proof", "isolability", "asked", "provenance"):
@@ -53,14 +64,14 @@ def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
 def test_what_was_hidden_stands_on_the_page_only_where_somebody_says_it() -> None:
     assert "What was hidden" not in report("named")
     truth = Unsealed("A shear-thinning grease.", {run: {"cohesion_pa": 3001.0, "tan_phi": 0.6} for run in ("dune_1", "dune_2")})
-    text = finding_page(finding("named"), truth)
+    text = finding_page(finding("named") | PLAIN, truth)
     assert "What was hidden" in text
     assert "A shear-thinning grease." in text
     assert '<data value="3.001">' in text  # in the table of the cohesions
 
 
 def test_effects_that_act_together_are_one_alternative() -> None:
-    given = finding("confusable")
+    given = finding("confusable") | PLAIN
     given["effects"] = [given["effects"][k] | {"name": name} for k, name in ((0, "drive_drag"), (1, "payload"), (1, "coulomb_drag"))]
     given["confusable_with"] = ["coulomb_drag"]
     assert "<h1>The model lacks drive_drag with payload or coulomb_drag</h1>" in finding_page(given)
@@ -68,7 +79,7 @@ def test_effects_that_act_together_are_one_alternative() -> None:
 
 def test_names_of_runs_are_text_and_never_markup_or_formulas() -> None:
     hostile = "<script>alert(1)</script>$x"
-    given = finding("named")
+    given = finding("named") | PLAIN
     given["runs"][0] = hostile
     text = finding_page(given)
     assert "<script" not in text
