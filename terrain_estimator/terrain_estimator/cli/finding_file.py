@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
@@ -58,8 +58,10 @@ def _of_record(record: Rover | Soil) -> str:
     return hashlib.sha256(json.dumps(dataclasses.asdict(record), sort_keys=True).encode()).hexdigest()
 
 
-def _of_files(paths: Iterable[Path]) -> str:
-    """Of the files one after the other; says so where one cannot be read."""
+def _of_files(paths: Sequence[Path]) -> str:
+    """Of the files one after the other; says so where there is none, or one cannot be read."""
+    if not paths:
+        return "holds no .mcap file"
     digest = hashlib.sha256()
     try:
         for path in paths:

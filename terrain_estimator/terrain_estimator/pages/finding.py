@@ -4,6 +4,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +20,7 @@ MOST = 12
 """Disagreements that are listed; more repeat the same."""
 ALIKE_NATS = 3.0
 """[nat] below which two effects count as not told apart: odds of twenty to one."""
-_CLEAR_NATS = 30.0
+_CLEAR_NATS = 3000.0
 """[nat] from which a cell of the matrix gets no darker."""
 
 EVERYWHERE = "everywhere"
@@ -219,7 +220,8 @@ def _apart(matrix: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _cell(nats: float) -> dict[str, Any]:
-    return {"value": nats, "alike": nats < ALIKE_NATS, "shade": 0.45 * min(max(nats, 0.0), _CLEAR_NATS) / _CLEAR_NATS}
+    clear = math.log(max(nats, ALIKE_NATS) / ALIKE_NATS) / math.log(_CLEAR_NATS / ALIKE_NATS)
+    return {"value": nats, "alike": nats < ALIKE_NATS, "shade": 0.45 * min(clear, 1.0)}
 
 
 def _next(finding: Finding) -> dict[str, Any]:

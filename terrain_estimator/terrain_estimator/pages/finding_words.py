@@ -133,7 +133,7 @@ def _decision(proof: Mapping[str, Any]) -> str:
 
 
 def _percent(share: float) -> Markup:
-    return Markup('<data value="{}">{:.0f} %</data>').format(repr(float(share)), 100.0 * share)
+    return Markup('<data value="{}">{:.0f}&nbsp;%</data>').format(repr(float(share)), 100.0 * share)
 
 
 def separation(text: str) -> Sequence[str]:

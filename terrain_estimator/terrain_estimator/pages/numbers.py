@@ -33,8 +33,8 @@ def interval(mean: float, sd: float, unit: str = "") -> Markup:
 def probability(value: float) -> Markup:
     """In percent; what is all but sure is not rounded to certain."""
     percent = 100.0 * value
-    shown = "< 0.1 %" if percent < 0.1 else "> 99.9 %" if percent > 99.9 else f"{percent:.1f} %"
-    return _data(value, shown)
+    shown = "< 0.1" if percent < 0.1 else "> 99.9" if percent > 99.9 else f"{percent:.1f}"
+    return _data(value, f"{shown}\N{NO-BREAK SPACE}%")
 
 
 def chance(value: float) -> Markup:

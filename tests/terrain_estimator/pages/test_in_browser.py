@@ -73,7 +73,7 @@ def test_what_is_shown_is_what_the_finding_holds(browser: Browser, written: Call
         page = it.page
         for name in ("drive_drag", "coulomb_drag"):
             assert values(page, f"#candidate-{name}") == [given["probabilities"][name]]
-        assert "99.1 %" in page.locator("#candidate-drive_drag").inner_text()
+        assert "99.1\u00a0%" in page.locator("#candidate-drive_drag").inner_text()
         assert "0.2005 ± 0.0032 N m s/rad (95 % interval 0.1943 to 0.2067)" in page.locator(".verdict").inner_text().replace("\u00a0", " ")
         gap = given["gap"]
         assert values(page, ".verdict p:last-child") == [gap["after"], gap["before"], gap["noise_floor"], gap["closed"], *gap["closed_95"]]
