@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from terramechanics.profile import MEAN_SLOPE, STEEPEST, WAVELENGTHS, Flat, Hills, Profile, Ramp, Step, random_hills
+from terramechanics.profile import MEAN_SLOPE, STEEPEST, WAVELENGTHS, Flat, Hills, Profile, Ramp, Sampled, Step, random_hills
 
 BATCH = 500
 
@@ -16,7 +16,17 @@ def hills(capability: float = 1.0, seed: int = 1) -> Hills:
     return random_hills(BATCH, torch.full((BATCH,), capability, dtype=torch.float64), torch.Generator().manual_seed(seed))
 
 
-@pytest.mark.parametrize("profile", [Flat(), Ramp(0.1), Ramp(-0.2, start=0.5, blend=0.3), Step(0.1), Step(-0.05, length=0.4), hills()])
+def sampled(spacing: float = 0.5) -> Sampled:
+    """The slopes of hills, by samples that begin and end inside of what is asked for."""
+    places = spacing * torch.arange(round(4.0 / spacing) + 1, dtype=torch.float64).expand(BATCH, -1)
+    _, slope, curvature = hills().shape(places)
+    curvature[:, [0, -1]] = 0.0
+    return Sampled(slope, curvature, 0.0, spacing)
+
+
+@pytest.mark.parametrize(
+    "profile", [sampled(), Flat(), Ramp(0.1), Ramp(-0.2, start=0.5, blend=0.3), Step(0.1), Step(-0.05, length=0.4), hills()]
+)
 def test_slope_and_curvature_are_the_derivatives_of_height(profile: Profile) -> None:
     x = torch.linspace(-1.0, 6.0, 83, dtype=torch.float64).expand(BATCH, -1).clone().requires_grad_()
     height, slope, curvature = profile.shape(x)
@@ -29,6 +39,15 @@ def test_slope_and_curvature_are_the_derivatives_of_height(profile: Profile) -> 
     (by_slope,) = torch.autograd.grad(slope.sum(), x)
     torch.testing.assert_close(by_height, slope.detach(), atol=1e-12, rtol=1e-10)
     torch.testing.assert_close(by_slope, curvature.detach(), atol=1e-11, rtol=1e-10)
+
+
+def test_dense_samples_of_hills_are_the_hills() -> None:
+    x = torch.linspace(0.1, 3.9, 40, dtype=torch.float64).expand(BATCH, -1)
+    height, slope, _ = hills().shape(x)
+    near = sampled(0.05).shape(x)
+    torch.testing.assert_close(near[1], slope, atol=1e-6, rtol=0.0)
+    start = hills().shape(torch.zeros(BATCH, 1, dtype=torch.float64))[0]
+    torch.testing.assert_close(near[0], height - start, atol=1e-4, rtol=0.0)
 
 
 def test_a_ramp_ends_at_its_grade_and_a_step_at_its_rise() -> None:

@@ -37,6 +37,7 @@ from terrain_estimator.discovery import (
     settled,
     singles,
 )
+from terrain_estimator.discovery.gap import Gap
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import describe
@@ -162,11 +163,11 @@ def summary(
         "separate_by": finding.separate_by,
         "left": [{"row": each.column.row, "signal": each.column.signal, "strength": math.sqrt(each.strength)} for each in finding.left[:3]],
         **diagnosis.plain(),
-        "gap": dataclasses.asdict(proof.gap) if proof else dict.fromkeys(("before", "after", "noise_floor", "closed", "closed_95")),
+        "added": proof is not None and proof.added,
+        **(proof.plain() if proof else {"gap": dict.fromkeys(item.name for item in dataclasses.fields(Gap)), "proof": None}),
         "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},
         "runs": [each.name for each in blocks],
         "held_out": [each.name for each in unseen],
-        "proof": dataclasses.asdict(proof) | {"sentence": proof.sentence} if proof else None,
     }
 
 

@@ -20,8 +20,9 @@
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
 - ``where``: rows against regions of signals (``regions``) on the innovations of a fit (``whitening``).
 - ``isolability``: which effects the runs can tell apart, by expected log Bayes factors (``expected``).
-- ``proof``: the model with the effect against the one without, on runs that neither has seen. ``held_out``, ``one_step``,
-  ``scores``, ``resampling``: its steps.
+- ``proof``: the model with the effect against the one without, on runs that neither has seen (``held_out``): each second from the one
+  before (``one_step``), five seconds from the wheel rates alone (``rollout`` over the ``terrain``, as ``signals``). ``scores`` by row and
+  region, the ``gap`` with its interval (``resampling``).
 - ``separation``: what would tell confusable effects apart.
 
 No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.

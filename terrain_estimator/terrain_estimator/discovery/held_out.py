@@ -23,6 +23,8 @@ from terrain_estimator.gaussian import cholesky
 
 SHORTEST_HALF = 8
 """[blocks] of a half of a run: eight seconds."""
+PIECE = 5
+"""[blocks] of a rollout: five seconds, linked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +56,19 @@ def long_enough(run: Blocks) -> Blocks:
     """The run, where it can be halved.
 
     Raises:
-        RunError: it is too short.
+        RunError: it is too short, or a half has no piece without a gap that is long enough for a rollout.
     """
-    if len(run.packed) < 2 * SHORTEST_HALF:
-        raise RunError(f"{run.name}: {len(run.packed)} whole seconds, a held-out run needs at least {2 * SHORTEST_HALF}")
+    count = len(run.packed)
+    if count < 2 * SHORTEST_HALF:
+        raise RunError(f"{run.name}: {count} whole seconds, a held-out run needs at least {2 * SHORTEST_HALF}")
+    if not all(half.pieces(PIECE) for half in _halved(run)):
+        raise RunError(f"{run.name}: a held-out run needs {PIECE} s in one piece in each half, there are gaps everywhere")
     return run
+
+
+def _halved(run: Blocks) -> tuple[Blocks, Blocks]:
+    count = len(run.packed)
+    return run.between(0, count // 2), run.between(count // 2, count)
 
 
 @torch.inference_mode()
@@ -66,10 +76,9 @@ def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Ha
     """Both halves of a held-out run; the same procedure for every model.
 
     Raises:
-        RunError: the run is too short to be halved.
+        RunError: see ``long_enough``.
     """
-    count = len(long_enough(run).packed)
-    parts = run.between(0, count // 2), run.between(count // 2, count)
+    parts = _halved(long_enough(run))
     told = [_told(Study(nominal, [part]), models) for part in parts]
     return Half(parts[0], told[1]), Half(parts[1], told[0])
 

@@ -45,6 +45,7 @@ def one_step(equations: Equations, ground: Ground, follows: Tensor) -> Predicted
         error=torch.where(holds, error, math.nan),
         sd=torch.where(holds, spread.diagonal(dim1=1, dim2=2).sqrt(), math.nan),
         misfit=misfit,
+        expected=count,
         count=count,
         surprise=0.5 * (misfit + log_determinant(factor) + count * math.log(2.0 * math.pi)),
     )

@@ -101,6 +101,16 @@ class Blocks:
         joined = self.ends[1:, 0] == self.ends[:-1, 1]
         return torch.cat([torch.zeros(1, dtype=torch.bool), joined])
 
+    def pieces(self, length: int) -> list[int]:
+        """Numbers of the first blocks of pieces of ``length`` linked blocks, one after the other."""
+        found, first = [], 0
+        for number, joined in enumerate(self.follows().tolist()):
+            first = first if joined else number
+            if number - first == length - 1:
+                found.append(first)
+                first = number + 1
+        return found
+
 
 def cut(run: Run, nominal: Contact) -> Blocks:
     """Cut a run into blocks in which every wheel is measured and in range.

@@ -23,7 +23,8 @@ class Predicted:
 
     error: Tensor  # [N, R] in the units of the rows
     sd: Tensor  # [N, R]
-    misfit: Tensor  # [N] squared Mahalanobis distance of the rows of a moment
+    misfit: Tensor  # [N] sum of the squared errors of the rows that are there, in units of a noise
+    expected: Tensor  # [N] what the model expects of the misfit
     count: Tensor  # [N] rows that are there
     surprise: Tensor  # [N] [nat] negative log likelihood of those rows together
 
@@ -51,23 +52,41 @@ class Score:
 def scores(
     kind: str, rows: Sequence[tuple[str, str]], regions: Mapping[str, Tensor], before: Predicted, after: Predicted | None
 ) -> list[Score]:
-    """Every row (name, unit) in every region ([N] bool); those without a value are left out."""
+    """Every row (name, unit) in every region ([N] bool), then all rows together; regions without a value are left out."""
     found = []
+    for region, here in regions.items():
+        there = here & (before.count > 0.0)
+        if bool(there.any()):
+            first, second = _together(before, there), None if after is None else _together(after, there)
+            found.append(_score(kind, ("all rows", "standard deviations"), region, int(before.count[there].sum()), first, second))
     for k, (row, unit) in enumerate(rows):
         for region, here in regions.items():
             there = here & torch.isfinite(before.error[:, k])
             if after is not None:
                 there = there & torch.isfinite(after.error[:, k])
             if bool(there.any()):
-                first = _of(before, k, there)
                 second = None if after is None else _of(after, k, there)
-                floor = (second or first)[3]
-                pairs = [(first[i], None if second is None else second[i]) for i in range(3)]
-                found.append(Score(kind, row, region, unit, int(there.sum()), floor, *pairs))
+                found.append(_score(kind, (row, unit), region, int(there.sum()), _of(before, k, there), second))
     return found
 
 
-def _of(predicted: Predicted, row: int, there: Tensor) -> tuple[float, float, float, float]:
+_Numbers = tuple[float, float, float, float]  # error, negative log likelihood, coverage, and the error that is expected
+
+
+def _score(kind: str, row: tuple[str, str], region: str, count: int, before: _Numbers, after: _Numbers | None) -> Score:
+    error, nll, coverage = ((before[i], None if after is None else after[i]) for i in range(3))
+    return Score(kind, row[0], region, row[1], count, (after or before)[3], error, nll, coverage)
+
+
+def _together(predicted: Predicted, there: Tensor) -> _Numbers:
+    count = predicted.count[there].sum()
+    away = (predicted.error / predicted.sd)[there]
+    error, expected = ((values[there].sum() / count).sqrt() for values in (predicted.misfit, predicted.expected))
+    inside = (away.abs() < INTERVAL).sum() / torch.isfinite(away).sum()
+    return float(error), float(predicted.surprise[there].sum() / count), float(inside), float(expected)
+
+
+def _of(predicted: Predicted, row: int, there: Tensor) -> _Numbers:
     error, sd = predicted.error[there, row], predicted.sd[there, row]
     away = error / sd
     nll = (0.5 * (away.square() + math.log(2.0 * math.pi)) + sd.log()).mean()
