@@ -116,15 +116,15 @@ def _proof(finding: Finding) -> dict[str, Any]:
     gap, proof = finding.get("gap") or {}, finding.get("proof") or {}
     scores = proof.get("rows") or ()
     kinds = list(dict.fromkeys(each["kind"] for each in scores))
+    rollouts = {proof[key]["signal"]: proof[key] for key in ("rollout", "velocity_rollout") if proof.get(key)}
     overall = {kind: [each for each in scores if each["kind"] == kind and each["region"] == EVERYWHERE] for kind in kinds}
-    rollout = proof.get("rollout")
     return {
         "sentence": say.proof_sentence(gap, proof),
         "gap": _gap_table(gap) if gap.get("before") is not None else None,
         "why_not": "the finding has none" if finding["held_out"] else "no run was held out",
         "pictures": [_scores_picture(kind, own) for kind, own in overall.items() if own],
         "tables": [(_KINDS.get(kind, kind), _score_table([each for each in scores if each["kind"] == kind])) for kind in kinds],
-        "rollout": _rollout(rollout) if rollout else None,
+        "rollouts": [_rollout(each) for each in rollouts.values()],
         "parameters": _halves(proof.get("parameters") or ()),
     }
 
@@ -132,8 +132,8 @@ def _proof(finding: Finding) -> dict[str, Any]:
 def _rollout(rollout: Mapping[str, Any]) -> Picture:
     series = [Series("measured", rollout["measured"], INK, "^")]
     series += [Series(word, rollout[word], *_STYLES[word]) for word in _STYLES if rollout[word]]
-    title = f"The worst five seconds of {rollout['run']}"
-    return lines("rollout", title, rollout["time_s"], series, ("time [s]", f"{rollout['signal']} [{rollout['unit']}]"))
+    title = f"{rollout['signal'].capitalize()} in {rollout['run']}"
+    return lines(f"rollout-{rollout['signal']}", title, rollout["time_s"], series, ("time [s]", f"{rollout['signal']} [{rollout['unit']}]"))
 
 
 def _halves(strengths: Sequence[Mapping[str, Any]]) -> list[Picture]:
@@ -161,14 +161,14 @@ def _half_series(strengths: Sequence[Mapping[str, Any]], key: str, unit: float, 
 def _gap_table(gap: Mapping[str, Any]) -> Table:
     closed = gap.get("closed_95") or (None, None)
     rows = (
-        ("error before [standard deviations]", gap["before"]),
-        ("error after [standard deviations]", gap["after"]),
-        ("noise floor [standard deviations]", gap["noise_floor"]),
-        ("share of the gap that is closed", gap["closed"]),
+        ("error before", gap["before"]),
+        ("error after", gap["after"]),
+        ("noise floor", gap["noise_floor"]),
+        ("share of the gap that is closed [1]", gap["closed"]),
         ("its 95 % interval, lower end", closed[0]),
         ("its 95 % interval, upper end", closed[1]),
     )
-    return Table(("", "value"), tuple(row for row in rows if row[1] is not None))
+    return Table(("in standard deviations", "value"), tuple(row for row in rows if row[1] is not None))
 
 
 def _scores_picture(kind: str, rows: Sequence[Mapping[str, Any]]) -> Picture:

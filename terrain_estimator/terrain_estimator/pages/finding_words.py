@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from terrain_estimator.pages.numbers import chance, interval, number, probability, words
+from terrain_estimator.pages.numbers import chance, interval, probability, words
 from terramechanics.effects import EFFECTS
 
 
@@ -105,31 +105,14 @@ def disagreement(entry: Mapping[str, Any]) -> str:
 
 def proof_sentence(gap: Mapping[str, Any], proof: Mapping[str, Any]) -> Markup:
     """What the held-out runs say; empty where they were not asked."""
-    if gap.get("before") is None:
+    if not proof:
         return Markup("")
-    before, after, floor = (number(gap[key]) for key in ("before", "after", "noise_floor"))
-    if gap["after"] is None:
-        return Markup(
-            "Runs that were held out are predicted with an error of {} standard deviations of what the model expects; "
-            "{} is the noise floor."
-        ).format(before, floor)
-    sentence = Markup(
-        "With it, runs that were held out are predicted with an error of {} instead of {} standard deviations of what the model expects; "
-        "{} is the noise floor."
-    ).format(after, before, floor)
+    sentence = Markup("Proof: {}.").format(proof["sentence"])
     if gap.get("closed") is not None:
         limits = [_percent(each) for each in gap.get("closed_95") or ()]
         sentence += Markup(" That closes {} of the gap").format(_percent(gap["closed"]))
-        sentence += Markup(" (95 % interval {} to {}).").format(*limits) if limits else Markup(".")
-    return sentence + _decision(proof)
-
-
-def _decision(proof: Mapping[str, Any]) -> str:
-    if "added" not in proof:
-        return ""
-    if proof["added"]:
-        return f" The improvement is more than chance: {proof['effect']} is added to the model."
-    return f" That may be chance: {proof['effect']} is not added to the model."
+        sentence += Markup(" (95&nbsp;% interval {} to {}).").format(*limits) if limits else Markup(".")
+    return sentence
 
 
 def _percent(share: float) -> Markup:

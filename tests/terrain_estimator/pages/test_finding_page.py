@@ -44,7 +44,7 @@ def test_the_headline_says_the_verdict_in_words(verdict: str, headline: str) -> 
 def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_runs_refuted_a_name() -> None:
     assert "Closest comes slope_bias. What is left depends most on distance in the velocity row." in report("unknown")
     refuted = finding("unknown")
-    refuted["proof"] = {"effect": "slope_bias", "added": False}
+    refuted["proof"] = {"effect": "slope_bias", "added": False, "sentence": "slope_bias is not added"}
     assert "slope_bias explains it, but it does not help to predict those that were held out." in finding_page(refuted)
 
 

@@ -76,11 +76,13 @@ def test_what_is_shown_is_what_the_finding_holds(browser: Browser, written: Call
         assert "99.1\u00a0%" in page.locator("#candidate-drive_drag").inner_text()
         assert "0.2005 ± 0.0032 N m s/rad (95 % interval 0.1943 to 0.2067)" in page.locator(".verdict").inner_text().replace("\u00a0", " ")
         gap = given["gap"]
-        assert values(page, ".verdict p:last-child") == [gap["after"], gap["before"], gap["noise_floor"], gap["closed"], *gap["closed_95"]]
+        assert "Proof: drive_drag is added: rollouts miss by 1.08 instead of 1.93." in page.locator(".verdict").inner_text()
+        assert values(page, ".verdict p:last-child") == [gap["closed"], *gap["closed_95"]]
+        assert values(page, "#gap") == [gap["before"], gap["after"], gap["noise_floor"], gap["closed"], *gap["closed_95"]]
         before, after = given["parameters"]["before"], given["parameters"]["after"]
         assert values(page, "#cohesion_pa tbody tr:first-child") == pytest.approx([3.6991, 3.1])
         assert values(page, "#held-out-cohesion_pa tbody tr:first-child") == pytest.approx([3.6, 1.96 * 0.21, 3.05, 1.96 * 0.18], rel=1e-4)
-        assert values(page, "#rollout tbody tr:last-child") == [0.12, 0.16, 0.125]
+        assert values(page, "#rollout-velocity tbody tr:last-child") == [0.12, 0.16, 0.125]
         assert len(before["tan_phi"]) == len(after["tan_phi"]) == page.locator("#tan_phi tbody tr").count()
         assert values(page, ".matrix") == [810.0, 12.5, 450.0, 1.25]
         assert page.locator(".matrix .alike").count() == 1
