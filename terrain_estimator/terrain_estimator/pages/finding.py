@@ -226,7 +226,10 @@ def _cell(nats: float) -> dict[str, Any]:
 
 def _next(finding: Finding) -> dict[str, Any]:
     otherwise = "Nothing has to be told apart." if finding["verdict"] in {"none", "named"} else "No drive was compared."
-    return {"separate_by": say.separation(finding.get("separate_by") or ""), "table": None, "otherwise": otherwise}
+    drives = finding.get("next_drives") or ()
+    rows = tuple((each["words"], each["seconds"], " against ".join(each["pair"]), each["nats"]) for each in drives)
+    table = Table(("drive", "length [s]", "evidence for", "expected gain [nat]"), rows) if rows else None
+    return {"separate_by": say.separation(finding.get("separate_by") or ""), "table": table, "otherwise": otherwise}
 
 
 def _provenance(told: Mapping[str, Any]) -> list[tuple[str, str]]:

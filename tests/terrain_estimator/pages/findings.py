@@ -25,7 +25,8 @@ def finding(verdict: str) -> dict[str, Any]:
         "probabilities": _PROBABILITIES[verdict],
         "effects": [_effect(name, verdict) for name in names],
         "confusable_with": names[1:],
-        "separate_by": "drive_drag or coulomb_drag: drive at two speeds that differ by a factor of three" if len(names) > 1 else "",
+        "separate_by": "drive 30 s at two speeds; or, for drive_drag: lift the wheels" if len(names) > 1 else "",
+        "next_drives": [_DRIVE] if len(names) > 1 else [],
         "left": [{"row": "velocity", "signal": "distance", "strength": 9.1}] if verdict == "unknown" else [],
         "where": [] if verdict == "none" else _WHERE,
         "gap": _GAP if added else {"before": 1.02, "after": None, "noise_floor": 1.0, "closed": None, "closed_95": None},
@@ -68,6 +69,7 @@ _WHERE = [
 ]
 _GAP = {"before": 1.93, "after": 1.0831, "noise_floor": 1.0, "closed": 0.9107, "closed_95": [0.83, 0.96]}
 _STRENGTHS = {"cohesion_pa": [3699.1, 3229.07], "tan_phi": [0.485, 0.568]}
+_DRIVE = {"name": "two_speeds", "words": "at two speeds", "seconds": 30.0, "nats": 17.25, "pair": ["drive_drag", "coulomb_drag"]}
 _ROLLOUT = {
     "run": "dune_3", "signal": "velocity", "unit": "m/s", "time_s": [0.1, 0.2, 0.3],
     "measured": [0.10, None, 0.12], "before": [0.10, 0.13, 0.16], "after": [0.10, 0.11, 0.125],

@@ -48,6 +48,13 @@ def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_r
     assert "slope_bias explains it, but it does not help to predict those that were held out." in finding_page(refuted)
 
 
+def test_what_to_drive_next_stands_with_what_it_is_expected_to_bring() -> None:
+    text = report("confusable")
+    assert "<li>Drive 30 s at two speeds.</li>\n<li>Or, for drive_drag: lift the wheels.</li>" in text
+    assert re.search(r'at two speeds</th><td class="figure"><data value="30.0">.*drive_drag against coulomb_drag.*value="17.25"', text)
+    assert "Nothing has to be told apart." in report("none")
+
+
 def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
     bare = finding("named")
     for key in ("proof", "isolability", "asked", "provenance"):
