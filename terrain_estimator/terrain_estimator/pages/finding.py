@@ -28,7 +28,7 @@ EVERYWHERE = "everywhere"
 _STYLES = {"before": (BEFORE, "s"), "after": (AFTER, "o")}
 _STRENGTHS = (("cohesion_pa", "Cohesion c", "c [kPa]", 1e-3), ("tan_phi", "Friction angle, as tan phi", "tan phi [1]", 1.0))
 """Key, title, axis and factor to the unit of the axis."""
-_KINDS = {"one_step": "Prediction of the next second", "rollout": "Simulation of 5 s from commanded wheel rates alone"}
+_KINDS = {"one_step": "Prediction of the next second", "rollout": "Simulation of 5 s from the wheel rates alone"}
 
 Finding = Mapping[str, Any]
 
