@@ -11,7 +11,7 @@ DIGITS = 3
 """Significant digits where no deviation says how many mean something."""
 NORMAL_95 = 1.959964
 """Half width of the 95 % interval of a Gaussian, in deviations."""
-MINUS = "\N{MINUS SIGN}"
+_MINUS = "\N{MINUS SIGN}"
 _ABSENT = Markup('<span class="absent">not known</span>')
 
 
@@ -48,9 +48,7 @@ def words(items: Sequence[str], last: str = "and") -> str:
 
 
 def _data(value: float, shown: str) -> Markup:
-    return Markup('<data value="{}">{}</data>').format(
-        repr(float(value)), shown.replace("-", "\N{MINUS SIGN}") if shown[0] == "-" else shown
-    )
+    return Markup('<data value="{}">{}</data>').format(repr(float(value)), shown)
 
 
 def _unit(unit: str) -> Markup:
@@ -60,7 +58,7 @@ def _unit(unit: str) -> Markup:
 def _shown(value: float, digits: int) -> str:
     """Significant digits without an exponent where a person would write none."""
     if value == 0.0 or not 1e-4 <= abs(value) < 1e6:
-        return f"{value:.{digits}g}".replace("-", MINUS)
+        return f"{value:.{digits}g}".replace("-", _MINUS)
     return _fixed(value, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
 
 
@@ -70,4 +68,4 @@ def _places(sd: float) -> int:
 
 
 def _fixed(value: float, places: int) -> str:
-    return f"{value:.{places}f}".replace("-", MINUS)
+    return f"{value:.{places}f}".replace("-", _MINUS)
