@@ -9,6 +9,7 @@ methods and shapes after.
 
 import dataclasses
 import hashlib
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,16 @@ FORMAT = 2
 """Version of the interface: the state's fields, the packed observation, the methods."""
 MODELS = Path(terrain_estimator.__file__).parent / "models"
 DEFAULT_MODEL = "mars_rover"
-_METHODS = ("initial", "initial_with_prior", "update", "discard", "predict", "forecast", "estimate")
+_METHODS = {
+    "initial": "",
+    "initial_with_prior": "Tensor mean, Tensor sd, Tensor soils, float drift",
+    "update": "Dict(str, Tensor) state, Tensor observation",
+    "discard": "Dict(str, Tensor) state",
+    "predict": "Dict(str, Tensor) state, Tensor observation",
+    "forecast": "Dict(str, Tensor) state, float horizon_s",
+    "estimate": "Dict(str, Tensor) state",
+}
+"""Methods that the module must have, with their arguments in TorchScript's words."""
 _LARGEST_FILE = 64 << 20
 
 
@@ -111,9 +121,9 @@ def load_model(name: str = "") -> LoadedModel:
     """Check and load a model by installed name or path. Raises ModelFileError."""
     path = model_path(name)
     metadata = read_metadata(path.with_suffix(".json"))
-    _check_bytes(path, metadata)
+    content = _checked_bytes(path, metadata)
     try:
-        module = torch.jit.load(str(path), map_location="cpu")  # type: ignore[no-untyped-call]
+        module = torch.jit.load(io.BytesIO(content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
         raise ModelFileError(f"{path}: not a TorchScript module: {str(error).splitlines()[0]}") from error
     model = LoadedModel(module, metadata)
@@ -148,13 +158,16 @@ def fingerprint(path: Path) -> tuple[str, int]:
     return hashlib.sha256(content).hexdigest(), len(content)
 
 
-def _check_bytes(path: Path, metadata: Metadata) -> None:
+def _checked_bytes(path: Path, metadata: Metadata) -> bytes:
+    """The file's content, read once: what was checked is what is loaded, even where the file is replaced meanwhile."""
     size = path.stat().st_size
     if size != metadata.size or size > _LARGEST_FILE:
         raise ModelFileError(f"{path}: has {size} bytes, {path.with_suffix('.json').name} says {metadata.size}: copy both files again")
-    sha256, _ = fingerprint(path)
+    content = path.read_bytes()
+    sha256 = hashlib.sha256(content).hexdigest()
     if sha256 != metadata.sha256:
         raise ModelFileError(f"{path}: sha256 is {sha256}, {path.with_suffix('.json').name} says {metadata.sha256}: the file is damaged")
+    return content
 
 
 def _check_interface(path: Path, model: LoadedModel) -> None:
@@ -162,13 +175,19 @@ def _check_interface(path: Path, model: LoadedModel) -> None:
     missing = [name for name in _METHODS if not hasattr(model.module, name)]
     if missing:
         raise ModelFileError(f"{path}: has no method {missing[0]!r}, so it is not a model of this package")
+    for name, wanted in _METHODS.items():
+        _, _, taken = str(getattr(model.module, name).schema).partition("(")[2].partition(" self")
+        if (found := taken.rpartition(") -> ")[0].removeprefix(", ")) != wanted:
+            raise ModelFileError(f"{path}: method {name} takes ({found}), this version needs ({wanted}): train it again (make train)")
     axles = len(model.rover.axle_x)
     fields = (model.metadata.observation_axle_fields, model.metadata.observation_scalar_fields)
     if fields != (AXLE_FIELDS, SCALAR_FIELDS):
         raise ModelFileError(f"{path}: was trained for other fields of an observation, train it again (make train)")
     state = model.module.initial()
-    taken, parameters = state["block"].shape[-1], state["expected"].shape[0]
-    if taken != packed_size(axles):
-        raise ModelFileError(f"{path}: takes observations of {taken} numbers, {axles} axles need {packed_size(axles)}")
+    length, parameters = state["block"].shape[-1], state["expected"].shape[0]
+    if length != packed_size(axles):
+        raise ModelFileError(f"{path}: takes observations of {length} numbers, {axles} axles need {packed_size(axles)}")
+    if tuple(model.module.estimate(state).shape) != (3, 2):
+        raise ModelFileError(f"{path}: estimates numbers of shape {tuple(model.module.estimate(state).shape)}, expected (3, 2)")
     if parameters != len(model.metadata.parameters):
         raise ModelFileError(f"{path}: has {parameters} parameters, its .json names {len(model.metadata.parameters)}")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch import Tensor
 
 from terrain_estimator.model_file import DEFAULT_MODEL, MODELS, ModelFileError, fingerprint, load_model, model_names
 from terrain_estimator.packing import packed_size
@@ -107,4 +108,47 @@ def test_a_foreign_torchscript_module_is_refused(copied: Path) -> None:
     sha256, size = fingerprint(copied)
     sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {"sha256": sha256, "size": size}))
     with pytest.raises(ModelFileError, match="has no method 'initial'"):
+        load_model(str(copied))
+
+
+class OtherArguments(torch.nn.Module):
+    """A module with the methods of a model, of which one takes something else."""
+
+    @torch.jit.export
+    def initial(self) -> dict[str, Tensor]:
+        return {}
+
+    @torch.jit.export
+    def initial_with_prior(self, mean: Tensor) -> dict[str, Tensor]:
+        return {"mean": mean}
+
+    @torch.jit.export
+    def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:  # noqa: ARG002
+        return state
+
+    @torch.jit.export
+    def discard(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
+        return state
+
+    @torch.jit.export
+    def predict(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:  # noqa: ARG002
+        return observation
+
+    @torch.jit.export
+    def forecast(self, state: dict[str, Tensor], horizon_s: float) -> Tensor:  # noqa: ARG002
+        return state["mean"]
+
+    @torch.jit.export
+    def estimate(self, state: dict[str, Tensor]) -> Tensor:
+        return state["mean"]
+
+
+def test_a_module_whose_methods_take_something_else_is_refused_before_one_is_called(copied: Path) -> None:
+    torch.jit.save(torch.jit.script(OtherArguments()), str(copied))
+    sidecar = copied.with_suffix(".json")
+    sha256, size = fingerprint(copied)
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {"sha256": sha256, "size": size}))
+    with pytest.raises(
+        ModelFileError, match=r"method initial_with_prior takes \(Tensor mean\), this version needs \(Tensor mean, Tensor sd"
+    ):
         load_model(str(copied))
