@@ -5,10 +5,11 @@
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from terrain_estimator.config import CoreConfig
@@ -17,11 +18,13 @@ from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.packing import LONGEST_GAP, ground_torque, link, pack
 from terrain_estimator.palpaca import State
+from terrain_estimator.saved_state import Arrays, checked_state
 from terrain_estimator.screening import Screening, screen
 from terrain_estimator.summary import Beliefs, doubted, summarise
 from terrain_estimator.update import Decision, Estimate, Prediction, Update
 
 _NAN = math.nan
+_PUBLISHED = ("moments", "expected", "covariance")  # parts of the state that all published numbers come from
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
 ground while it crosses a border passes within that time."""
@@ -76,6 +79,38 @@ class Estimator:
     def reject(self, stamp_ns: int, outcome: Outcome, detail: str) -> Update:
         """Answer for an observation that could not even be formed."""
         return self._answer(stamp_ns, Decision(outcome, (), _NAN, _NAN, 0, detail))
+
+    @property
+    def last_stamp_ns(self) -> int | None:
+        """Stamp of the last observation that came, None where none did."""
+        return self._last_stamp
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        """Everything that the next update depends on, as arrays; the sequence number is the run's and stays."""
+        last = {} if self._last is None else dataclasses.asdict(self._last)
+        return {
+            **{f"state.{name}": value.numpy() for name, value in self._state.items()},
+            **{f"last.{name}": np.asarray(value) for name, value in last.items()},
+            "counts": np.array([-1 if self._last_stamp is None else self._last_stamp, self._used, self._contradictions], dtype=np.int64),
+            "numbers": np.array([self._time_used_s, self._change, self._doubt, *self._forecast]),
+        }
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go on from what :meth:`save` gave, of an estimator with the same model.
+
+        Raises:
+            StateFileError: the arrays are not those of a state of this model; nothing is changed then.
+        """
+        state = checked_state(arrays, self._state, _PUBLISHED)
+        stamp_ns, self._used, self._contradictions = arrays["counts"].tolist()
+        self._time_used_s, self._change, self._doubt, *forecast = arrays["numbers"].tolist()
+        self._forecast = (forecast[0], forecast[1])
+        self._last_stamp = None if stamp_ns < 0 else stamp_ns
+        values = {name.removeprefix("last."): value for name, value in arrays.items() if name.startswith("last.")}
+        last: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in values.items()}
+        self._last = Observation(**last) if last else None
+        self._state = state
+        self._estimate = self._summarise()
 
     def _without_unused(self, observation: Observation) -> Observation:
         changes: dict[str, Floats | float] = {}
@@ -242,7 +277,7 @@ class Report(NamedTuple):
 
 def _finite(state: State, report: Report) -> bool:
     """Whether every number that is ever published is finite; the posterior moves with closed blocks only."""
-    moved = sum(state[name].sum().item() for name in ("moments", "expected", "covariance")) if report.closed else 0.0
+    moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
     return math.isfinite(report.velocity + report.variance + moved)
 
 

@@ -116,7 +116,15 @@ class Synchronizer:
         if entry.backwards < RESTART_AFTER:
             return False
         _forget(entry)
+        if entry is self._reference:
+            self._follow(stamp_ns)
         return True
+
+    def _follow(self, stamp_ns: int) -> None:
+        """The sets' clock was set back: topics that are still in the time before it must not wait for that to come again."""
+        for other in self._others:
+            if other.latest_ns > stamp_ns + self._timeout_ns:
+                _forget(other)
 
     def _release(self, *, ended: bool = False) -> list[MessageSet]:
         sets: list[MessageSet] = []

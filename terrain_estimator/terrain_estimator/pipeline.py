@@ -3,10 +3,14 @@
 """From messages to updates: pairing, conversion, estimator. The node and replay run this one object."""
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.conversion import Conversion, Converter
@@ -16,6 +20,7 @@ from terrain_estimator.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
 from terrain_estimator.pairing import Counters, MessageSet, Synchronizer, Topic
 from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, Make, Message, stamp_ns
+from terrain_estimator.saved_state import Arrays
 from terrain_estimator.update import Update
 from terramechanics.rover import Rover, load_rover
 
@@ -48,13 +53,15 @@ class Pipeline:
         topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.inputs)
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = Synchronizer(topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9))
-        self._converter = Converter(rover_of(model, config), config.conversion, config.core)
+        rover = rover_of(model, config)
+        self.rover_name = rover.name
+        self._converter = Converter(rover, config.conversion, config.core)
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)
         self.meta = Meta(
             model_id=model.model_id,
             model_sha256=model.sha256,
-            configuration_sha256=config.sha256(),
+            configuration_sha256=configuration_sha256(model, config),
             rows=model.rows,
             body_frame=config.conversion.body_frame or "base_link",
         )
@@ -87,14 +94,39 @@ class Pipeline:
 
     def answer(self, conversion: Conversion) -> Answer:
         """Third step of ``add``: what the estimator says to it."""
+        note = self._follow_the_clock(conversion.stamp_ns)
         if conversion.observation is None:
-            return Answer(self._estimator.reject(conversion.stamp_ns, conversion.outcome, conversion.detail), conversion.notes)
-        return Answer(self._estimator.update(conversion.observation), conversion.notes)
+            update = self._estimator.reject(conversion.stamp_ns, conversion.outcome, conversion.detail)
+        else:
+            update = self._estimator.update(conversion.observation)
+        return Answer(dataclasses.replace(update, warnings=(note,)) if note else update, conversion.notes)
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        """The estimator's state; messages that wait for their partners are not part of it."""
+        return self._estimator.save()
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go on from a saved state. Raises StateFileError, and changes nothing then."""
+        self._estimator.restore(arrays)
+
+    def _follow_the_clock(self, stamp_ns: int) -> str:
+        """Reset where the clock was set back, and say so: pairing lets earlier stamps through only once that is certain."""
+        last_ns = self._estimator.last_stamp_ns
+        if last_ns is None or stamp_ns >= last_ns:
+            return ""
+        self._estimator.reset()
+        return f"the clock went back by {(last_ns - stamp_ns) / 1e9:.1f} s, as when a bag loops: the posterior is the prior again"
 
     def reset(self) -> None:
         """Forget the ground and the waiting messages; counters and sequence numbers go on."""
         self._synchronizer.reset()
         self._estimator.reset()
+
+
+def configuration_sha256(model: LoadedModel, config: EstimatorConfig) -> str:
+    """Fingerprint of all parameters, the contents of a rover file among them. Raises as :func:`rover_of`."""
+    contents = json.dumps(dataclasses.asdict(rover_of(model, config)), sort_keys=True)
+    return config.sha256(hashlib.sha256(contents.encode()).hexdigest() if config.rover else "")
 
 
 def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:

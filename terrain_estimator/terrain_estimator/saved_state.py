@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator's state as a file: what a node that starts again goes on from.
+
+One line of JSON says what the file is (version, model, size and sha256 of the rest); NumPy's npz of plain arrays follows, which is
+never unpickled. A file that is cut, changed, of another version or of another model is refused before its arrays are read.
+"""
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+VERSION = 1
+_FORMAT = "terrain_estimator state"
+_LARGEST_FILE = 16 << 20
+
+Arrays: TypeAlias = Mapping[str, NDArray[Any]]
+"""Plain arrays by name."""
+
+
+class StateFileError(ValueError):
+    """A state is missing, damaged, or another model's; the message names the file and says what to do."""
+
+
+def pack_state(arrays: Arrays, model_sha256: str) -> bytes:
+    """The content of a state file."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    payload = buffer.getvalue()
+    header = {
+        "format": _FORMAT,
+        "version": VERSION,
+        "model_sha256": model_sha256,
+        "size": len(payload),
+        "sha256": hashlib.sha256(payload).hexdigest(),
+    }
+    return json.dumps(header).encode() + b"\n" + payload
+
+
+def unpack_state(content: bytes, model_sha256: str, where: str) -> dict[str, NDArray[Any]]:
+    """The arrays of a state file's content. Raises StateFileError that begins with ``where``."""
+    line, _, payload = content.partition(b"\n")
+    header = _header(line, where)
+    expected = {"format": _FORMAT, "version": VERSION, "model_sha256": model_sha256}
+    advice = "start without it, from the prior"
+    for key, value in expected.items():
+        if header.get(key) != value:
+            raise StateFileError(f"{where}: {key} is {header.get(key)!r}, expected {value!r}: {advice}")
+    if header.get("size") != len(payload) or header.get("sha256") != hashlib.sha256(payload).hexdigest():
+        raise StateFileError(f"{where}: is damaged, {len(payload)} bytes are not the {header.get('size')} of its sha256: {advice}")
+    try:
+        with np.load(io.BytesIO(payload), allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        raise StateFileError(f"{where}: is no archive of plain arrays ({error}): {advice}") from error
+
+
+def checked_state(arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str]) -> dict[str, Tensor]:
+    """The tensors of an estimator's saved state, with the names, types and ranks of its own; the number of rows changes while it runs.
+
+    Raises StateFileError where they differ, or where one of the names in ``finite`` is not.
+    """
+    state = {name: torch.from_numpy(arrays[key].copy()) for name in own if (key := f"state.{name}") in arrays}
+    for name, tensor in own.items():
+        given = state.get(name)
+        if given is None or (given.dtype, given.dim(), given.shape[1:]) != (tensor.dtype, tensor.dim(), tensor.shape[1:]):
+            shown = "missing" if given is None else f"{given.dtype} {tuple(given.shape)}"
+            raise StateFileError(f"the state's {name} is {shown}, the model's is {tensor.dtype} {tuple(tensor.shape)}")
+    lengths = {name: arrays[name].size if name in arrays else 0 for name in ("counts", "numbers")}
+    if lengths != {"counts": 3, "numbers": 5} or not all(bool(state[name].isfinite().all()) for name in finite):
+        raise StateFileError("the state's counts or numbers are missing, or its posterior is not finite")
+    return state
+
+
+def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
+    """The arrays of a state file. Raises StateFileError."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_LARGEST_FILE + 1)
+    except OSError as error:
+        raise StateFileError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(content) > _LARGEST_FILE:
+        raise StateFileError(f"{path}: is larger than {_LARGEST_FILE} bytes, so it is no state file")
+    return unpack_state(content, model_sha256, str(path))
+
+
+def write_state(path: Path, content: bytes) -> None:
+    """Replace a state file so that a crash leaves the old one or the new one. Raises OSError; the old one is untouched then."""
+    temporary = path.with_name(f".{path.name}.new")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def _header(line: bytes, where: str) -> dict[str, Any]:
+    try:
+        header = json.loads(line)
+    except ValueError as error:
+        raise StateFileError(f"{where}: is no state file: its first line is no JSON") from error
+    return header if isinstance(header, dict) else {}
