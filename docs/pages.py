@@ -5,7 +5,8 @@
 from pathlib import Path
 
 from rover_sim_node.config import SimulatorConfig
-from terrain_estimator.config import EstimatorConfig, RecorderConfig, WatchConfig
+from terrain_estimator.config import EstimatorNodeConfig, RecorderConfig, WatchConfig
+from terrain_estimator.diagnostics import table as checks
 from terramechanics.parameters import table
 
 FOLDER = Path(__file__).parent
@@ -16,7 +17,7 @@ SPDX-License-Identifier: Apache-2.0
 Written by `make pages`: change the code, not this page.
 -->
 """
-NODES = {"estimator": EstimatorConfig, "recorder": RecorderConfig, "simulator": SimulatorConfig, "watch": WatchConfig}
+NODES = {"estimator": EstimatorNodeConfig, "recorder": RecorderConfig, "simulator": SimulatorConfig, "watch": WatchConfig}
 _PARAMETERS = """# Parameters
 
 All are read when a node starts, and stay as they are. They are given one by one, `--ros-args -p NAME:=VALUE`, or by a file:
@@ -27,7 +28,16 @@ All are read when a node starts, and stay as they are. They are given one by one
 An unknown or misspelt name is an error that says which is the nearest known one, at every level of a file; so are a value of another type
 or out of its range, and a file that has no section for the node (in a namespace the section is `/rover1/estimator`, or `/**`). An int is
 taken where a float is meant. `replay` takes the estimator's by `-p NAME:=VALUE` and from the same files. The sha256 of the values in force
-is in every estimate and in the health.
+is in every estimate, in the health, and in the metadata of recordings and replays.
+"""
+_DIAGNOSTICS = """# Diagnostics
+
+Estimator and recorder publish `/diagnostics` (`diagnostic_msgs/msg/DiagnosticArray`) once a second by the steady clock, from their start
+and in every state of their life cycle: one status for each check, its name `NODE: CHECK [TOPIC]`, its value among the `values`. The
+estimator's `estimator_health` has the worst of the checks of its inputs and updates as `level`, and those of that level in words as
+`summary`. What is wrong for five seconds is in the log, once, and once more when it is over.
+
+A level holds where the quantity is above the level's limit. A quantity that is not known (NaN) is no fault.
 """
 
 
@@ -37,7 +47,12 @@ def parameters_page() -> str:
     return "\n".join([_HEAD + _PARAMETERS, *sections])
 
 
-PAGES = {"parameters.md": parameters_page}
+def diagnostics_page() -> str:
+    """The page of all thresholds, from the checks that apply them."""
+    return f"{_HEAD}{_DIAGNOSTICS}\n{checks()}\n"
+
+
+PAGES = {"parameters.md": parameters_page, "diagnostics.md": diagnostics_page}
 
 if __name__ == "__main__":
     for name, page in PAGES.items():

@@ -243,6 +243,10 @@ def test_a_shorter_interval_syncs_the_recording_more_often(tmp_path: Path, monke
 
 
 ELSEWHERE = {
+    "estimator auto_start": "system/test_lifecycle.py::test_a_service_that_cannot_do_it_says_why",
+    "estimator state.file": "system/test_lifecycle.py::with_state",
+    "estimator state.autosave_period": "system/test_lifecycle.py::with_state",
+    "recorder auto_start": "system/test_lifecycle.py::test_a_recorder_writes_while_it_is_active_and_notes_who_estimated",
     "estimator rover": "test_parameters_change_behaviour.py::test_the_rover_file_names_the_wheels",
     "recorder fsync_interval": "test_parameters_change_behaviour.py::test_a_shorter_interval_syncs_the_recording_more_often",
     "recorder output": "system/test_recorder.py::record",

@@ -106,7 +106,7 @@ class PairingConfig:
 
 @dataclass(frozen=True, slots=True)
 class EstimatorConfig:
-    """All parameters of the estimator node and of replay."""
+    """All parameters that change estimates: those of replay."""
 
     model: str = entry("name of an installed model or path of a file; empty: mars_rover", "")
     rover: str = entry("name or file of the rover; empty takes the model's", "")
@@ -125,9 +125,28 @@ class EstimatorConfig:
         return fingerprint(values | {"rover_sha256": rover_sha256})
 
 
+_AUTO_START = "configure and activate at the start; else the services of a managed node do it"
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorNodeConfig:
+    """All parameters of the estimator node: those of the estimates, and those of the process, which change no estimate."""
+
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig, metadata=INLINE)
+    auto_start: bool = entry(_AUTO_START, default=True)
+    state_file: str = entry(
+        "the state is kept in this file, and the node goes on from it when it is configured; empty: it is not kept", "", key="state.file"
+    )
+    autosave_period_s: float = number(
+        "time between two writings of the state, by the steady clock", "s", 0.1, 3600.0, default=10.0, key="state.autosave_period"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class RecorderConfig:
     """All parameters of the recorder node."""
+
+    auto_start: bool = entry(_AUTO_START, default=True)
 
     output: str = entry("folder of the bag, must not exist; empty: bags/<UTC time>", "")
     topics: str = entry("names, as a list or separated by spaces; a relative name follows the namespace", " ".join(RECORDED_TOPICS))

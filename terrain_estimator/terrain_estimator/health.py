@@ -5,26 +5,30 @@
 import math
 import statistics
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 
+from terrain_estimator.diagnostics import (
+    CONDITION,
+    FAILURES,
+    INNOVATION,
+    LATENCY,
+    LOSSES,
+    NUMERICS,
+    OPTIONAL,
+    REFUSED,
+    REQUIRED,
+    Finding,
+    Level,
+    worst,
+)
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pairing import Counters
 from terrain_estimator.ros_types import REQUIRED_INPUTS
 from terrain_estimator.update import Update
 
-STALE_AFTER_S = 1.0
-"""[s] without a message on a required topic, by the steady clock: the input is stale."""
-
-
-class Level(IntEnum):
-    """Level of health; the values are those of msg_defs/EstimatorHealth."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
+FEWEST_INNOVATIONS = 5
+"""Below so many a mean of squares says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,7 @@ class Health:
     latency_median_s: float
     latency_max_s: float
     resets: int
+    findings: tuple[Finding, ...]  # of which the level is the worst
 
 
 class HealthMonitor:
@@ -92,12 +97,13 @@ class HealthMonitor:
             InputHealth(topic, count.received, count.unpaired, count.out_of_order, count.lost, ages_s.get(topic, math.nan))
             for topic, count in counters.items()
         )
-        level, summary = self._judge(inputs)
+        findings = (*self._judge_inputs(inputs), *self._judge_updates())
+        level, summary = worst(findings)
         accepted = sum(count for outcome, count in self.outcomes.items() if outcome.used)
         health = Health(
             sequence=self._sequence,
             level=level,
-            summary=summary,
+            summary=summary or self._doing(),
             accepted=accepted,
             rejected=self.outcomes.total() - accepted,
             outcomes=dict(self.outcomes),
@@ -107,6 +113,7 @@ class HealthMonitor:
             latency_median_s=statistics.median(self._latencies) if self._latencies else math.nan,
             latency_max_s=max(self._latencies, default=math.nan),
             resets=self.resets,
+            findings=findings,
         )
         self._sequence += 1
         self._previous = {entry.topic: entry for entry in inputs}
@@ -114,34 +121,42 @@ class HealthMonitor:
         self._start_period()
         return health
 
-    def _judge(self, inputs: tuple[InputHealth, ...]) -> tuple[Level, str]:
-        """The worst that was seen in this period, and its words."""
-        silent = [entry.topic for entry in inputs if entry.topic in REQUIRED_INPUTS and not entry.age_s <= STALE_AFTER_S]
-        if silent:
-            return Level.STALE, f"no message for {STALE_AFTER_S:g} s on {', '.join(silent)}"
-        if self.failures > self._previous_failures:
-            return Level.ERROR, f"{self.failures - self._previous_failures} callbacks failed, see the log"
-        refused = {outcome: count for outcome, count in self._recent.items() if not outcome.used and outcome is not Outcome.STANDSTILL}
-        if refused:
-            words = "; ".join(f"{count} {outcome.name} ({outcome.advice})" for outcome, count in sorted(refused.items()))
-            hopeless = sum(refused.values()) == self._recent.total() or Outcome.NUMERICAL_FAILURE in refused
-            return (Level.ERROR if hopeless else Level.WARN), f"refused: {words}"
-        troubled = [text for entry in inputs if (text := self._trouble(entry))]
-        if troubled:
-            return Level.WARN, "; ".join(troubled)
-        return Level.OK, "standing still" if self._recent[
-            Outcome.STANDSTILL
-        ] else "estimating" if self._recent else "waiting for complete observations"
+    def _doing(self) -> str:
+        if self._recent[Outcome.STANDSTILL]:
+            return "standing still"
+        return "estimating" if self._recent else "waiting for complete observations"
 
-    def _trouble(self, entry: InputHealth) -> str:
+    def _judge_inputs(self, inputs: tuple[InputHealth, ...]) -> Iterator[Finding]:
+        for entry in inputs:
+            age_s = entry.age_s
+            if entry.topic in REQUIRED_INPUTS:
+                words = f"no data on {entry.topic} " + ("since the start" if math.isnan(age_s) else f"for {age_s:.1f} s")
+                yield REQUIRED.judge(math.inf if math.isnan(age_s) else age_s, entry.topic, words)
+            else:
+                yield OPTIONAL.judge(age_s, entry.topic, f"no data on {entry.topic} for {age_s:.1f} s")
+            count, words = self._losses(entry)
+            yield LOSSES.judge(count, entry.topic, f"{entry.topic}: {words or 'none lost'}")
+
+    def _losses(self, entry: InputHealth) -> tuple[int, str]:
         """New losses of one input in words. An optional topic may be faster than the others: unpaired is normal there."""
         before = self._previous.get(entry.topic)
         lost = entry.lost - (before.lost if before else 0)
         backwards = entry.out_of_order - (before.out_of_order if before else 0)
         unpaired = entry.unpaired - (before.unpaired if before else 0) if entry.topic in REQUIRED_INPUTS else 0
         counts = (("lost", lost), ("out of order", backwards), ("without partner", unpaired))
-        words = [f"{count} {what}" for what, count in counts if count]
-        return f"{entry.topic}: {', '.join(words)}" if words else ""
+        return lost + backwards + unpaired, ", ".join(f"{count} {what}" for what, count in counts if count)
+
+    def _judge_updates(self) -> Iterator[Finding]:
+        refused = {outcome: count for outcome, count in self._recent.items() if not outcome.used and outcome is not Outcome.STANDSTILL}
+        words = "; ".join(f"{count} {outcome.name} ({outcome.advice})" for outcome, count in sorted(refused.items()))
+        share = sum(refused.values()) / self._recent.total() if self._recent else 0.0
+        yield REFUSED.judge(share, text=f"refused: {words or 'none'}")
+        yield NUMERICS.judge(self._recent[Outcome.NUMERICAL_FAILURE], text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE")
+        failures = self.failures - self._previous_failures
+        yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
+        yield INNOVATION.judge(statistics.fmean(self._innovations) if len(self._innovations) >= FEWEST_INNOVATIONS else math.nan)
+        yield CONDITION.judge(self._condition_number)
+        yield LATENCY.judge(max(self._latencies, default=math.nan))
 
 
 def _normalized_innovation(update: Update) -> float:

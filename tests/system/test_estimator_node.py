@@ -247,9 +247,6 @@ def test_a_signal_ends_it_with_success(estimator: Process, number: signal.Signal
         (["-p", "pairing_timeout:=-1.0"], ["pairing_timeout", "at least 0 and at most 60 [s]"]),
         (["-p", "use_imu:=3"], ["use_imu", "true or false"]),
         (["-p", "prior.cohesion_mean:=1000.0"], ["prior.cohesion_sd"]),
-        (["-p", "model:=/nowhere/model.pt"], ["/nowhere/model.pt"]),
-        (["-p", "rover:=paper_rover"], ["paper_rover", "mass"]),
-        (["-p", "rover:=unknown"], ["unknown", "mars_rover"]),
     ],
 )
 def test_a_wrong_parameter_is_named_and_ends_it_at_once(start: Starter, arguments: list[str], words: list[str]) -> None:

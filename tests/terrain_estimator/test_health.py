@@ -9,7 +9,8 @@ import pytest
 
 from msg_defs.msg import EstimatorHealth
 from terrain_estimator.bags import Types
-from terrain_estimator.health import Health, HealthMonitor, Level
+from terrain_estimator.diagnostics import Level
+from terrain_estimator.health import Health, HealthMonitor
 from terrain_estimator.messages import Meta, health_message
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pairing import Counters

@@ -17,7 +17,7 @@ from terrain_estimator.bags import BagError
 from terrain_estimator.cli.replaying import Replay, compare_with_live, replay
 from terrain_estimator.cli.summary import print_table, summary, write_summary
 from terrain_estimator.cli.topics import TopicError, absolute, bag_topics
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
 from terrain_estimator.pipeline import rover_of
 from terrain_estimator.summary import Beliefs
@@ -36,9 +36,10 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("no bag is named")
     torch.set_num_threads(1)  # the live node has one, and a sum's order is part of its result
     try:
-        config = configure(EstimatorConfig, _parameters(options))
+        node_config = configure(EstimatorNodeConfig, _parameters(options))
+        config = node_config.estimator
         if options.dump_config:
-            print(template("estimator", config))
+            print(template(absolute("estimator", options.namespace), node_config))
             return 0
         model = load_model(config.model)
         names = bag_topics(options.remap, options.namespace)

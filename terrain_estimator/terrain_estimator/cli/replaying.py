@@ -4,6 +4,7 @@
 
 import gc
 import itertools
+import json
 import math
 import time
 from collections import Counter
@@ -22,6 +23,7 @@ from terrain_estimator.outcome import Outcome
 from terrain_estimator.pairing import Counters
 from terrain_estimator.pipeline import Answer, Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terramechanics.parameters import effective
 
 TRUTH = "ground_truth/terrain"
 BATCH = 500  # messages
@@ -96,6 +98,7 @@ def replay(bag: Path, output: Path, model: LoadedModel, config: EstimatorConfig,
             if name in reader.topics:
                 reader.prepare(name)
         with BagWriter(output) as writer:
+            writer.add_metadata("terrain_estimator", identity(pipeline, config))
             outgoing = _Output(writer, pipeline, names)
             gc.collect()
             gc.freeze()  # collections over torch's modules would take a tenth of the time
@@ -106,6 +109,13 @@ def replay(bag: Path, output: Path, model: LoadedModel, config: EstimatorConfig,
         if result.last:
             result.status = status_of(result.last.update, pipeline.meta.rows).name
     return result
+
+
+def identity(pipeline: Pipeline, config: EstimatorConfig) -> dict[str, str]:
+    """What estimates rest on beside the messages: model, and configuration in full."""
+    meta = pipeline.meta
+    names = {"model_id": meta.model_id, "model_sha256": meta.model_sha256, "configuration_sha256": meta.configuration_sha256}
+    return names | {"configuration": json.dumps(effective(config))}
 
 
 def _run(reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[str, str], result: Replay) -> None:

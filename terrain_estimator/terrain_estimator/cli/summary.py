@@ -17,6 +17,7 @@ from terrain_estimator.cli.replaying import Replay
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.pipeline import configuration_sha256
 from terramechanics.parameters import effective
 
 WIDTH = 150
@@ -31,7 +32,7 @@ def summary(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConf
         "model_id": model.model_id,
         "model_sha256": model.sha256,
         "configuration": effective(config),
-        "configuration_sha256": config.sha256(),
+        "configuration_sha256": configuration_sha256(model, config),
         "bags": [_run_summary(each) for each in replays],
     }
 

@@ -1,78 +1,137 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator as a node: wiring only. Messages in, the pipeline, messages out."""
+"""The estimator as a managed node: wiring only. Messages in, the pipeline, messages out."""
 
 import gc
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import rclpy
 import torch
-from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config import EstimatorNodeConfig
+from terrain_estimator.diagnostics import SAVING, Finding
 from terrain_estimator.health import HealthMonitor
 from terrain_estimator.messages import health_message
-from terrain_estimator.model_file import ModelFileError, load_model
+from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes.command_line import begin
-from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
+from terrain_estimator.nodes.keeping import StateKeeper
+from terrain_estimator.nodes.managed import ManagedNode, refuse, spin
+from terrain_estimator.nodes.watchdog import unheard_publishers
 from terrain_estimator.pipeline import Answer, Pipeline
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
+from terrain_estimator.saved_state import StateFileError, pack_state, read_state, write_state
 from terramechanics.loading import ConfigError
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last
 HEALTH_PERIOD_S = 1.0
-POLL_S = 0.1
-LOG_PERIOD_S = 5.0
 
 
-class EstimatorNode(Node):
+class EstimatorNode(ManagedNode):
     """Subscribes to the inputs, publishes an estimate and a prediction for each complete set, and its health at 1 Hz."""
 
-    def __init__(self) -> None:
-        """Read parameters and model, then subscribe.
+    config: EstimatorNodeConfig
 
-        Raises:
-            ConfigError: a parameter is unknown or wrong.
-            ModelFileError: the model file is missing, damaged or for another rover.
-        """
-        super().__init__("estimator", automatically_declare_parameters_from_overrides=True)
-        config = declare(self, EstimatorConfig)
-        model = load_model(config.model)
-        self._pipeline = Pipeline(model, config)
+    def __init__(self, stop: threading.Event) -> None:
+        """Read the parameters. Raises ConfigError where one is unknown or wrong."""
+        super().__init__("estimator", EstimatorNodeConfig, stop)
+        self._pipeline: Pipeline | None = None
+        self._keeper: StateKeeper | None = None
         self._health = HealthMonitor()
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._heard_s: dict[str, float] = {}
         self._matched: set[str] = set()
         self._outputs = {topic: self.create_publisher(message_class(name), topic, QOS) for topic, name in OUTPUT_TYPES.items()}
         self._health_output = self.create_publisher(message_class(HEALTH), "estimator_health", QOS)
-        self.create_service(Trigger, "~/reset", self._reset)
-        self.create_timer(HEALTH_PERIOD_S, self._guard(self._publish_health), clock=self._steady)
-        for topic in self._pipeline.inputs:
-            self._subscribe(topic)
-        self.get_logger().info(f"ready: model {model.model_id} for rover {model.rover.name}, inputs {', '.join(self._pipeline.inputs)}")
+        self._listening: list[Subscription] = []
+        self._ticking: list[Timer] = []
+        self._judged: tuple[Finding, ...] = ()
+        for name, action in (("reset", self._reset), ("save_state", self._save), ("load_state", self._load)):
+            self.create_service(Trigger, f"~/{name}", self._answering(action))
 
-    def finish(self) -> None:
-        """Answer the sets that still wait for an optional message."""
-        for answer in self._pipeline.flush():
+    def configure(self) -> None:
+        """Load the model, warm it up, and go on from the saved state where there is one."""
+        model = load_model(self.config.estimator.model)
+        pipeline = Pipeline(model, self.config.estimator)
+        path = self._state_path
+        if path is not None and path.exists():
+            pipeline.restore(read_state(path, model.sha256))
+            self.get_logger().info(f"going on from the state in {path}")
+        self._pipeline, self._health = pipeline, HealthMonitor()
+        gc.collect()
+        gc.freeze()  # a full collection over torch's modules would stall an update
+
+    def activate(self) -> None:
+        """Subscribe and begin to report."""
+        pipeline = self._configured
+        self._heard_s.clear()
+        self._ticking = [self.create_timer(HEALTH_PERIOD_S, self.guard(self._publish_health), clock=self.steady)]
+        if path := self._state_path:
+            self._keeper = StateKeeper(path, self.get_logger().error)
+            self._ticking.append(self.create_timer(self.config.autosave_period_s, self.guard(self._autosave), clock=self.steady))
+        for topic in pipeline.inputs:
+            self._subscribe(topic)
+        self.get_logger().info(
+            f"ready: model {pipeline.meta.model_id} for rover {pipeline.rover_name}, inputs {', '.join(pipeline.inputs)}"
+        )
+
+    def deactivate(self) -> None:
+        """Answer the sets that still wait for an optional message, and take no more; what is known of the ground stays."""
+        for answer in self._configured.flush():
             self._publish(answer, 0.0)
+        for subscription in self._listening:
+            self.destroy_subscription(subscription)
+        for timer in self._ticking:
+            self.destroy_timer(timer)
+        self._listening, self._ticking, self._judged = [], [], ()
+        self._matched.clear()
+        if self._keeper:
+            self._autosave()
+            self._keeper.end()
+            self._keeper = None
+
+    def cleanup(self) -> None:
+        """Forget model and ground."""
+        self._pipeline = None
+        gc.unfreeze()
+        gc.collect()
+
+    def findings(self) -> Iterator[Finding]:
+        """Inputs and updates as of the last report of health, publishers that are not heard, and the saved state."""
+        yield from self._judged
+        for topic in self._pipeline.inputs if self._pipeline else ():
+            yield unheard_publishers(self, topic, INPUT_TYPES[topic], QOS)
+        if self._keeper:
+            yield SAVING.judge(self._keeper.failures)
+
+    @property
+    def _configured(self) -> Pipeline:
+        if self._pipeline is None:
+            raise StateFileError("the node is not configured")
+        return self._pipeline
+
+    @property
+    def _state_path(self) -> Path | None:
+        return Path(self.config.state_file).expanduser() if self.config.state_file else None
 
     def _subscribe(self, topic: str) -> None:
         """Subscribe to one input; say once when all inputs have a publisher."""
+        pipeline = self._configured
 
         def receive(message: Message) -> None:
             start = time.perf_counter()
             self._heard_s[topic] = time.monotonic()
-            for answer in self._pipeline.add(topic, message):
+            for answer in pipeline.add(topic, message):
                 self._publish(answer, time.perf_counter() - start)
 
         def match(info: QoSSubscriptionMatchedInfo) -> None:
@@ -80,84 +139,95 @@ class EstimatorNode(Node):
                 self._matched.discard(topic)
             elif topic not in self._matched:
                 self._matched.add(topic)
-                if len(self._matched) == len(self._pipeline.inputs):
-                    self.get_logger().info(f"matched all inputs: {', '.join(self._pipeline.inputs)}")
+                if len(self._matched) == len(pipeline.inputs):
+                    self.get_logger().info(f"matched all inputs: {', '.join(pipeline.inputs)}")
 
         events = SubscriptionEventCallbacks(matched=match)
-        self.create_subscription(message_class(INPUT_TYPES[topic]), topic, self._guard(receive), QOS, event_callbacks=events)
+        kind = message_class(INPUT_TYPES[topic])
+        self._listening.append(self.create_subscription(kind, topic, self.guard(receive), QOS, event_callbacks=events))
 
     def _publish(self, answer: Answer, latency_s: float) -> None:
-        for topic, message in answer.messages(make, self._pipeline.meta).items():
+        for topic, message in answer.messages(make, self._configured.meta).items():
             self._outputs[topic].publish(message)
         self._health.observe(answer.update, latency_s)
+        for warning in answer.update.warnings:
+            self._health.resets += 1
+            self.get_logger().warning(warning)
 
     def _publish_health(self) -> None:
-        now = time.monotonic()
+        pipeline, now = self._configured, time.monotonic()
         ages = {topic: now - heard for topic, heard in self._heard_s.items()}
-        report = self._health.report(self._pipeline.counters, ages)
-        header = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg(), frame_id=self._pipeline.meta.body_frame)
-        self._health_output.publish(health_message(report, make, self._pipeline.meta, header))
+        self._health.failures = self.failures
+        report = self._health.report(pipeline.counters, ages)
+        self._judged = report.findings
+        header = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg(), frame_id=pipeline.meta.body_frame)
+        self._health_output.publish(health_message(report, make, pipeline.meta, header))
 
-    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._pipeline.reset()
+    def _autosave(self) -> None:
+        if self._keeper:
+            self._keeper.give(self._packed())
+
+    def _packed(self) -> bytes:
+        return pack_state(self._configured.save(), self._configured.meta.model_sha256)
+
+    def _reset(self) -> str:
+        self._configured.reset()
         self._health.resets += 1
-        response.success, response.message = True, "the posterior is the prior again"
-        self.get_logger().info(response.message)
-        return response
+        return "the posterior is the prior again"
 
-    def _guard(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """A callback that never raises: whatever a message does, the node stays alive, counts it and says so."""
+    def _save(self) -> str:
+        path = self._named_path()
+        write_state(path, self._packed())
+        return f"the state is in {path}"
 
-        def guarded(*arguments: Message) -> None:
+    def _load(self) -> str:
+        path = self._named_path()
+        self._configured.restore(read_state(path, self._configured.meta.model_sha256))
+        return f"going on from the state in {path}"
+
+    def _named_path(self) -> Path:
+        if self._state_path is None:
+            raise StateFileError("no file is named: start the node with the parameter state.file")
+        return self._state_path
+
+    def _answering(self, action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+        """A service that says what it did, or why not."""
+
+        def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
-                callback(*arguments)
-            except Exception as error:  # noqa: BLE001 - the last line of defence of a node that has to keep running
-                self._health.failures += 1
-                self.get_logger().error(
-                    f"{type(error).__name__} in a callback, the message is left out: {error}", throttle_duration_sec=LOG_PERIOD_S
-                )
+                response.success, response.message = True, action()
+                self.get_logger().info(response.message)
+            except (StateFileError, OSError) as error:
+                response.success, response.message = False, str(error)
+                self.get_logger().error(response.message)
+            return response
 
-        return guarded
+        return serve
 
 
 def main() -> int:
     """Estimate until SIGINT or SIGTERM.
 
     Returns:
-        0 after a signal or ``--help``, 2 where arguments, parameters or the model are wrong.
+        0 after a signal, a shutdown or ``--help``, 2 where arguments or parameters are wrong.
     """
-    try:
-        stop = begin("estimator", "model:=FILE", EstimatorConfig)
-    except ConfigError as error:
-        return _refuse(str(error))
     torch.set_num_threads(1)
     try:
-        return _run(stop)
+        stop = begin("estimator", "model:=FILE", EstimatorNodeConfig)
+        node = EstimatorNode(stop)
+        spin(node, stop, _drain, auto_start=node.config.auto_start)
+        node.destroy_node()
+    except ConfigError as error:
+        return refuse("estimator", error)
     finally:
         rclpy.try_shutdown()
-
-
-def _run(stop: threading.Event) -> int:
-    try:
-        node = EstimatorNode()
-    except (ModelFileError, ConfigError) as error:
-        return _refuse(str(error))
-    gc.collect()
-    gc.freeze()  # a full collection over torch's modules would stall an update
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=POLL_S)
-    for _ in range(DEPTH * len(INPUT_TYPES)):
-        executor.spin_once(timeout_sec=0)
-    node.finish()
-    node.destroy_node()
     return 0
 
 
-def _refuse(text: str) -> int:
-    print(f"estimator: {text}", file=sys.stderr)  # noqa: T201 - there is no node yet, hence no logger
-    return 2
+def _drain(executor: SingleThreadedExecutor) -> None:
+    """Take what waits in the queues when the signal comes."""
+    for _ in range(DEPTH * len(INPUT_TYPES)):
+        executor.spin_once(timeout_sec=0)
 
 
 if __name__ == "__main__":

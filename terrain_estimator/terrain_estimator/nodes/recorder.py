@@ -2,22 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records topics to a bag: raw subscriptions in, MCAP out. Survives kill -9 with every message that reached it."""
 
+import math
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, cast
 
-import rclpy
-from rclpy.clock import Clock, ROSClock
-from rclpy.clock_type import ClockType
+from rclpy.clock import ROSClock
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
@@ -25,10 +26,13 @@ from rclpy.validate_topic_name import validate_topic_name
 from terrain_estimator.bags import BagError, BagWriter, Qos, Topic
 from terrain_estimator.bags.qos import INFINITE_NS
 from terrain_estimator.config import RecorderConfig
+from terrain_estimator.diagnostics import UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
-from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
+from terrain_estimator.nodes.managed import ManagedNode, refuse, spin
+from terrain_estimator.ros_types import HEALTH, Message
 from terramechanics.loading import ConfigError
+from terramechanics.parameters import effective, fingerprint
 
 QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
 POLL_S = 0.1
@@ -46,55 +50,87 @@ class Source:
     reliable: bool
     transient_local: bool
     matched: bool = False
+    gone: bool = False  # unsubscribed while the node is not active
 
 
-class Recorder:
+class RecorderNode(ManagedNode):
     """Subscribes to topics as their publishers appear, with the quality of service that they offer.
 
     Log time is the node's clock at reception: simulated time where ``use_sim_time`` is set (then it subscribes once
     /clock runs), so that a player's clock agrees with the stamps. Publish time is what the publisher's DDS reports.
+    Configured it has a bag, active it writes to it, cleaned up the bag is finished.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Declare the parameters and open the bag.
+    config: RecorderConfig
 
-        Args:
-            node: made with ``automatically_declare_parameters_from_overrides=True``.
-
-        Raises:
-            ConfigError: a parameter is unknown or wrong.
-            BagError: the bag cannot be written.
-        """
-        self._node = node
-        self._log = node.get_logger()
-        config = declare(node, RecorderConfig)
-        output = config.output or f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
-        self._topics = self._resolve(config.topics)
-        self._waiting = list(self._topics)
+    def __init__(self, stop: threading.Event) -> None:
+        """Read the parameters. Raises ConfigError where one is unknown or wrong."""
+        super().__init__("recorder", RecorderConfig, stop)
+        self._log = self.get_logger()
+        self._topics = self._resolve(self.config.topics)
+        self._writer: BagWriter | None = None
+        self._looking: Timer | None = None
         self._sources: dict[str, Source] = {}
+        self._identities: set[tuple[str, ...]] = set()
         self._complaints: set[str] = set()
+        self._waiting: list[str] = []
+        self._started_s = math.nan
         self.received = 0
+        self.disk_failed = False
+
+    def configure(self) -> None:
+        """Open the bag."""
+        output = self.config.output or f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
+        self._writer = BagWriter(output, recording=True, sync_interval_s=self.config.fsync_interval_s)
+        values = {name: str(value) for name, value in effective(self.config).items()}
+        self._writer.add_metadata("recorder", values | {"configuration_sha256": fingerprint(effective(self.config))})
+        self._sources, self._identities, self._complaints, self._waiting = {}, set(), set(), list(self._topics)
+
+    def activate(self) -> None:
+        """Look for publishers, and record them."""
         self._started_s = time.monotonic()
-        self._writer = BagWriter(output, recording=True, sync_interval_s=config.fsync_interval_s)
-        self._log.info(f"waiting for the publishers of {len(self._waiting)} topics, bag {self._writer.folder}")
-        self._node.create_timer(POLL_S, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._log.info(f"waiting for the publishers of {len(self._waiting)} topics, bag {self._bag.folder}")
+        self._looking = self.create_timer(POLL_S, self.guard(self._look_around), clock=self.steady)
 
-    def finish(self) -> None:
-        """Close the bag.
+    def deactivate(self) -> None:
+        """Record no more; the bag stays open."""
+        if self._looking:
+            self.destroy_timer(self._looking)
+        for source in self._sources.values():
+            self.destroy_subscription(source.subscription)
+            source.gone = True
 
-        Raises:
-            OSError: the disk is full or broken; what was written before is kept.
-        """
-        self._writer.close()
-        if self._writer.compaction_error:
-            self._log.warning(self._writer.compaction_error)
-        span = self._writer.span
-        self._log.info(f"recorded {span.count} messages in {span.duration_ns / 1e9:.1f} s to {self._writer.folder}")
+    def cleanup(self) -> None:
+        """Finish the bag; a disk that is full or broken leaves what was written before."""
+        writer, self._writer = self._bag, None
+        try:
+            writer.close()
+        except OSError as error:
+            self._fail(writer, error)
+        if self.disk_failed:
+            return
+        if writer.compaction_error:
+            self._log.warning(writer.compaction_error)
+        span = writer.span
+        self._log.info(f"recorded {span.count} messages in {span.duration_ns / 1e9:.1f} s to {writer.folder}")
 
-    def abandon(self) -> None:
-        """Leave the bag as it is after a failure of the disk."""
+    def findings(self) -> Iterator[Finding]:
+        """Topics that have no publisher yet."""
+        yield UNRECORDED.judge(len(self._waiting), text=f"without a publisher: {', '.join(self._waiting) or 'none'}")
+
+    @property
+    def _bag(self) -> BagWriter:
+        if self._writer is None:
+            raise BagError("the node is not configured: there is no bag")
+        return self._writer
+
+    def _fail(self, writer: BagWriter, error: OSError) -> None:
+        """The disk fails: leave the bag as it is, and end."""
+        self.disk_failed = True
         with suppress(OSError):
-            self._writer.abandon()
+            writer.abandon()
+        self._log.fatal(f"the disk fails, what was written before is kept: {error}")
+        self._stop.set()
 
     def _resolve(self, names: str) -> list[str]:
         try:
@@ -102,20 +138,20 @@ class Recorder:
                 validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise ConfigError(f"parameter topics: {error}") from error
-        resolved = dict.fromkeys(self._node.resolve_topic_name(name) for name in names.split())
+        resolved = dict.fromkeys(self.resolve_topic_name(name) for name in names.split())
         if not resolved:
             raise ConfigError("parameter topics: no topic is named, so there is nothing to record")
         return list(resolved)
 
     def _look_around(self) -> None:
-        clock = self._node.get_clock()
+        clock = self.get_clock()
         late = time.monotonic() - self._started_s > PATIENCE_S
         if isinstance(clock, ROSClock) and clock.ros_time_is_active and clock.now().nanoseconds == 0:
             if late:
                 self._complain("use_sim_time is set, but nobody publishes /clock: nothing is recorded yet")
             return
         for name in self._topics:
-            self._follow(name, self._node.get_publishers_info_by_topic(name))
+            self._follow(name, self.get_publishers_info_by_topic(name))
         if late and self._waiting:
             self._complain(f"no publisher yet, still waiting: {', '.join(self._waiting)}")
 
@@ -125,7 +161,7 @@ class Recorder:
         if publishers:
             reliable = all(end.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE for end in publishers)
             transient_local = all(end.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for end in publishers)
-            if source is None or (source.reliable, source.transient_local) != (reliable, transient_local):
+            if source is None or source.gone or (source.reliable, source.transient_local) != (reliable, transient_local):
                 source = self._subscribe(name, publishers, source, reliable=reliable, transient_local=transient_local)
         if source and not source.matched and source.subscription.get_publisher_count():
             source.matched = True
@@ -137,7 +173,7 @@ class Recorder:
         type_name = old.topic.count.type_name if old else publishers[0].topic_type
         try:
             kind = message_class(type_name)
-            topic = old.topic if old else self._writer.add_topic(name, type_name, qos=tuple(_offered(end) for end in publishers))
+            topic = old.topic if old else self._bag.add_topic(name, type_name, qos=tuple(_offered(end) for end in publishers))
         except (BagError, ImportError, AttributeError) as error:
             self._complain(f"cannot record {name}: {error}")
             return None
@@ -148,16 +184,32 @@ class Recorder:
             reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
             durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if transient_local else QoSDurabilityPolicy.VOLATILE,
         )
-        if old:
-            self._node.destroy_subscription(old.subscription)
+        if old and not old.gone:
+            self.destroy_subscription(old.subscription)
 
         def record(data: bytes, info: dict[str, int]) -> None:
+            if self.disk_failed:
+                return
             self.received += 1
-            self._writer.write(topic, data, self._node.get_clock().now().nanoseconds, info["source_timestamp"])
+            writer = self._bag
+            try:
+                writer.write(topic, data, self.get_clock().now().nanoseconds, info["source_timestamp"])
+                if type_name == HEALTH:
+                    self._note_identity(name, deserialize_message(data, kind))
+            except OSError as error:
+                self._fail(writer, error)
 
-        subscription = self._node.create_subscription(kind, name, cast("Any", record), qos, raw=True)
+        subscription = self.create_subscription(kind, name, cast("Any", record), qos, raw=True)
         self._sources[name] = Source(topic, subscription, reliable, transient_local, matched=old is not None and old.matched)
         return self._sources[name]
+
+    def _note_identity(self, topic: str, health: Message) -> None:
+        """Say once in the bag's metadata which model and which configuration an estimator runs with."""
+        identity = (topic, health.model_id, health.model_sha256, health.configuration_sha256)
+        if identity not in self._identities:
+            self._identities.add(identity)
+            names = ("topic", "model_id", "model_sha256", "configuration_sha256")
+            self._bag.add_metadata("terrain_estimator", dict(zip(names, identity, strict=True)))
 
     def _report_match(self, name: str, source: Source) -> None:
         self._waiting.remove(name)
@@ -165,7 +217,7 @@ class Recorder:
         total = len(self._topics)
         self._log.info(f"matched {name} ({source.topic.count.type_name}, {kind}), {total - len(self._waiting)} of {total}")
         if not self._waiting:
-            self._log.info(f"recording {total} topics to {self._writer.folder}")
+            self._log.info(f"recording {total} topics to {self._bag.folder}")
 
     def _complain(self, text: str) -> None:
         """Warn once."""
@@ -178,51 +230,26 @@ def main() -> int:
     """Record until SIGINT or SIGTERM.
 
     Returns:
-        0 after a signal or ``--help``, 1 where the disk fails, 2 where arguments, parameters or the folder are wrong.
+        0 after a signal, a shutdown or ``--help``, 1 where the disk fails, 2 where arguments or parameters are wrong.
     """
     try:
         stop = begin("recorder", "output:=bags/run", RecorderConfig)
+        node = RecorderNode(stop)
+        spin(node, stop, lambda executor: _drain(executor, node), auto_start=node.config.auto_start)
+        node.destroy_node()
     except ConfigError as error:
-        return _refuse(str(error))
-    try:
-        return _run(stop)
+        return refuse("recorder", error)
     finally:
         try_shutdown()
+    return int(node.disk_failed)
 
 
-def _run(stop: threading.Event) -> int:
-    node = rclpy.create_node("recorder", automatically_declare_parameters_from_overrides=True)
-    try:
-        recorder = Recorder(node)
-    except (ConfigError, BagError) as error:
-        return _refuse(str(error))
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=POLL_S)
-        _drain(executor, recorder)
-        recorder.finish()
-    except OSError as error:
-        recorder.abandon()
-        node.get_logger().fatal(f"the disk fails, what was written before is kept: {error}")
-        return 1
-    finally:
-        node.destroy_node()
-    return 0
-
-
-def _refuse(text: str) -> int:
-    print(f"recorder: {text}", file=sys.stderr)  # noqa: T201 - the user typed it, the user reads it
-    return 2
-
-
-def _drain(executor: SingleThreadedExecutor, recorder: Recorder) -> None:
+def _drain(executor: SingleThreadedExecutor, node: RecorderNode) -> None:
     """Take what waits in the queues when the signal comes."""
     deadline = time.monotonic() + DRAIN_S
     before = -1
-    while recorder.received != before and time.monotonic() < deadline:
-        before = recorder.received
+    while node.received != before and time.monotonic() < deadline:
+        before = node.received
         for _ in range(BURST):
             executor.spin_once(timeout_sec=0)
 

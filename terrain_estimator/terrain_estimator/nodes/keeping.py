@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Keeps the estimator's state on the disk, beside the thread that estimates: an fsync takes as long as it likes."""
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from terrain_estimator.saved_state import write_state
+
+
+class StateKeeper:
+    """Writes the newest state that it was given; one that comes while it writes replaces what still waits."""
+
+    def __init__(self, path: Path, complain: Callable[[str], None]) -> None:
+        """``complain`` takes why a state could not be written; it is called in the writing thread."""
+        self.failures = 0  # since the last success
+        self._path, self._complain = path, complain
+        self._changed = threading.Condition()
+        self._waiting: bytes | None = None
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="saved state", daemon=True)
+        self._thread.start()
+
+    def give(self, content: bytes) -> None:
+        """Write this state soon."""
+        with self._changed:
+            self._waiting = content
+            self._changed.notify()
+
+    def end(self) -> None:
+        """Write what still waits, and end the thread."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._ended or self._waiting is not None)
+                content, self._waiting = self._waiting, None
+            if content is None:
+                return
+            try:
+                write_state(self._path, content)
+            except OSError as error:
+                self.failures += 1
+                if self.failures == 1:
+                    self._complain(f"cannot write the state to {self._path}: {error.strerror}; trying on")
+            else:
+                self.failures = 0

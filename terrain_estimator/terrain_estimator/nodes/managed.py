@@ -1,0 +1,208 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A managed (lifecycle) node that starts itself unless told otherwise, and publishes diagnostics in every state."""
+
+import math
+import sys
+import threading
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType, ROSClock
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from terrain_estimator.diagnostics import CLOCK, STATE, Finding, Level
+from terrain_estimator.nodes.declare import declare
+from terramechanics.loading import ConfigError
+
+PERIOD_S = 1.0
+PATIENCE_S = 5.0
+"""What is wrong for so long is worth a line of the log."""
+POLL_S = 0.1
+LOG_PERIOD_S = 5.0
+ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
+
+
+class ManagedNode(LifecycleNode):
+    """Wraps the transitions: what raises in one is said and leaves the node alive, in the state of before.
+
+    A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and judges itself in ``findings``.
+    """
+
+    def __init__(self, name: str, config: type[Any], stop: threading.Event) -> None:
+        """Declare the parameters; ``stop`` is set when the node is shut down. Raises ConfigError for a wrong parameter."""
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.config = declare(self, config)
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.wrong = ""  # why the last transition failed
+        self.failures = 0  # callbacks that raised
+        self._stop = stop
+        self._began_s = time.monotonic()
+        self._since_s: dict[str, float] = {}  # what is wrong, since when by the steady clock
+        self._said: set[str] = set()
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_timer(PERIOD_S, self.guard(self._diagnose), clock=self.steady)
+
+    @abstractmethod
+    def configure(self) -> None:
+        """Load what is needed; may raise."""
+
+    @abstractmethod
+    def activate(self) -> None:
+        """Begin; may raise."""
+
+    @abstractmethod
+    def deactivate(self) -> None:
+        """Pause: answer what came, take nothing new."""
+
+    @abstractmethod
+    def cleanup(self) -> None:
+        """Let go of what ``configure`` loaded."""
+
+    @abstractmethod
+    def findings(self) -> Iterable[Finding]:
+        """What is to be said of this node in /diagnostics beside its state and its clock."""
+
+    @property
+    def state(self) -> str:
+        """Label of the present state."""
+        return str(self._state_machine.current_state[1])
+
+    def start(self) -> None:
+        """Configure and activate; what fails is in the log."""
+        if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+            self.trigger_activate()
+
+    def end(self) -> None:
+        """Go back to where nothing is held, from any state."""
+        if self.state == ACTIVE:
+            self.trigger_deactivate()
+        if self.state == INACTIVE:
+            self.trigger_cleanup()
+
+    def guard(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """A callback that never raises: whatever a message does, the node stays alive, counts it and says so."""
+
+        def guarded(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except Exception as error:  # noqa: BLE001 - the last line of defence of a node that has to keep running
+                self.failures += 1
+                self.get_logger().error(
+                    f"{type(error).__name__} in a callback, the message is left out: {error}", throttle_duration_sec=LOG_PERIOD_S
+                )
+
+        return guarded
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """See rclpy."""
+        return self._attempt("configure", self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """See rclpy."""
+        return self._attempt("activate", self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """See rclpy."""
+        return self._attempt("deactivate", self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """See rclpy."""
+        return self._attempt("clean up", self.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """See rclpy; the process ends."""
+        self._stop.set()
+        if state.label == ACTIVE:
+            self._attempt("deactivate", self.deactivate)
+        return TransitionCallbackReturn.SUCCESS if state.label == UNCONFIGURED else self._attempt("clean up", self.cleanup)
+
+    def _attempt(self, what: str, action: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            action()
+        except Exception as error:  # noqa: BLE001 - rclpy would take it for an error of its own and say nothing
+            kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
+            self.wrong = f"cannot {what}: {kind}{error}"
+            self.get_logger().error(f"{self.wrong}; the node stays {'inactive' if what == 'activate' else self._before(what)}")
+            return TransitionCallbackReturn.FAILURE
+        self.wrong = ""
+        return TransitionCallbackReturn.SUCCESS
+
+    @staticmethod
+    def _before(what: str) -> str:
+        return {"configure": UNCONFIGURED, "deactivate": ACTIVE}.get(what, INACTIVE)
+
+    def _diagnose(self) -> None:
+        findings = [*self._of_every_node(), *self.findings()]
+        name = self.get_fully_qualified_name()
+        status = [
+            DiagnosticStatus(
+                level=bytes([finding.level]),
+                name=f"{name}: {finding.name}",
+                message=finding.message,
+                hardware_id=name,
+                values=[KeyValue(key=finding.check.unit or "value", value=f"{finding.value:g}")],
+            )
+            for finding in findings
+        ]
+        message = DiagnosticArray(status=status)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+        self._say(findings)
+
+    def _of_every_node(self) -> Iterator[Finding]:
+        yield STATE.judge(2.0 if self.wrong else float(self.state != ACTIVE), text=self.wrong or self.state)
+        clock = self.get_clock()
+        if isinstance(clock, ROSClock) and clock.ros_time_is_active:
+            waiting = clock.now().nanoseconds == 0
+            passed_s = time.monotonic() - self._began_s if waiting else 0.0
+            yield CLOCK.judge(passed_s, text=f"use_sim_time is set, but no /clock came for {passed_s:.0f} s" if waiting else "/clock runs")
+
+    def _say(self, findings: list[Finding]) -> None:
+        """One line for what lasts, and one when it is over."""
+        now = time.monotonic()
+        wrong = {finding.name: finding for finding in findings if finding.level and not math.isnan(finding.value)}
+        self._since_s = {name: self._since_s.get(name, now) for name in wrong}
+        new = [name for name, since_s in self._since_s.items() if now - since_s >= PATIENCE_S - PERIOD_S / 2 and name not in self._said]
+        for name in new:
+            # two calls: rclpy raises where one line of code logs at two levels
+            if wrong[name].level is Level.WARN:
+                self.get_logger().warning(wrong[name].message)
+            else:
+                self.get_logger().error(wrong[name].message)
+        for name in sorted(self._said - set(wrong)):
+            self.get_logger().info(f"{name}: all is well again")
+        self._said = (self._said & set(wrong)) | set(new)
+
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 - rclpy's own, by its mangled name
+        """Refuse a transition that the state does not have: in rclpy the exception would end the process."""
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)  # type: ignore[misc]
+        except RuntimeError as error:
+            self.get_logger().error(
+                f"transition {request.transition.label or request.transition.id} refused in state {self.state}: {error}"
+            )
+            response.success = False
+            return response
+
+
+def refuse(program: str, error: ConfigError) -> int:
+    """Say what is wrong with the command line; returns the exit code."""
+    print(f"{program}: {error}", file=sys.stderr)  # noqa: T201 - the user typed it, the user reads it
+    return 2
+
+
+def spin(node: ManagedNode, stop: threading.Event, drain: Callable[[SingleThreadedExecutor], None], *, auto_start: bool) -> None:
+    """Serve callbacks until ``stop`` is set; then take what waits in the queues by ``drain`` and let go of everything."""
+    if auto_start:
+        node.start()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=POLL_S)
+    drain(executor)
+    node.end()
