@@ -24,6 +24,7 @@ class Gap:
     closed: float | None  # [1] (before - after) / (before - noise_floor); None where there was no gap
     closed_95: tuple[float, float] | None  # None where chance alone may have made the gap
     improvement_95: tuple[float, float] | None  # of before - after
+    nll_improvement_95: tuple[float, float] | None  # [nat] of the negative log likelihood of one value
     replicates: int  # pieces of NEIGHBOURS seconds on which the intervals rest
 
 
@@ -32,7 +33,7 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
     pieces, every = replicates(lengths, NEIGHBOURS), np.arange(len(before.count))[None]
     first, floor = _mean_square(before, before.misfit.numpy()), _mean_square(before, before.expected.numpy())
     if after is None:
-        return Gap(float(first(every)[0]), None, float(floor(every)[0]), None, None, None, pieces)
+        return Gap(float(first(every)[0]), None, float(floor(every)[0]), None, None, None, None, pieces)
     second, floor = _mean_square(after, after.misfit.numpy()), _mean_square(after, after.expected.numpy())
     start, end, least = (float(error(every)[0]) for error in (first, second, floor))
 
@@ -43,10 +44,15 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
         gap = first(rows) - floor(rows)
         return np.where(gap > 0.0, improvement(rows) / np.where(gap > 0.0, gap, 1.0), np.nan)
 
+    gained, count = (before.surprise - after.surprise).numpy(), after.count.numpy()
+
+    def likelier(rows: Rows) -> Floats:
+        return gained[rows].sum(1) / count[rows].sum(1)
+
     drawn = resampled(lengths, NEIGHBOURS, np.random.default_rng(seed))
     ends = interval(closed, drawn)
     share = (start - end) / (start - least) if start > least else None
-    return Gap(start, end, least, share, ends, interval(improvement, drawn), pieces)
+    return Gap(start, end, least, share, ends, interval(improvement, drawn), interval(likelier, drawn), pieces)
 
 
 def _mean_square(predicted: Predicted, total: Floats) -> Callable[[Rows], Floats]:

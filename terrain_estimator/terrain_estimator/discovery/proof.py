@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Does the model with the effect predict runs that it has not seen better than the model without?
 
-The rule: the effect is added where the 95 % interval of the improvement on the held-out runs lies above zero for rollouts of five
-seconds, and not below zero for predictions of one second.
+The rule: with the effect, rollouts of five seconds or predictions of one second get better on the held-out runs, by a 95 % interval
+above zero, and neither gets worse by one below zero. Else the effect is not added.
 
 The measure of rollouts is the root mean square error of all signals, means over a second, in standard deviations of the sensors'
-noise: no model can talk it up by being less sure of itself.
+noise: no model can talk it up by being less sure of itself. That of one second ahead is the log likelihood of all rows: c and tan phi
+of a single run may stand in for an effect in a rollout, while the rows together tell.
 """
 
 import math
@@ -72,15 +73,14 @@ class Proof:
     @property
     def sentence(self) -> str:
         """The outcome in words."""
-        gap, scale = self.gap, f"sd of the sensors, the noise floor is {self.gap.noise_floor:.2f}"
-        if gap.after is None or gap.improvement_95 is None:
-            return f"nothing is added: rollouts of held-out runs miss by {gap.before:.2f} {scale}"
+        gap, step = self.gap, self.one_step_gap.nll_improvement_95
+        floor = f"sd of the sensors, the noise floor is {gap.noise_floor:.2f}"
+        if gap.after is None or gap.improvement_95 is None or step is None:
+            return f"nothing is added: rollouts of held-out runs miss by {gap.before:.2f} {floor}"
         outcome = "is added" if self.added else "did not prove itself on held-out runs and is not added"
-        low, high = gap.improvement_95
-        changed = (
-            f"rollouts miss by {gap.after:.2f} instead of {gap.before:.2f} sd of the sensors, the noise floor is {gap.noise_floor:.2f}"
-        )
-        return f"{self.effect} {outcome}: {changed} (95 % interval of the improvement {low:.2f} to {high:.2f}, {gap.replicates} pieces)"
+        better = f"95 % interval of the improvement {gap.improvement_95[0]:.2f} to {gap.improvement_95[1]:.2f}"
+        likelier = f"one second ahead a value is {step[0]:.3f} to {step[1]:.3f} nat likelier"
+        return f"{self.effect} {outcome}: rollouts miss by {gap.after:.2f} instead of {gap.before:.2f} {floor} ({better}); {likelier}"
 
     def plain(self) -> dict[str, Any]:
         """As parts of finding.json."""
@@ -129,9 +129,8 @@ def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks],
 
 def _better(gap: Gap, step_gap: Gap) -> bool:
     """The rule."""
-    if gap.improvement_95 is None or step_gap.improvement_95 is None:
-        return False
-    return gap.improvement_95[0] > 0.0 and step_gap.improvement_95[1] > 0.0
+    intervals = [ends for ends in (gap.improvement_95, step_gap.nll_improvement_95) if ends is not None]
+    return any(low > 0.0 for low, _ in intervals) and all(high > 0.0 for _, high in intervals)
 
 
 def _pair(each: Sequence[Predicted]) -> tuple[Predicted, Predicted | None]:

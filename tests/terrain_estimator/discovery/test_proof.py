@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A drag of the drives that was found in two runs, confronted with a run that has it and with one that has not."""
+
+import dataclasses
+from functools import cache
+from typing import Any, cast
+
+import pytest
+import torch
+
+from terrain_estimator.discovery import Blocks, Candidate, Proof, Run, RunError, Study, Verdict, cut, nominal_of, prove, settled, singles
+from terrain_estimator.discovery.finding import Finding
+from terrain_estimator.discovery.held_out import Half, Model, halves, long_enough
+from terrain_estimator.discovery.library import NOTHING
+from terrain_estimator.discovery.rollout import simulated, windows_of
+from terrain_estimator.discovery.terrain import track_of
+from terrain_estimator.discovery.verdict import Gains, Judgement
+from terrain_estimator.learning.tasks import measure_tasks
+from terramechanics.effects import make_effect
+from terramechanics.ground import Ground, Patch
+from terramechanics.plant import Plant
+from terramechanics.rover import load_rover
+from terramechanics.sample import Drive
+from terramechanics.sensors import Noise
+from terramechanics.simulation import simulate
+from terramechanics.soil import load_soil
+
+MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
+DRAG = (0.3, 0.3, 0.3, 0.0)
+"""[N m s/rad] Of four drives: two to find it in, one that has it, one that has not."""
+STRENGTH = ((2500.0, 0.6), (1500.0, 0.7), (2000.0, 0.65), (3000.0, 0.55))
+
+
+@cache
+def drives() -> tuple[Drive, tuple[Blocks, ...]]:
+    generator = torch.Generator().manual_seed(43)
+    plant = Plant([make_effect("drive_drag", torch.tensor(DRAG, dtype=torch.float64))])
+    ground = Ground([Patch(LOOSE.constants(), torch.tensor(STRENGTH, dtype=torch.float64))])
+    drive = simulate(MARS, ground, "S1", 24.0, generator, len(DRAG), plant=plant)
+    packed = measure_tasks(drive, Noise(), generator).measured
+    time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
+    runs = (Run(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(len(DRAG)))
+    return drive, tuple(cut(run, nominal_of(MARS, LOOSE).contact) for run in runs)
+
+
+@cache
+def found() -> Candidate:
+    with torch.inference_mode():
+        return Study(nominal_of(MARS, LOOSE), drives()[1][:2]).explain(singles(("drive_drag",))[0])
+
+
+@cache
+def proven(run: int) -> Proof:
+    with torch.inference_mode():
+        return prove(nominal_of(MARS, LOOSE), found(), [drives()[1][run]])
+
+
+def test_an_effect_that_is_there_closes_the_gap_of_a_run_that_it_was_not_fitted_to() -> None:
+    proof = proven(2)
+    assert proof.added
+    assert "is added" in proof.sentence
+    for gap in (proof.gap, proof.one_step_gap):
+        assert gap.before > 2.0 * gap.noise_floor
+        assert gap.closed is not None
+        assert gap.closed > 0.8
+        assert gap.closed_95 is not None
+        assert gap.closed_95[0] > 0.6
+    whole = {(score.kind, score.row): score for score in proof.rows if score.region == "everywhere"}
+    for kind in ("one_step", "rollout"):
+        score = whole[kind, "all rows"]
+        assert score.coverage[1] is not None
+        assert score.coverage[0] < 0.8 < score.coverage[1]
+        assert score.nll[1] is not None
+        assert score.nll[1] < score.nll[0]
+    for strength in proof.parameters:
+        assert strength.tan_phi[1] is not None
+        assert abs(strength.tan_phi[1] - STRENGTH[2][1]) < abs(strength.tan_phi[0] - STRENGTH[2][1])
+
+
+def test_an_effect_that_the_held_out_run_lacks_is_not_added() -> None:
+    proof = proven(3)
+    assert proof.gap.after is not None
+    assert proof.gap.after > proof.gap.before
+    assert not proof.added
+    assert "is not added" in proof.sentence
+
+
+def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
+    hypothesis = found().hypothesis
+    judgement = Judgement(Verdict.NAMED, (hypothesis,), {"none": 0.01, "unknown": 0.04, "drive_drag": 0.95})
+    finding = Finding(judgement, cast("Gains", None), (found(),), found(), (), (), "")
+    after = settled(finding, proven(3)).judgement
+    assert after.verdict is Verdict.UNKNOWN
+    assert after.named == (hypothesis,)
+    assert after.probabilities == pytest.approx({"none": 0.01, "unknown": 0.99, "drive_drag": 0.0})
+    assert settled(finding, proven(2)) is finding
+    assert settled(finding, None) is finding
+
+
+def nominal_halves() -> tuple[Model, tuple[Half, Half]]:
+    model = Model(NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64))
+    return model, halves(nominal_of(MARS, LOOSE), (model,), drives()[1][3])
+
+
+def test_rollouts_do_not_know_what_was_measured_of_slip_sinkage_and_torque() -> None:
+    nominal, (model, judged) = nominal_of(MARS, LOOSE), nominal_halves()
+
+    def signals(halves: Any) -> torch.Tensor:
+        return simulated(nominal, halves, windows_of(nominal, halves), 0, model, seed=1).signals
+
+    blind = []
+    for half in judged:
+        packed = half.blocks.packed.clone()
+        packed[..., :12] = 0.1
+        packed[..., 18:24] = 1.0
+        blind.append(dataclasses.replace(half, blocks=dataclasses.replace(half.blocks, packed=packed)))
+    with torch.inference_mode():
+        assert torch.equal(signals(judged), signals(blind))
+
+
+def test_the_terrain_is_read_off_the_measured_angles() -> None:
+    drive, runs = drives()
+    sample = drive.sample
+    for k, run in enumerate(runs):
+        track = track_of(run.packed.flatten(0, 1), MARS)
+        true = torch.tan(sample.pitch[k].unsqueeze(1) + sample.contact_angle[k])
+        error = torch.from_numpy(track.spline((sample.contact[k] - sample.position[k, 0]).numpy())) - true[: len(sample.contact[k])]
+        assert float(error.square().mean().sqrt()) < 0.3 * 0.0074  # 0.0074 rad is the noise of one slope
+
+
+def test_a_run_too_short_to_be_halved_is_refused_by_name() -> None:
+    with pytest.raises(RunError, match="run 2: 12 whole seconds, a held-out run needs at least 16"):
+        long_enough(drives()[1][2].between(0, 12))
