@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""How much of the held-out gap the right name closes: `python -m tests.terrain_estimator.discovery.proofs [NAME ...]`.
+
+Of each case's five drives four tell the size of the effect and the last one is held out. The law that is hidden is another one than
+the library's of the same name.
+"""
+
+import argparse
+import sys
+
+import torch
+
+from terrain_estimator.discovery import Proof, Study, cut, nominal_of, prove, singles
+from terramechanics.soil import load_soil
+from tests.hidden.cases import Case, Plan, draw_cases
+from tests.hidden.generators import GENERATORS
+from tests.terrain_estimator.discovery.verdicts import run_of
+
+SEED = 52_000
+
+
+def proof_of(case: Case, name: str) -> Proof:
+    """The proof of ``name`` on the last drive, fitted to the others."""
+    nominal = nominal_of(case.rover, load_soil(case.truth.soil))
+    with torch.inference_mode():
+        runs = [cut(run_of(drive, case.rover, f"run {k}"), nominal.contact) for k, drive in enumerate(case.drives)]
+        study = Study(nominal, runs[:-1])
+        best = max((study.explain(each) for each in singles((name,))), key=lambda each: each.fit.log_evidence)
+        return prove(nominal, study.refine(best), runs[-1:])
+
+
+def main() -> None:
+    """Print a line for every case."""
+    torch.set_num_threads(1)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=[name for name, hidden in GENERATORS.items() if hidden.known])
+    parser.add_argument("--cases", type=int, default=1, help="of each name")
+    parser.add_argument("--seed", type=int, default=SEED)
+    options = parser.parse_args()
+    columns = ("rollouts: before", "after", "floor", "closed", "next second: before", "after", "added")
+    sys.stdout.write(f"{'hidden':>16}" + "".join(f"{column:>21}" for column in columns) + "\n")
+    for name in options.names:
+        for case in draw_cases(Plan(((name, 1.0),)), options.cases, options.seed):
+            proof = proof_of(case, name)
+            gap, step = proof.gap, proof.one_step_gap
+            closed = "no gap" if gap.closed is None else f"{gap.closed:.0%}"
+            numbers = [f"{gap.before:.2f}", f"{gap.after:.2f}", f"{gap.noise_floor:.2f}", closed, f"{step.before:.2f}", f"{step.after:.2f}"]
+            sys.stdout.write(f"{name:>16}" + "".join(f"{each:>21}" for each in [*numbers, "yes" if proof.added else "no"]) + "\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
