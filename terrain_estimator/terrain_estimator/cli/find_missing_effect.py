@@ -3,32 +3,32 @@
 """find_missing_effect RUN...: which physical effect the model of rover and soil lacks, from recorded runs.
 
 Writes OUT/finding.json and OUT/report.html. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
+Single-wheel measurements instead of runs: find_missing_effect --wheel-table FILE.csv --help.
 """
 
 import argparse
 import dataclasses
-import json
 import math
 import random
 import sys
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from terrain_estimator.cli import single_wheel
 from terrain_estimator.cli.cluster import ClusterError
 from terrain_estimator.cli.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.cli.finding_file import asked, provenance, write_finding
 from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.thresholds import read_thresholds
 from terrain_estimator.discovery import (
     Diagnosis,
     Finding,
     Nominal,
     Proof,
     Study,
-    Thresholds,
     Verdict,
     diagnose,
     investigate,
@@ -55,6 +55,9 @@ class InputError(ValueError):
 
 def main(arguments: list[str] | None = None) -> int:
     """Investigate the runs that the command line names; returns the exit code."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if "--wheel-table" in arguments:
+        return single_wheel.main(arguments)
     options = _parser().parse_args(arguments)
     torch.set_num_threads(1)
     try:
@@ -108,12 +111,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the choice of held-out runs (default: %(default)s)")
     return parser
-
-
-def read_thresholds() -> Thresholds:
-    """The calibrated thresholds that come with the package."""
-    values = json.loads((files("terrain_estimator.discovery") / "thresholds.json").read_text(encoding="utf-8"))
-    return Thresholds(values["anything"], values["share"], values["apart"])
 
 
 def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:

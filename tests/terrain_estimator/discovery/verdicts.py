@@ -19,7 +19,7 @@ from typing import Any
 import torch
 from scipy.stats import binomtest
 
-from terrain_estimator.cli.find_missing_effect import read_thresholds
+from terrain_estimator.cli.thresholds import read_thresholds
 from terrain_estimator.discovery import Finding, Run, Study, cut, investigate, nominal_of, singles
 from terrain_estimator.discovery.verdict import Verdict
 from terrain_estimator.packing import pack_measurement

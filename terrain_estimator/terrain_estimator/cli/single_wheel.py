@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""find_missing_effect --wheel-table FILE.csv...: what the model of one wheel on a testbed lacks.
+
+Writes OUT/finding.json. Exit codes: 0 for any verdict, 2 for a bad argument or table. c and tan phi are never told: without drive
+torque they are not identified.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.thresholds import read_thresholds
+from terrain_estimator.cli.wheel_table import SLIP_DEFINITIONS, WheelTableError, read_table
+from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles
+from terrain_estimator.discovery.single_wheel import Outcome, Rig, Row, investigate_wheel, shown_by_one_wheel
+from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of, wheel_alone
+from terrain_estimator.discovery.single_wheel.investigation import FLOOR
+from terrain_estimator.discovery.verdict import Verdict
+from terramechanics.effects import describe
+from terramechanics.loading import ConfigError, load, number
+from terramechanics.rover import load_rover
+from terramechanics.soil import load_soil
+
+FEWEST = 3
+"""Cells without which nothing can be said."""
+NOT_IDENTIFIED = "c and tan phi are not identified: these tables have no drive torque; they were left free and are not given"
+REPLICATES = "replicates of one setting are one measurement"
+
+
+@dataclass(frozen=True, slots=True)
+class Wheel:
+    """A wheel on a testbed."""
+
+    name: str
+    radius: float = number("radius of the rim", "m", 0.0, exclusive=True)
+    width: float = number("width", "m", 0.0, exclusive=True)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Investigate the tables that the command line names; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    torch.set_num_threads(1)
+    try:
+        wheel = load(Wheel, options.wheel)
+        rover = wheel_alone(load_rover("mars_rover"), wheel.radius, wheel.width)
+        bed = Rig(rover, load_soil(options.soil), options.constants_sd, (options.sinkage_sd, options.pull_sd))
+        names = _names(options.library) or shown_by_one_wheel()
+        given = Hypothesis(tuple(each.parts[0] for each in singles(_names(options.given)))) if options.given else NOTHING
+        rows, left_out = _read(bed, [*options.wheel_table, *options.reference], options.slip_definition)
+        reference = frozenset(path.stem for path in options.reference)
+        with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
+            by_trial = options.hold_out_by == "trial"
+            outcome = investigate_wheel(
+                bed, rows, reference, given, names, read_thresholds(), report.at, by_trial=by_trial, seed=options.seed
+            )
+        content = summary(outcome, bed, rows, reference, given, options) | {"left_out": left_out}
+        options.out.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+        (options.out / "finding.json").write_text(text, encoding="utf-8")
+    except (ConfigError, WheelTableError, OSError) as error:
+        sys.stderr.write(f"find_missing_effect: {error}\n")
+        return 2
+    sys.stdout.write(f"{sentence(outcome, bed)}\n{options.out / 'finding.json'}\n")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="find_missing_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--wheel-table", nargs="+", type=Path, required=True, metavar="FILE.csv", help="tables in which an effect may act")
+    parser.add_argument(
+        "--reference", nargs="+", type=Path, default=[], metavar="FILE.csv", help="tables of the same soil in which it does not act"
+    )
+    parser.add_argument("--given", default="", metavar="NAME,...", help="effects that are known to act in all tables")
+    parser.add_argument("--wheel", type=Path, required=True, help="file of the wheel: name, radius and width [m]")
+    parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
+    parser.add_argument("--constants-sd", type=float, default=0.2, help="relative deviation of each soil constant (default: %(default)s)")
+    parser.add_argument(
+        "--slip-definition",
+        choices=SLIP_DEFINITIONS,
+        default="rim",
+        help="1 - V / (r w), or (r w - V) / max(r w, V) (default: %(default)s)",
+    )
+    parser.add_argument("--sinkage-sd", type=float, default=0.65e-3, help="repeatability of the sinkage [m] (default: %(default)s)")
+    parser.add_argument("--pull-sd", type=float, default=0.35, help="repeatability of the drawbar pull [N] (default: %(default)s)")
+    parser.add_argument(
+        "--hold-out-by",
+        choices=("cell", "trial"),
+        default="cell",
+        help="what is held out in turn: one setting with all its replicates, or one trial of all settings (default: %(default)s)",
+    )
+    parser.add_argument("--library", default="", metavar="NAME,...", help="effects to consider (default: all that one wheel shows)")
+    parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the bootstrap (default: %(default)s)")
+    return parser
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names of effects that one wheel shows. Raises ConfigError for others."""
+    names = tuple(name for name in text.split(",") if name)
+    for name in names:
+        describe(name)
+        if name not in shown_by_one_wheel():
+            known = ", ".join(shown_by_one_wheel())
+            raise ConfigError(f"effect {name} is not testable with sinkage and drawbar pull of one wheel; testable are {known}")
+    return names
+
+
+def _read(bed: Rig, tables: Sequence[Path], definition: str) -> tuple[list[Row], list[str]]:
+    """Rows that the contact model describes; the others are reported."""
+    usable: list[Row] = []
+    left_out: list[str] = []
+    for path in tables:
+        rows, without = read_table(path, definition)
+        outside = [row for row in rows if not bed.usable(row.slip, row.sinkage)]
+        left_out += without + [f"{path}: slip {row.slip:.3f}, trial {row.trial}: outside of the contact model" for row in outside]
+        usable += [row for row in rows if row not in outside]
+    for reason in left_out:
+        sys.stderr.write(f"find_missing_effect: {reason}\n")
+    if len(cells_of(usable).slip) < FEWEST:
+        raise WheelTableError(f"{len(cells_of(usable).slip)} settings can be used, at least {FEWEST} are needed")
+    return usable, left_out
+
+
+def summary(
+    outcome: Outcome, bed: Rig, rows: Sequence[Row], reference: frozenset[str], given: Hypothesis, options: argparse.Namespace
+) -> dict[str, Any]:
+    """What goes to finding.json: the shape of drives' findings."""
+    judgement, cells = outcome.judgement, cells_of(rows, reference)
+    tried = int(cells.acts.sum())
+    return {
+        "verdict": str(judgement.verdict),
+        "probabilities": judgement.probabilities,
+        "effects": [entry for hypothesis in judgement.named for entry in _effects(outcome, hypothesis)],
+        "confusable_with": [each.label for each in judgement.named[1:]],
+        "separate_by": outcome.separate_by,
+        "where": [],
+        "gap": _gap(outcome, bed, options.seed),
+        "parameters": {"before": None, "after": None, "why": NOT_IDENTIFIED},
+        "runs": [path.name for path in (*options.wheel_table, *options.reference)],
+        "held_out": [f"each of {tried} settings in turn" if options.hold_out_by == "cell" else "each trial in turn"],
+        "rows": list(ROWS),
+        "settings": len(cells.slip),
+        "measurements": len(rows),
+        "given": list(given.names),
+        "limits": [NOT_IDENTIFIED, REPLICATES],
+    }
+
+
+def _effects(outcome: Outcome, hypothesis: Hypothesis) -> list[dict[str, Any]]:
+    found = next(each for each in outcome.found if each.hypothesis == hypothesis)
+    probability = outcome.judgement.probabilities.get(" + ".join(hypothesis.names), 0.0)
+    factor = found.log_evidence - outcome.nothing.log_evidence
+    return [
+        {"name": name, "coefficient": size, "sd": sd, "unit": describe(name).unit, "probability": probability, "log_bayes_factor": factor}
+        for name, size, sd in found.sizes(outcome.first)
+    ]
+
+
+def _gap(outcome: Outcome, bed: Rig, seed: int) -> dict[str, Any]:
+    """On held-out settings: in deviations of repeatability, and row by row in units."""
+    errors = outcome.held_out
+    before, after = errors.rms(bed.repeatability)
+    closed = None if after is None or before <= FLOOR else (before - after) / (before - FLOOR)
+    interval = errors.improvement_95(bed.repeatability, seed)
+    closed_95 = None if interval is None or before <= FLOOR else [end / (before - FLOOR) for end in interval]
+    rows = {}
+    for k, (name, unit) in enumerate(zip(ROWS, ("m", "N"), strict=True)):
+        said = None if errors.after is None else float((errors.after[:, k] ** 2).mean() ** 0.5)
+        rows[name] = {"before": float((errors.before[:, k] ** 2).mean() ** 0.5), "after": said, "unit": unit}
+    gap = {"before": before, "after": after, "noise_floor": FLOOR, "closed": closed, "closed_95": closed_95}
+    return gap | {"rows": rows, "proven": outcome.proven, "settings": errors.settings}
+
+
+def sentence(outcome: Outcome, bed: Rig) -> str:
+    """The verdict in words."""
+    judgement = outcome.judgement
+    labels = ", ".join(each.label for each in judgement.named)
+    words = {
+        Verdict.NONE: "nothing is missing that these tables show",
+        Verdict.NAMED: f"named: {labels}",
+        Verdict.CONFUSABLE: f"confusable: {labels}. To separate: {outcome.separate_by}",
+        Verdict.UNKNOWN: f"unknown (closest: {labels})",
+    }[judgement.verdict]
+    before, after = outcome.held_out.rms(bed.repeatability)
+    proven = {None: "too few settings to prove it", True: "proven", False: "not proven"}[outcome.proven]
+    told = "" if after is None else f"; held-out error from {before:.2f} to {after:.2f} deviations of repeatability, {proven}"
+    return f"{words}{told}. {NOT_IDENTIFIED[0].upper()}{NOT_IDENTIFIED[1:]}."
+
+
+if __name__ == "__main__":
+    sys.exit(main())

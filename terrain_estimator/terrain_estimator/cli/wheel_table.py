@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads tables of single-wheel measurements: one steady state a row, the unit of a column at the end of its name."""
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrain_estimator.discovery.single_wheel import Row
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "slip": {"": 1.0},
+    "normal_load": {"N": 1.0, "kN": 1e3},
+    "wheel_rate": {"rad_s": 1.0, "rpm": math.pi / 30.0, "deg_s": math.pi / 180.0},
+    "sinkage": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "drawbar_pull": {"N": 1.0, "kN": 1e3},
+    "slip_angle": {"deg": 1.0, "rad": 180.0 / math.pi},
+}
+"""Columns, their units and the factors to [1], N, rad/s, m, N and degrees. slip_angle may be absent: straight ahead."""
+STRAIGHT_DEG = 1.0
+"""[deg] Slip angle up to which the wheel rolls straight ahead."""
+SLIP_DEFINITIONS = ("rim", "larger")
+"""1 - V / (r w); or (r w - V) / max(r w, V), which divides by the carriage's speed where the wheel is braked."""
+
+
+class WheelTableError(ValueError):
+    """A table cannot be read; the message names file, line and field."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    name: str
+    factor: float
+
+
+def read_table(path: Path, slip_definition: str) -> tuple[list[Row], list[str]]:
+    """The rows of a table, and why some are left out.
+
+    Raises:
+        WheelTableError: a column is missing or its unit unknown, or a cell is no finite number.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        table = csv.reader(file)
+        columns = _columns(path, next(table, []))
+        rows, left_out = [], []
+        for number, cells in enumerate(table, start=2):
+            values = {key: _value(path, number, cells, index, column) for key, (index, column) in columns.items() if key != "trial"}
+            trial = cells[columns["trial"][0]].strip() if "trial" in columns else "1"
+            angle = values.get("slip_angle", 0.0)
+            slip = rim_slip(values["slip"], slip_definition)
+            if abs(angle) > STRAIGHT_DEG:
+                left_out.append(f"{path}:{number}: slip angle {angle:g} deg: the contact model has no lateral force")
+            elif slip is None:
+                left_out.append(f"{path}:{number}: slip {values['slip']:g}: the wheel does not turn")
+            else:
+                rows.append(
+                    Row(path.stem, trial, slip, values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"])
+                )
+    return rows, left_out
+
+
+def rim_slip(slip: float, definition: str) -> float | None:
+    """1 - V / (r w), from the slip of another definition; None where the wheel stands."""
+    if definition == "rim" or slip >= 0.0:
+        return slip
+    return None if slip <= -1.0 + 1e-9 else 1.0 - 1.0 / (1.0 + slip)
+
+
+def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, _Column]]:
+    found: dict[str, tuple[int, _Column]] = {}
+    for index, name in enumerate(field.strip() for field in header):
+        if name == "trial":
+            found[name] = index, _Column(name, 1.0)
+        for key, units in UNITS.items():
+            unit = name.removeprefix(key).removeprefix("_")
+            if name == key or (name.startswith(f"{key}_") and not unit.startswith(("std", "angle"))):
+                if unit not in units:
+                    known = ", ".join(f"{key}_{each}" if each else key for each in units)
+                    raise WheelTableError(f"{path}:1: column {name!r}: unknown unit {unit!r}; known are {known}")
+                found[key] = index, _Column(name, units[unit])
+    for key, units in UNITS.items():
+        if key not in found and key != "slip_angle":
+            wanted = " or ".join(f"{key}_{each}" if each else key for each in units)
+            raise WheelTableError(f"{path}:1: no column {wanted}; there are {', '.join(header) or 'none'}")
+    return found
+
+
+def _value(path: Path, number: int, cells: list[str], index: int, column: _Column) -> float:
+    text = cells[index].strip() if index < len(cells) else ""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise WheelTableError(f"{path}:{number}: column {column.name}: {text!r} is no finite number; correct it or delete the row")
+    return value * column.factor

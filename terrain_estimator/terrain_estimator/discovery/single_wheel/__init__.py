@@ -1,0 +1,15 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which effect does the model of one wheel on a testbed lack? Steady states: sinkage and drawbar pull under a load at a slip.
+
+- ``cells``: what was measured, replicates of one setting together, and what the contact model says of it.
+- ``fit``: the most probable parameters of a hypothesis and its evidence.
+- ``investigation``: all hypotheses, the verdict by the rule of drives (``discovery/verdict.py``), and cells that are held out.
+
+c and tan phi are nuisances here: without drive torque they are not identified.
+"""
+
+from terrain_estimator.discovery.single_wheel.cells import Cells, Rig, Row, cells_of
+from terrain_estimator.discovery.single_wheel.investigation import Outcome, investigate_wheel, shown_by_one_wheel
+
+__all__ = ["Cells", "Outcome", "Rig", "Row", "cells_of", "investigate_wheel", "shown_by_one_wheel"]

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Steady states of one wheel, and what the contact model says of them. Contact, sinkage and effects are those of terramechanics."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact import in_range
+from terramechanics.plant import Effect, Plant, Situation
+from terramechanics.rover import Rover
+from terramechanics.sinkage import WheelGround, equilibrium_sinkage
+from terramechanics.soil import Soil
+
+SAME_SLIP, SAME_LOAD = 0.02, 1.5
+"""[1] Largest difference of slips, and ratio of loads, of replicates of one setting."""
+POINTS = 6
+ROWS = ("sinkage", "drawbar_pull")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One steady state."""
+
+    table: str
+    trial: str
+    slip: float  # [1] 1 - V / (r w)
+    load: float  # [N]
+    wheel_rate: float  # [rad/s]
+    sinkage: float  # [m]
+    drawbar_pull: float  # [N]
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """B settings; the replicates of each are one measurement, because they share what the model gets wrong."""
+
+    table: tuple[str, ...]
+    slip: Tensor  # [B]
+    load: Tensor  # [B] [N]
+    wheel_rate: Tensor  # [B] [rad/s]
+    measured: Tensor  # [B, 2] sinkage [m], drawbar pull [N]
+    replicates: tuple[int, ...]
+    acts: Tensor  # [B] bool: where the effects that are looked for may act
+
+    def part(self, index: Sequence[int]) -> "Cells":
+        """Some of them."""
+        of = torch.tensor(list(index), dtype=torch.long)
+        return Cells(
+            tuple(self.table[k] for k in index), self.slip[of], self.load[of], self.wheel_rate[of], self.measured[of],
+            tuple(self.replicates[k] for k in index), self.acts[of],
+        )  # fmt: skip
+
+
+def cells_of(rows: Sequence[Row], reference: frozenset[str] = frozenset()) -> Cells:
+    """Replicates put together; effects that are looked for do not act in the tables of ``reference``."""
+    groups: list[list[Row]] = []
+    for row in rows:
+        near = next((group for group in groups if _alike(group[0], row)), None)
+        if near is None:
+            groups.append([row])
+        else:
+            near.append(row)
+
+    def mean(name: str) -> Tensor:
+        return torch.tensor([math.fsum(getattr(row, name) for row in group) / len(group) for group in groups], dtype=torch.float64)
+
+    tables = tuple(group[0].table for group in groups)
+    acts = torch.tensor([table not in reference for table in tables])
+    measured = torch.stack([mean("sinkage"), mean("drawbar_pull")], 1)
+    return Cells(tables, mean("slip"), mean("load"), mean("wheel_rate"), measured, tuple(map(len, groups)), acts)
+
+
+def _alike(first: Row, second: Row) -> bool:
+    heavier, lighter = max(first.load, second.load), min(first.load, second.load)
+    return first.table == second.table and abs(first.slip - second.slip) < SAME_SLIP and heavier < SAME_LOAD * lighter
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """The nominal wheel and soil."""
+
+    rover: Rover  # of which the wheel alone counts
+    soil: Soil
+    constants_sd: float  # [1] relative deviation of each soil constant
+    repeatability: tuple[float, float]  # deviations of a cell: sinkage [m], drawbar pull [N]
+
+    def usable(self, slip: float, sinkage: float) -> bool:
+        """Whether the contact model describes this state at all."""
+        values = torch.tensor([slip, max(sinkage, 1e-6)], dtype=torch.float64)
+        return bool(in_range(values[0], values[1], self.soil.constants(), self.rover.wheel_radius))
+
+    def states(self, cells: Cells, strength: Tensor, constants: Tensor, effects: Sequence[Effect]) -> Tensor:
+        """Sinkage [m] and drawbar pull [N] of cells, [V, B, 2], for V soils: ``strength`` [V, 2] (c [Pa]), ``constants`` [V, 6]."""
+        several, count = strength.shape[0], cells.slip.shape[0]
+        slip, load, rate = (each.repeat(several).unsqueeze(1) for each in (cells.slip, cells.load, cells.wheel_rate))
+        nowhere = torch.full_like(slip, math.nan)
+        where = Situation(
+            rover=self.rover,
+            time=math.nan,
+            episode=torch.arange(several * count),
+            place=nowhere,
+            rate=rate,
+            velocity=nowhere[:, 0],
+        )
+        soil, ground = (each.repeat_interleave(count, 0).unsqueeze(1) for each in (constants, strength))
+        wheel = WheelGround.of(self.rover, soil, ground, POINTS, Plant(effects), where)
+        depth = equilibrium_sinkage(wheel, slip, load)
+        return torch.stack([depth, wheel.forces(slip, depth)[..., 1]], -1).view(several, count, 2)
+
+
+def wheel_alone(rover: Rover, radius: float, width: float) -> Rover:
+    """A rover with that wheel, of which effects ask the radius."""
+    return dataclasses.replace(rover, wheel_radius=radius, wheel_width=width)

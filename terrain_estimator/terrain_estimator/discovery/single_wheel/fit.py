@@ -1,0 +1,213 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The most probable parameters of a hypothesis about one wheel, and its evidence.
+
+Parameters in prior deviations: c, tan phi, the uncertain soil constants, the datum of the sinkage, sizes of effects that are known
+to act in all tables, sizes of those that are looked for. With J their Jacobian the measurements are Gaussian,
+
+    y ~ N(f(x), C),   C = repeatability + excess of each row + (where asked for) s^2 F F' of each row,
+
+F smooth functions of slip: a discrepancy without a name. Excess and s are at their most likely values, with x integrated out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.optimize import least_squares, minimize
+from scipy.stats import norm
+from torch import Tensor
+
+from terrain_estimator.discovery.fit import PRIOR_THETA
+from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.single_wheel.cells import Cells, Rig
+from terrain_estimator.prior import uncertain_constants
+from terrain_estimator.rows import PA_PER_UNIT
+from terramechanics.plant import Effect
+
+Floats = npt.NDArray[np.float64]
+
+DATUM_SD = 0.005
+"""[m] of the common offset of all sinkages."""
+_STEP = 1e-4
+"""[1] Prior deviations by which a parameter is varied for differences."""
+_ROUNDS = 4
+_LEAST = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """A hypothesis at its most probable parameters."""
+
+    hypothesis: Hypothesis
+    values: Floats  # [P] in prior deviations
+    covariance: Floats  # [P, P]
+    log_evidence: float  # [nat]
+    residual: Floats  # [B, 2] sinkage [m], drawbar pull [N]
+    spread: Floats  # [2] of the discrepancy, in deviations of repeatability; 0 where there is none
+
+    def sizes(self, first: int) -> list[tuple[str, float, float]]:
+        """Name, size and deviation of each effect that is looked for; ``first`` is the number of its first parameter."""
+        found, at, sd = [], first, self.hypothesis.shared().sd.tolist()
+        for part in self.hypothesis.parts:
+            scale = sd[at - first]
+            value = self.values[at] * scale
+            deviation = float(np.sqrt(self.covariance[at, at])) * scale
+            found.append((part.name, float(part.size(value)), float(abs(part.slope(value)) * deviation)))
+            at += 1 + len(part.beside)
+        return found
+
+
+class WheelModel:
+    """What the contact model says of cells under a hypothesis, with effects ``given`` in all tables."""
+
+    def __init__(self, bed: Rig, given: Hypothesis, hypothesis: Hypothesis) -> None:
+        """Of one testbed."""
+        self.bed, self._given, self.hypothesis = bed, given, hypothesis
+        nominal = bed.soil.constants()
+        self._uncertain = uncertain_constants(nominal.unsqueeze(0), bed.constants_sd, bed.rover.wheel_width)[0]
+        self.own = 2 + self._uncertain.shape[0] + 1
+        self.first = self.own + given.shared().sd.shape[0]
+        self.low, self.high = self._limits(nominal)
+
+    def start(self) -> Floats:
+        """Where a fit begins."""
+        return np.clip(np.concatenate([np.zeros(self.own), *map(_begin, (self._given, self.hypothesis))]), self.low, self.high)
+
+    def of(self, cells: Cells, values: Floats) -> Floats:
+        """Sinkage and drawbar pull [B, 2]."""
+        return self._several(cells, values[None], values)[0]
+
+    def jacobian(self, cells: Cells, values: Floats) -> tuple[Floats, Floats]:
+        """Those [B, 2], and their changes with each parameter [B, 2, P]."""
+        steps = np.where(values + _STEP > self.high, -_STEP, _STEP)
+        moved = values + np.diag(steps)
+        soil = self._several(cells, np.vstack([values[None], moved[: self.own]]), values)
+        shared = [self._several(cells, each[None], each)[0] for each in moved[self.own :]]
+        every = np.stack([*soil[1:], *shared])
+        return soil[0], np.moveaxis((every - soil[0]) / steps[:, None, None], 0, -1)
+
+    def _several(self, cells: Cells, soils: Floats, values: Floats) -> Floats:
+        """For some soils [V, P] and one set of sizes."""
+        table = torch.from_numpy(np.ascontiguousarray(soils[:, : self.own]))
+        theta = torch.tensor([[mean, sd] for mean, sd in PRIOR_THETA], dtype=torch.float64)
+        strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
+        constants = self.bed.soil.constants() + table[:, 2 : self.own - 1] @ self._uncertain
+        known = _effects(self._given, values[self.own : self.first])
+        sought = known + _effects(self.hypothesis, values[self.first :])
+        found = torch.empty(len(soils), len(cells.slip), 2, dtype=torch.float64)
+        for acts, effects in ((True, sought), (False, known)):
+            index = torch.nonzero(cells.acts == acts).flatten()
+            if len(index):
+                found[:, index] = self.bed.states(cells.part(index.tolist()), strength, constants, effects)
+        found[..., 0] += DATUM_SD * table[:, self.own - 1 :]
+        return found.numpy()
+
+    def _limits(self, nominal: Tensor) -> tuple[Floats, Floats]:
+        """Physical ranges: strength and soil constants stay positive, the place of the largest stress in the contact."""
+        low, high = np.full(self.own, -4.0), np.full(self.own, 4.0)
+        for k, (mean, sd) in enumerate(PRIOR_THETA):
+            low[k] = -mean / sd * (1.0 - 1e-3)
+        for k, change in enumerate(self._uncertain):
+            at = int(change.abs().argmax())
+            low[2 + k] = max(low[2 + k], -0.9 * abs(float(nominal[at] / change[at])))
+        ranges = [(each.shared().low / each.shared().sd[: len(each.shared().low)], each) for each in (self._given, self.hypothesis)]
+        lows = [ends.numpy() for ends, _ in ranges]
+        highs = [(each.shared().high / each.shared().sd[: len(each.shared().high)]).numpy() for _, each in ranges]
+        return np.concatenate([low, *lows]), np.concatenate([high, *highs])
+
+
+def _begin(hypothesis: Hypothesis) -> Floats:
+    return np.array(hypothesis.start()) / hypothesis.shared().sd.numpy() if hypothesis.parts else np.zeros(0)
+
+
+def _effects(hypothesis: Hypothesis, values: Floats) -> list[Effect]:
+    sizes = iter((values * hypothesis.shared().sd.numpy()).tolist())
+    return [part.effect(tuple(next(sizes) for _ in range(1 + len(part.beside)))) for part in hypothesis.parts]
+
+
+def explain(model: WheelModel, cells: Cells, *, flexible: bool = False, start: Floats | None = None) -> Explained:
+    """Fit a model to cells; ``flexible`` with a discrepancy without a name on top."""
+    values = model.start() if start is None else start
+    noise = np.tile(model.bed.repeatability, len(cells.slip))
+    functions = smooth(cells)
+    hyper = np.array([1.0, 1.0, 1.0, 1.0] if flexible else [1.0, 1.0, 0.0, 0.0])
+    measured = cells.measured.numpy()
+    residual, jacobian = np.zeros(0), np.zeros(0)
+    for _ in range(_ROUNDS):
+        white = np.linalg.inv(np.linalg.cholesky(_covariance(hyper, functions)))
+
+        def short(x: Floats, white: Floats = white) -> Floats:
+            return np.concatenate([white @ ((model.of(cells, x) - measured).ravel() / noise), x])
+
+        def slope(x: Floats, white: Floats = white) -> Floats:
+            by = model.jacobian(cells, x)[1].reshape(len(noise), -1) / noise[:, None]
+            return np.vstack([white @ by, np.eye(len(x))])
+
+        values = least_squares(short, values, slope, (model.low, model.high), max_nfev=12, xtol=1e-6).x
+        said, by = model.jacobian(cells, values)
+        residual = (measured - said).ravel() / noise
+        jacobian = by.reshape(len(noise), -1) / noise[:, None]
+        hyper = _most_likely(residual + jacobian @ values, jacobian, functions, hyper, flexible=flexible)
+    return _finished(model, values, residual, jacobian, hyper, functions)
+
+
+def smooth(cells: Cells) -> Floats:
+    """Functions of slip that a discrepancy is made of, of unit mean square, [B, F]; their mean belongs to the datum and the soil."""
+    slip, acts = cells.slip.numpy(), cells.acts.numpy().astype(float)
+    columns = [slip, slip**2, np.maximum(slip - 0.5, 0.0)]
+    columns = [column - column.mean() for column in columns]
+    if not acts.all():  # where tables of reference are there, what they lack may depend on the wheel alone
+        columns += [acts, acts * slip, acts * slip**2]
+    table = np.stack(columns, 1)
+    return table / np.sqrt((table**2).mean(0)).clip(_LEAST)
+
+
+def _covariance(hyper: Floats, functions: Floats) -> Floats:
+    """Of all measurements [2 B, 2 B] in units of repeatability: cell by cell, the sinkage first."""
+    count = len(functions)
+    shared = functions @ functions.T
+    covariance = np.zeros((2 * count, 2 * count))
+    for row in (0, 1):
+        covariance[row::2, row::2] = np.eye(count) * (1.0 + hyper[row] ** 2) + hyper[2 + row] ** 2 * shared
+    return covariance
+
+
+def _marginal(hyper: Floats, target: Floats, jacobian: Floats, functions: Floats) -> float:
+    """-2 log of the density of the measurements with the parameters integrated out (linearised), up to a constant."""
+    covariance = _covariance(hyper, functions) + jacobian @ jacobian.T
+    factor = np.linalg.cholesky(covariance)
+    pulled = np.linalg.solve(factor, target)
+    return float(pulled @ pulled + 2.0 * np.log(np.diag(factor)).sum())
+
+
+def _most_likely(target: Floats, jacobian: Floats, functions: Floats, hyper: Floats, *, flexible: bool) -> Floats:
+    free = 4 if flexible else 2
+
+    def cost(logs: Floats) -> float:
+        return _marginal(np.concatenate([np.exp(logs), np.zeros(4 - free)]), target, jacobian, functions)
+
+    found = minimize(cost, np.log(hyper[:free].clip(0.05)), method="L-BFGS-B", bounds=[(-4.0, 5.0)] * free)
+    return np.concatenate([np.exp(found.x), np.zeros(4 - free)])
+
+
+def _finished(model: WheelModel, values: Floats, residual: Floats, jacobian: Floats, hyper: Floats, functions: Floats) -> Explained:
+    evidence = -0.5 * _marginal(hyper, residual + jacobian @ values, jacobian, functions)
+    weight = np.linalg.inv(_covariance(hyper, functions))
+    covariance: Floats = np.linalg.inv(jacobian.T @ weight @ jacobian + np.eye(len(values))).astype(np.float64)
+    sizes = _ranged(model.hypothesis, model.first)
+    evidence += sum(_inside(values[k], np.sqrt(covariance[k, k]), model.low[k], model.high[k]) for k in sizes)
+    plain = (residual.reshape(-1, 2)) * np.array(model.bed.repeatability)
+    return Explained(model.hypothesis, values, covariance, float(evidence), plain, hyper[2:])
+
+
+def _ranged(hypothesis: Hypothesis, first: int) -> Sequence[int]:
+    return range(first, first + hypothesis.shared().sd.shape[0])
+
+
+def _inside(mean: float, sd: float, low: float, high: float) -> float:
+    """log of the posterior's mass in the range over the prior's."""
+    after = norm.cdf((high - mean) / sd) - norm.cdf((low - mean) / sd)
+    return float(np.log(max(after, 1e-6)) - np.log(norm.cdf(high) - norm.cdf(low)))

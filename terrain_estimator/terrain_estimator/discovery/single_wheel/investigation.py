@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""All hypotheses about one wheel, the verdict by the rule of drives, and what it is worth on cells that were held out."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, together
+from terrain_estimator.discovery.search import Progress
+from terrain_estimator.discovery.separation import separate_by
+from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
+from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
+from terrain_estimator.discovery.verdict import Gains, Judgement, Thresholds, Verdict, judge
+from terramechanics.effects import EFFECTS
+
+FLOOR = 1.0
+"""[deviations of repeatability] Root mean square error of a model that is true."""
+FEWEST_HELD_OUT = 5
+"""Different settings without which held-out ones prove nothing: replicates are not independent."""
+BY_RATE, BY_SLIP, SAME_SPEED = "rate_dependence", "slip_sinkage", 1.1
+"""Where the carriage's speed is the same within that ratio, slip and wheel rate say the same."""
+_RESAMPLED = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Errors on what was not fitted: [F, 2] for F held-out cells, sinkage [m] and drawbar pull [N]."""
+
+    before: Floats
+    after: Floats | None  # None where nothing is to be added
+    settings: int  # different ones among them
+
+    def rms(self, repeatability: tuple[float, float]) -> tuple[float, float | None]:
+        """Before and after, in deviations of repeatability."""
+        after = None if self.after is None else _rms(self.after / repeatability)
+        return _rms(self.before / repeatability), after
+
+    def improvement_95(self, repeatability: tuple[float, float], seed: int) -> tuple[float, float] | None:
+        """95 % interval of before - after, cells resampled; None with fewer than FEWEST_HELD_OUT settings."""
+        if self.after is None or self.settings < FEWEST_HELD_OUT:
+            return None
+        generator, count = np.random.default_rng(seed), len(self.before)
+        drawn = generator.integers(count, size=(_RESAMPLED, count))
+        before, after = (np.sqrt(((each / repeatability) ** 2)[drawn].mean((1, 2))) for each in (self.before, self.after))
+        low, high = np.quantile(before - after, [0.025, 0.975])
+        return float(low), float(high)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What tables say about what is missing."""
+
+    judgement: Judgement
+    gains: Gains
+    found: tuple[Explained, ...]  # the most probable first
+    first: int  # number of the parameter of the first size
+    nothing: Explained
+    held_out: HeldOut
+    proven: bool | None  # whether the best name helps on held-out settings; None where there are too few to tell
+    separate_by: str
+
+
+def shown_by_one_wheel() -> tuple[str, ...]:
+    """Effects that sinkage and drawbar pull of one wheel depend on; a bias of the sinkage is in the datum, which is unknown anyway."""
+    return tuple(name for name, each in EFFECTS.items() if each.make and set(ROWS) & set(each.rows) and name != "sinkage_bias")
+
+
+def investigate_wheel(
+    bed: Rig,
+    rows: Sequence[Row],
+    reference: frozenset[str],
+    given: Hypothesis,
+    names: Sequence[str],
+    thresholds: Thresholds,
+    say: Progress,
+    *,
+    by_trial: bool = False,
+    seed: int = 0,
+) -> Outcome:
+    """Fit every named effect to all cells, pairs where no single one closes enough of the gap, judge, and hold cells out.
+
+    Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. Cells are held out one at a time, with all
+    their replicates; or ``by_trial`` all cells of one trial, which says how well it repeats and nothing about new settings.
+    """
+    cells = cells_of(rows, reference)
+    hypotheses = singles(tuple(names))
+    model = WheelModel(bed, given, NOTHING)
+    say(0.0, "nothing missing")
+    nothing, free = explain(model, cells), explain(model, cells, flexible=True)
+    found, gains = _searched(bed, given, cells, hypotheses, nothing, free)
+    if gains.explainable >= thresholds.anything and gains.share < thresholds.share:
+        say(0.3, "pairs")
+        best = found[0].hypothesis
+        others = [together(best, each) for each in hypotheses if each != best]
+        pairs, paired = _searched(bed, given, cells, others, nothing, free) if others else ([], gains)
+        if paired.share >= thresholds.share:
+            found, gains = [*pairs, *found], paired
+    judgement = judge(gains, thresholds)
+    probabilities = {name: 0.0 for each in hypotheses for name in each.names} | judgement.probabilities
+    judgement = dataclasses.replace(judgement, probabilities=probabilities)
+    say(0.6, "held-out cells")
+    named = judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
+    errors = held_out(bed, rows, reference, [given, found[0].hypothesis if named else NOTHING], by_trial=by_trial)
+    interval = errors.improvement_95(bed.repeatability, seed) if named else None
+    proven = None if interval is None else interval[0] > 0.0
+    judgement = _refuted(judgement) if proven is False else _by_design(judgement, rows, found)
+    confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
+    return Outcome(judgement, gains, tuple(found), model.first, nothing, errors, proven, separate_by(confusable))
+
+
+def _searched(
+    bed: Rig, given: Hypothesis, cells: Cells, hypotheses: Sequence[Hypothesis], nothing: Explained, free: Explained
+) -> tuple[list[Explained], Gains]:
+    """Fits of all, the most probable first, and what the rule looks at."""
+    models = [WheelModel(bed, given, each) for each in hypotheses]
+    found = sorted((explain(model, cells) for model in models), key=lambda each: -each.log_evidence)
+    best = next(model for model in models if model.hypothesis == found[0].hypothesis)
+    best_with = explain(best, cells, flexible=True)
+    base = nothing.log_evidence
+    named = tuple((each.hypothesis, each.log_evidence - base) for each in found)
+    return found, Gains(named, free.log_evidence - base, best_with.log_evidence - base)
+
+
+def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explained]) -> Judgement:
+    """At one speed of the carriage a name that depends on slip may be one that depends on wheel rate: both are given."""
+    speeds = [row.wheel_rate * (1.0 - row.slip) for row in rows]
+    named = [name for each in judgement.named for name in each.names]
+    there = {each.hypothesis.names: each.hypothesis for each in found}
+    both = [there[name,] for name in (BY_SLIP, BY_RATE) if (name,) in there]
+    varied = max(speeds) > SAME_SPEED * min(speeds)
+    if judgement.verdict is not Verdict.NAMED or named[0] not in (BY_SLIP, BY_RATE) or len(named) > 1 or len(both) < 2 or varied:
+        return judgement
+    shared = 0.5 * (judgement.probabilities[BY_SLIP] + judgement.probabilities[BY_RATE])
+    sets = tuple(sorted(both, key=lambda each: each != judgement.named[0]))
+    return Judgement(Verdict.CONFUSABLE, sets, judgement.probabilities | {BY_SLIP: shared, BY_RATE: shared})
+
+
+def _refuted(judgement: Judgement) -> Judgement:
+    """A name that does not help on held-out cells is not the answer."""
+    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
+    probabilities = dict.fromkeys(judgement.probabilities, 0.0) | sure | {"unknown": 1.0 - sure["none"]}
+    return Judgement(Verdict.UNKNOWN, judgement.named[:1], probabilities)
+
+
+def held_out(bed: Rig, rows: Sequence[Row], reference: frozenset[str], parts: Sequence[Hypothesis], *, by_trial: bool) -> HeldOut:
+    """Errors of cells that were not fitted, without the effect and with it; ``parts`` are the given effects and the effect."""
+    given, sought = parts
+    models = [WheelModel(bed, given, each) for each in ((NOTHING, sought) if sought.parts else (NOTHING,))]
+    errors: list[list[Floats]] = [[] for _ in models]
+    for left, out in _folds(rows, reference, by_trial=by_trial):
+        for model, found in zip(models, errors, strict=True):
+            fitted = explain(model, left)
+            found.append(out.measured.numpy() - model.of(out, fitted.values))
+    before, *after = (np.concatenate(each) if each else np.zeros((0, 2)) for each in errors)
+    return HeldOut(before, after[0] if after else None, int(cells_of(rows, reference).acts.sum()))
+
+
+def _folds(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) -> list[tuple[Cells, Cells]]:
+    """What is fitted and what is held out, fold by fold."""
+    if by_trial:
+        divided = []
+        for trial in sorted({row.trial for row in rows if row.table not in reference}):
+            out = [row for row in rows if row.trial == trial and row.table not in reference]
+            left = [row for row in rows if row not in out]
+            divided.append((cells_of(left, reference), cells_of(out, reference)))
+        return divided
+    cells = cells_of(rows, reference)
+    every = range(len(cells.slip))
+    return [(cells.part([k for k in every if k != out]), cells.part([out])) for out in every if bool(cells.acts[out])]
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt((values**2).mean())) if values.size else 0.0

@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Single-wheel tables: simulated with an effect that no law of the library makes, broken ones, and the measured ones."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from terrain_estimator.cli.find_missing_effect import main
+from terrain_estimator.cli.wheel_table import WheelTableError, read_table, rim_slip
+from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of
+from terrain_estimator.discovery.single_wheel.cells import wheel_alone
+from terramechanics.plant import Contact, Effect, Situation
+from terramechanics.rover import load_rover
+from terramechanics.soil import load_soil
+
+RADIUS, WIDTH = 0.1, 0.08
+SLIPS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65)
+LOADS = (40.0, 90.0)
+NOISE = (0.2e-3, 0.2)
+MEASURED = Path(__file__).parents[4] / "shared" / "data" / "single_wheel"
+HEADER = "slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N,trial"
+
+
+class Churned(Effect):
+    """The soil below a slipping wheel gets softer: another law than the library's, which changes the exponent."""
+
+    def contact(self, where: Situation, contact: Contact) -> Contact:
+        del where
+        return contact.stiffened(1.0 / (1.0 + 8.0 * contact.slip.abs()))
+
+
+def table(path: Path, effects: list[Effect], speeds: tuple[float, ...]) -> Path:
+    """Two replicates of every setting, of a soil with constants off by 5 %."""
+    generator = torch.Generator().manual_seed(3)
+    soil = load_soil("loose_sand")
+    bed = Rig(wheel_alone(load_rover("mars_rover"), RADIUS, WIDTH), soil, 0.05, NOISE)
+    settings = [(slip, load, speeds[k % len(speeds)]) for load in LOADS for k, slip in enumerate(SLIPS)]
+    rows = [Row("t", "1", slip, load, speed / RADIUS / (1.0 - slip), 0.01, 0.0) for slip, load, speed in settings]
+    constants = soil.constants() * torch.tensor([1.02, 1.0, 0.95, 1.05, 1.0, 1.0], dtype=torch.float64)
+    states = bed.states(cells_of(rows), soil.strength().unsqueeze(0), constants.unsqueeze(0), effects)[0]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(HEADER.split(","))
+        for row, state in zip(rows, states, strict=True):
+            for trial in (1, 2):
+                depth, pull = (state + torch.tensor(NOISE) * torch.randn(2, generator=generator, dtype=torch.float64)).tolist()
+                writer.writerow([row.slip, row.load, row.wheel_rate, 1e3 * depth + 3.0, pull, trial])
+    return path
+
+
+def found(path: Path, *extra: str) -> dict[str, Any]:
+    wheel = path.with_name("wheel.yaml")
+    wheel.write_text(f"name: testbed\nradius: {RADIUS}\nwidth: {WIDTH}\n", encoding="utf-8")
+    noise = ["--sinkage-sd", str(NOISE[0]), "--pull-sd", str(NOISE[1]), "--constants-sd", "0.05"]
+    out = path.with_suffix("")
+    assert main(["--wheel-table", str(path), "--wheel", str(wheel), *noise, "--out", str(out), *extra]) == 0
+    content: dict[str, Any] = json.loads((out / "finding.json").read_text(encoding="utf-8"))
+    return content
+
+
+def test_softening_that_goes_with_slip_is_named_where_the_speed_varies_and_helps_on_settings_held_out(tmp_path: Path) -> None:
+    finding = found(table(tmp_path / "churned.csv", [Churned()], (0.05, 0.2)), "--library", "slip_sinkage,rate_dependence,bulldozing")
+    assert finding["verdict"] == "named"
+    assert [each["name"] for each in finding["effects"]] == ["slip_sinkage"]
+    gap = finding["gap"]
+    assert gap["proven"] is True
+    for row in ("sinkage", "drawbar_pull"):
+        assert gap["rows"][row]["after"] < gap["rows"][row]["before"], row
+    assert finding["settings"] == len(SLIPS) * len(LOADS)
+    assert finding["measurements"] == 2 * finding["settings"]
+    assert finding["parameters"]["after"] is None
+    assert "not identified" in finding["parameters"]["why"]
+    assert sum(finding["probabilities"].values()) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_at_one_speed_what_goes_with_slip_may_go_with_wheel_rate(tmp_path: Path) -> None:
+    path = table(tmp_path / "one_speed.csv", [Churned()], (0.1,))
+    finding = found(path, "--library", "slip_sinkage,rate_dependence", "--hold-out-by", "trial")
+    assert finding["verdict"] == "confusable"
+    assert {each["name"] for each in finding["effects"]} == {"slip_sinkage", "rate_dependence"}
+    assert "two speeds" in finding["separate_by"]
+
+
+def test_where_nothing_is_missing_nothing_is_named(tmp_path: Path) -> None:
+    finding = found(table(tmp_path / "nominal.csv", [], (0.05, 0.2)), "--library", "slip_sinkage,bulldozing", "--hold-out-by", "trial")
+    assert finding["verdict"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f"{HEADER}\n0.1,40,1.0,12,3,1\n0.2,40,1.0,deep,3,1\n", "bad.csv:3: column sinkage_mm: 'deep'"),
+        (f"{HEADER}\n0.1,40,1.0,12\n", "bad.csv:2: column drawbar_pull_N: ''"),
+        (HEADER.replace("sinkage_mm", "sinkage_furlong") + "\n", "bad.csv:1: column 'sinkage_furlong': unknown unit"),
+        (HEADER.replace("drawbar_pull_N,", "") + "\n", "bad.csv:1: no column drawbar_pull_N"),
+        (f"{HEADER}\n0.1,40,1.0,12,3,1\n", "1 settings can be used"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_refused_with_its_line_and_field(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
+    path, wheel = tmp_path / "bad.csv", tmp_path / "wheel.yaml"
+    path.write_text(text, encoding="utf-8")
+    wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
+    assert main(["--wheel-table", str(path), "--wheel", str(wheel)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_an_effect_that_one_wheel_does_not_show_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wheel = tmp_path / "wheel.yaml"
+    wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
+    assert main(["--wheel-table", "none.csv", "--wheel", str(wheel), "--library", "payload"]) == 2
+    assert "payload is not testable" in capsys.readouterr().err
+
+
+def test_slip_of_a_braked_wheel_is_converted() -> None:
+    assert rim_slip(0.5, "larger") == pytest.approx(0.5)
+    assert rim_slip(-0.2, "larger") == pytest.approx(-0.25)
+    assert rim_slip(-1.0, "larger") is None
+    assert rim_slip(-0.25, "rim") == pytest.approx(-0.25)
+
+
+@pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured tables are not here (../shared)")
+def test_measured_tables_are_read_and_replicates_are_one_setting() -> None:
+    rows, left_out = read_table(MEASURED / "smooth_wheel.csv", "larger")
+    assert all("slip angle" in reason or "does not turn" in reason for reason in left_out)
+    cells = cells_of(rows)
+    assert set(cells.replicates) == {2}
+    assert len(rows) == 2 * len(cells.slip)
+    with pytest.raises(WheelTableError, match="no column"):
+        read_table(MEASURED / "README.md", "larger")
+
+
+@pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured tables are not here (../shared)")
+def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_than_the_smooth_model(tmp_path: Path) -> None:
+    soil, wheel = tmp_path / "soil.yaml", tmp_path / "wheel.yaml"
+    constants = {"n": 1.46, "k_c": 0.0, "k_phi": 8.0e6, "shear_modulus": 0.01, "c1": 0.3, "c2": 0.2, "cohesion": 300.0, "tan_phi": 0.554}
+    soil.write_text(json.dumps({"name": "dry_sand"} | constants), encoding="utf-8")
+    wheel.write_text("name: testbed\nradius: 0.058\nwidth: 0.05\n", encoding="utf-8")
+    tables = ["--wheel-table", str(MEASURED / "grouser_wheel.csv"), "--reference", str(MEASURED / "smooth_wheel.csv")]
+    asked = ["--slip-definition", "larger", "--hold-out-by", "trial", "--library", "slip_sinkage,rate_dependence,grousers"]
+    assert main([*tables, "--wheel", str(wheel), "--soil", str(soil), *asked, "--out", str(tmp_path)]) == 0
+    finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
+    assert finding["verdict"] != "named"
+    assert finding["gap"]["proven"] is None
+    assert finding["parameters"]["after"] is None
+    for row in ("sinkage", "drawbar_pull"):
+        assert finding["gap"]["rows"][row]["after"] < finding["gap"]["rows"][row]["before"], row
