@@ -22,8 +22,8 @@ from terrain_estimator.pairing import Synchronizer, Topic
 from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.rover import Rover
 
-FEW = 8
-"""Bags that are read and looked into in this process where no cluster is asked for: processes take some seconds to start."""
+FEW = 16
+"""Bags up to which this process works alone where no cluster is asked for: with ten of 30 s two workers gained nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
 
     Raises ClusterError where the scheduler does not answer.
     """
-    if not scheduler and (workers == 1 or (not workers and bags < FEW)):
+    if not scheduler and (workers == 1 or (not workers and bags <= FEW)):
         yield Workplace(None)
         return
     with cluster(scheduler, workers or None) as spread:

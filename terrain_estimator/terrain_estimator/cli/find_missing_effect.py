@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         "--scheduler", default="", help="address of a dask.distributed scheduler that takes the work; default: this machine"
     )
     parser.add_argument(
-        "--workers", type=int, default=0, help=f"processes of this machine that take it; 0: one, from {FEW} runs on one for each CPU"
+        "--workers", type=int, default=0, help=f"processes of this machine that take it; 0: this one, above {FEW} runs one for each CPU"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the choice of held-out runs (default: %(default)s)")
     return parser
