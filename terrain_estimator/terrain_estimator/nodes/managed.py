@@ -25,6 +25,7 @@ PATIENCE_S = 5.0
 POLL_S = 0.1
 LOG_PERIOD_S = 5.0
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
+_BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
 
 class ManagedNode(LifecycleNode):
@@ -127,14 +128,10 @@ class ManagedNode(LifecycleNode):
         except Exception as error:  # noqa: BLE001 - rclpy would take it for an error of its own and say nothing
             kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
             self.wrong = f"cannot {what}: {kind}{error}"
-            self.get_logger().error(f"{self.wrong}; the node stays {'inactive' if what == 'activate' else self._before(what)}")
+            self.get_logger().error(f"{self.wrong}; the node stays {_BEFORE.get(what, INACTIVE)}")
             return TransitionCallbackReturn.FAILURE
         self.wrong = ""
         return TransitionCallbackReturn.SUCCESS
-
-    @staticmethod
-    def _before(what: str) -> str:
-        return {"configure": UNCONFIGURED, "deactivate": ACTIVE}.get(what, INACTIVE)
 
     def _diagnose(self) -> None:
         findings = [*self._of_every_node(), *self.findings()]

@@ -30,7 +30,7 @@ from terrain_estimator.diagnostics import UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import message_class
 from terrain_estimator.nodes.managed import ManagedNode, refuse, spin
-from terrain_estimator.ros_types import HEALTH, Message
+from terrain_estimator.ros_types import HEALTH
 from terramechanics.loading import ConfigError
 from terramechanics.parameters import effective, fingerprint
 
@@ -150,8 +150,11 @@ class RecorderNode(ManagedNode):
             if late:
                 self._complain("use_sim_time is set, but nobody publishes /clock: nothing is recorded yet")
             return
-        for name in self._topics:
-            self._follow(name, self.get_publishers_info_by_topic(name))
+        try:
+            for name in self._topics:
+                self._follow(name, self.get_publishers_info_by_topic(name))
+        except OSError as error:
+            self._fail(self._bag, error)
         if late and self._waiting:
             self._complain(f"no publisher yet, still waiting: {', '.join(self._waiting)}")
 
@@ -195,7 +198,7 @@ class RecorderNode(ManagedNode):
             try:
                 writer.write(topic, data, self.get_clock().now().nanoseconds, info["source_timestamp"])
                 if type_name == HEALTH:
-                    self._note_identity(name, deserialize_message(data, kind))
+                    self._note_identity(name, data, kind)
             except OSError as error:
                 self._fail(writer, error)
 
@@ -203,8 +206,13 @@ class RecorderNode(ManagedNode):
         self._sources[name] = Source(topic, subscription, reliable, transient_local, matched=old is not None and old.matched)
         return self._sources[name]
 
-    def _note_identity(self, topic: str, health: Message) -> None:
+    def _note_identity(self, topic: str, data: bytes, kind: type[Any]) -> None:
         """Say once in the bag's metadata which model and which configuration an estimator runs with."""
+        try:
+            health = deserialize_message(data, kind)
+        except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; another version of the message must not end a recording
+            self._complain(f"cannot read {topic}, so the bag does not say which model estimated: {error}")
+            return
         identity = (topic, health.model_id, health.model_sha256, health.configuration_sha256)
         if identity not in self._identities:
             self._identities.add(identity)
