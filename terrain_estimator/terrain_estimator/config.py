@@ -160,3 +160,79 @@ class WatchConfig:
     period_s: float = number("time between two lines, by the wall clock", "s", 0.1, 3600.0, default=1.0, key="period")
     report: str = entry("file for rates and jitter at the end, as JSON; empty: none", "")
     real_time_factor: float = number("of the simulation, so that rates are those of simulated time", "1", 0.01, 1000.0, default=1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class AdviceConfig:
+    """What :class:`terrain_estimator.planning.planner.Planner` takes."""
+
+    slip_limit: float = number(
+        "slip up to which a pull counts as available, and above which the rover is to stop", "1", 0.1, 0.9, default=0.6
+    )
+    sinkage_limit: float = number("mean sinkage above which the rover is to stop", "wheel radii", 0.01, 0.95, default=0.5)
+    stop_probability: float = number("probability of being stuck above which the rover is to stop", "1", 0.001, 0.999, default=0.5)
+    pull_deviation: float = number(
+        "standard deviation of the pull beside that of c and tan phi, for soil constants and effects that nobody knows",
+        "weights",
+        0.0,
+        1.0,
+        default=0.015,
+    )
+    window_s: float = number("time over which measurements are averaged", "s", 0.1, 60.0, default=2.0, key="window")
+    reaction_s: float = number(
+        "time from new ground under the front wheels to the brakes", "s", 0.0, 60.0, default=2.5, key="reaction_time"
+    )
+    deceleration: float = number("with which the rover stops", "m/s^2", 0.001, 10.0, default=0.2)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerConfig:
+    """All parameters of the planner node."""
+
+    model: str = entry("name of an installed model or path of a file, as of the estimator; empty: mars_rover", "")
+    rover: str = entry("name or file of the rover; empty takes the model's", "")
+    period_s: float = number("between the stamps of two pieces of advice", "s", 0.1, 60.0, default=0.5, key="period")
+    advice: AdviceConfig = field(default_factory=AdviceConfig, metadata=INLINE)
+    pairing: PairingConfig = field(default_factory=PairingConfig, metadata=INLINE)
+
+
+@dataclass(frozen=True, slots=True)
+class SlipSourceConfig:
+    """All parameters of the slip source node."""
+
+    rover: str = entry("name or file of the rover: wheel radius, names and order of the wheels", "mars_rover")
+    velocity_type: str = entry(
+        "message of the velocity: odometry (nav_msgs) or twist (geometry_msgs/TwistWithCovarianceStamped)", "odometry"
+    )
+    body_frame: str = entry("frame_id that is published", "base_link")
+    standstill_speed: float = number("a wheel stands where its rim is slower; its slip is NaN", "m/s", 0.0, 1.0, default=0.01)
+    radius_sd: float = number("relative standard deviation of the rolling radius", "1", 0.0, 1.0, default=0.01, key="radius_deviation")
+    rate_sd: float = number("standard deviation of a wheel rate", "rad/s", 0.0, 10.0, default=0.0, key="rate_deviation")
+    default_velocity_sd: float = number(
+        "for a velocity without a variance; 0 refuses it", "m/s", 0.0, 10.0, default=0.0, key="default_sd.velocity"
+    )
+    tolerance_s: float = number(
+        "largest difference of stamps of a wheel rate and a velocity; 0 pairs equal stamps",
+        "s",
+        0.0,
+        1.0,
+        default=0.02,
+        key="pairing_tolerance",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class MapConfig:
+    """All parameters of the map node."""
+
+    spacing_m: float = number("least distance of two points", "m", 0.0, 1000.0, exclusive=True, default=0.1, key="spacing")
+    points: int = number("most points: when there are more, every second one goes and the spacing doubles", "1", 2, 1_000_000, default=5000)
+    period_s: float = number("between the stamps of two clouds", "s", 0.0, 3600.0, default=1.0, key="period")
+    tolerance_s: float = number(
+        "largest difference of stamps of an estimate and its odometry; 0 pairs equal stamps",
+        "s",
+        0.0,
+        1.0,
+        default=0.0,
+        key="pairing_tolerance",
+    )

@@ -53,7 +53,7 @@ class Pipeline:
         topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.inputs)
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = Synchronizer(topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9))
-        rover = rover_of(model, config)
+        rover = rover_of(model, config.rover)
         self.rover_name = rover.name
         self._converter = Converter(rover, config.conversion, config.core)
         warm_up(model, config)
@@ -125,7 +125,7 @@ class Pipeline:
 
 def configuration_sha256(model: LoadedModel, config: EstimatorConfig) -> str:
     """Fingerprint of all parameters, the contents of a rover file among them. Raises as :func:`rover_of`."""
-    contents = json.dumps(dataclasses.asdict(rover_of(model, config)), sort_keys=True)
+    contents = json.dumps(dataclasses.asdict(rover_of(model, config.rover)), sort_keys=True)
     return config.sha256(hashlib.sha256(contents.encode()).hexdigest() if config.rover else "")
 
 
@@ -160,22 +160,22 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
         )
 
 
-def rover_of(model: LoadedModel, config: EstimatorConfig) -> Rover:
-    """The rover of the configuration, else the model's. Names of rover and wheels may differ from the model's rover.
+def rover_of(model: LoadedModel, name: str) -> Rover:
+    """The rover of that name or file, the model's where the name is empty. Names of rover and wheels may differ from the model's rover.
 
     Raises:
         ConfigError: the rover file is wrong.
         ModelFileError: the model was made for another rover.
     """
-    if not config.rover:
+    if not name:
         return model.rover
-    rover = load_rover(config.rover)
+    rover = load_rover(name)
     for entry in dataclasses.fields(rover):
         value, wanted = getattr(rover, entry.name), getattr(model.rover, entry.name)
         if entry.name == "wheels":
             value, wanted = sorted(rover.wheel_axle), sorted(model.rover.wheel_axle)
         if entry.name != "name" and value != wanted:
             raise ModelFileError(
-                f"rover {config.rover}: {entry.name} is {value}, the model {model.model_id} is for {wanted}: train a model for this rover"
+                f"rover {name}: {entry.name} is {value}, the model {model.model_id} is for {wanted}: train a model for this rover"
             )
     return rover

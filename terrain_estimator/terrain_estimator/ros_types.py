@@ -27,6 +27,7 @@ ESTIMATE = "msg_defs/msg/TerrainEstimate"
 PREDICTION = "msg_defs/msg/MotionPrediction"
 HEALTH = "msg_defs/msg/EstimatorHealth"
 DECISION = "msg_defs/msg/MeasurementDecision"
+ADVICE = "msg_defs/msg/TractionAdvice"
 
 OUTPUT_TYPES = {"terrain_estimate": ESTIMATE, "motion_prediction": PREDICTION}
 """Types of the output topics that depend on the stamped inputs alone: replay writes them too."""

@@ -205,13 +205,13 @@ def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tens
 
     def braking(end: Tensor) -> Tensor:
         nonlocal depth
-        depth = _carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=3)
+        depth = carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=3)
         slip = _clamped(slip_at(step.rover, end, rate))
         return -step.imbalance(step.wheel.forces(slip, depth), end)[:, 0]
 
     low, high = torch.minimum(step.velocity, torch.zeros_like(top)) - top, torch.maximum(step.velocity, 2.0 * top)
     end = bracketed_root(braking, low, high, tolerance=1e-9, evaluations=SEARCHES)
-    return _carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=10), end
+    return carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=10), end
 
 
 def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
@@ -224,8 +224,8 @@ def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, 
     return depth, slip
 
 
-def _carried(step: Step, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
-    """Sinkages at which the wheels carry their loads at given slip: loads and tractions in turn."""
+def carried(step: Step, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
+    """Sinkages [batch, axles] [m] at which the wheels carry their loads at given ``slip``: loads and tractions in turn."""
     depth = start
     for _ in range(rounds):
         forces = step.wheel.forces(slip, depth)

@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
             return 0
         model = load_model(config.model)
         names = bag_topics(options.remap, options.namespace)
-        rover_of(model, config)
+        rover_of(model, config.rover)
         Beliefs.of(model.metadata, config.core)
     except (ModelFileError, ConfigError, TopicError) as error:
         return _refuse(str(error))

@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is believed about a ground, as weighted samples of soil, cohesion and friction: for functions that are not linear."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from terrain_estimator.observation import Floats
+
+SAMPLES = 256
+"""Of each soil; quasi-random, so that two pieces of advice on the same estimate are the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """Posterior of the ground under the rover, as terrain_estimate has it."""
+
+    mean: Floats  # [2] c [Pa], tan phi
+    covariance: Floats  # [2, 2]
+    soil_probability: tuple[float, ...]
+    identified: bool
+    change_probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Grounds with their weights: for each soil ``strength`` [n, 2], ``weight`` [n] and standard normal numbers ``spare`` [n]."""
+
+    strength: tuple[Floats, ...]
+    weight: tuple[Floats, ...]  # they sum to 1 over all soils
+    spare: tuple[Floats, ...]
+
+    def reweighted(self, log_likelihood: tuple[Floats, ...]) -> "Samples":
+        """The same after an observation."""
+        highest = max(float(part.max()) for part in log_likelihood)
+        raw = [weight * np.exp(part - highest) for weight, part in zip(self.weight, log_likelihood, strict=True)]
+        total = sum(float(part.sum()) for part in raw)
+        return Samples(self.strength, tuple(part / total for part in raw), self.spare)
+
+    def or_else(self, other: "Samples", probability: float) -> "Samples":
+        """This belief, or with ``probability`` [1] the other."""
+        soils = range(len(self.weight))
+        return Samples(
+            tuple(np.concatenate([self.strength[s], other.strength[s]]) for s in soils),
+            tuple(np.concatenate([(1.0 - probability) * self.weight[s], probability * other.weight[s]]) for s in soils),
+            tuple(np.concatenate([self.spare[s], other.spare[s]]) for s in soils),
+        )
+
+
+def _normal_numbers() -> Floats:
+    """[SAMPLES, 3] quasi-random."""
+    points = qmc.Sobol(3, scramble=True, seed=0).random_base2(int(math.log2(SAMPLES)))
+    numbers: Floats = ndtri(points)
+    return numbers
+
+
+_NUMBERS = _normal_numbers()
+
+
+def draw(mean: Floats, covariance: Floats, soil_probability: tuple[float, ...]) -> Samples:
+    """Samples of a Gaussian in (c, tan phi), cut off at zero, the same for every soil."""
+    deviation = np.sqrt(np.diagonal(covariance))
+    slope = covariance[0, 1] / deviation[0] if deviation[0] > 0.0 else 0.0
+    rest = math.sqrt(max(covariance[1, 1] - slope**2, 0.0))
+    cohesion = mean[0] + deviation[0] * _NUMBERS[:, 0]
+    tan_phi = mean[1] + slope * _NUMBERS[:, 0] + rest * _NUMBERS[:, 1]
+    strength = np.maximum(np.column_stack([cohesion, tan_phi]), 0.0)
+    total = sum(soil_probability)
+    weights = tuple(np.full(SAMPLES, probability / total / SAMPLES) for probability in soil_probability)
+    return Samples(tuple(strength for _ in weights), weights, tuple(_NUMBERS[:, 2] for _ in weights))
+
+
+def quantiles(values: Floats, weight: Floats, probabilities: tuple[float, ...]) -> tuple[float, ...]:
+    """Weighted quantiles of ``values`` [n]."""
+    order = np.argsort(values)
+    below = np.cumsum(weight[order]) - 0.5 * weight[order]
+    return tuple(float(np.interp(p, below / weight.sum(), values[order])) for p in probabilities)

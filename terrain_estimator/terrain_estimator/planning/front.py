@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the torque of the front wheels says about the ground that they are on, before the rest of the rover gets there.
+
+For a ground of given (c, tan phi) the normal stress is scaled so that the wheel carries its load at the measured sinkage and
+slip; so a wrong stiffness does no harm. Its torque then follows, M = r (c INT E + s tan phi INT sigma E), and is compared.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from terrain_estimator.observation import Floats
+from terrain_estimator.planning.belief import Samples
+from terramechanics.contact import in_range, quadrature, wheel_forces
+from terramechanics.rover import Rover
+from terramechanics.soil import Soil
+from terramechanics.suspension import Pose, level_pose, wheel_loads
+
+_NODES = quadrature(6)
+STIFFNESS_DEVIATION = 0.25
+"""[1] Of the logarithm of the normal stress: 5 % in the exponent alone are 20 % at a sinkage of two centimetres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the rover measured, averaged over a short time; [axles] front to rear."""
+
+    slip: Floats  # [1]
+    sinkage: Floats  # [m]
+    torque: Floats  # [N m] of one wheel
+    contact_angle: Floats  # [rad] ground relative to the body
+    pitch: float  # [rad] nose up
+    rim_speed: float  # [m/s] mean of r w
+
+    @property
+    def tells_front(self) -> bool:
+        """Whether everything that the front wheels' ground follows from was measured."""
+        return bool(np.isfinite(self.torque).all() and np.isfinite([self.slip[0], self.sinkage[0]]).all())
+
+
+def front_load(rover: Rover, reading: Reading) -> float:
+    """Normal force [N] of one front wheel: all wheels share in holding the slope."""
+    level = level_pose(rover, torch.zeros(1, dtype=torch.float64))
+    pitch = torch.tensor([reading.pitch], dtype=torch.float64)
+    angle = torch.from_numpy(np.nan_to_num(reading.contact_angle)).unsqueeze(0)
+    pose = Pose(level.x, level.height, pitch, level.bogie_angle, level.contact, angle, level.axle)
+    share = rover.weight * math.sin(reading.pitch) / len(rover.wheels)
+    traction = torch.full((1, rover.axles), share, dtype=torch.float64)
+    return float(wheel_loads(rover, pose, traction, torch.from_numpy(reading.torque).unsqueeze(0))[0, 0])
+
+
+TORQUE_DEVIATION = 0.08
+"""[1] Of the torque, relative: measured slip and sinkage, shear modulus, place of the largest stress."""
+
+
+def log_likelihood(rover: Rover, soil: Soil, samples: Floats, reading: Reading) -> Floats:
+    """Of the front wheels' torque under the grounds ``samples`` [n, 2] of ``soil``, [n]."""
+    slip, sinkage = (torch.tensor([value], dtype=torch.float64) for value in (reading.slip[0], reading.sinkage[0]))
+    constants = soil.constants().unsqueeze(0)
+    if not bool(in_range(slip, sinkage, constants, rover.wheel_radius)):
+        return np.zeros(samples.shape[0])
+    normal, _, moment = wheel_forces(slip, sinkage, constants, rover.wheel_radius, rover.wheel_width, _NODES)[0].numpy()
+    cohesion, tan_phi = samples[:, 0], samples[:, 1]
+    carried = front_load(rover, reading) - cohesion * normal[0]
+    stress = np.clip(carried / (tan_phi * normal[1] + normal[2]), 1e-3, 1e3)
+    torque = cohesion * moment[0] + stress * tan_phi * moment[1]
+    miss = (reading.torque[0] - torque) / (TORQUE_DEVIATION * abs(reading.torque[0]) + 1e-3 * rover.wheel_radius * rover.weight)
+    return -0.5 * (miss**2 + (np.log(stress) / STIFFNESS_DEVIATION) ** 2)
+
+
+def front_samples(rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: Reading) -> Samples:
+    """What is believed about the ground of the front wheels after their torque was seen."""
+    grounds = zip(soils, prior.strength, strict=True)
+    return prior.reweighted(tuple(log_likelihood(rover, soil, strength, reading) for soil, strength in grounds))

@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The planner's measurements: messages of several topics in, observations out."""
+
+from collections.abc import Iterator
+
+from terrain_estimator.config import ConversionConfig, CoreConfig, PairingConfig
+from terrain_estimator.conversion import Converter
+from terrain_estimator.observation import Observation
+from terrain_estimator.pairing import Synchronizer, Topic
+from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, Message, stamp_ns
+from terramechanics.rover import Rover
+
+
+class Inputs:
+    """Pairs the input topics and converts what belongs together; what cannot be converted is left to the estimator to report."""
+
+    def __init__(self, rover: Rover, pairing: PairingConfig) -> None:
+        """Any frame is taken: the estimator is the one to refuse a wrong one."""
+        topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
+        self._index = {name: index for index, name in enumerate(INPUT_TYPES)}
+        self._synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
+        self._converter = Converter(rover, ConversionConfig(body_frame=""), CoreConfig())
+
+    def add(self, topic: str, message: Message) -> Iterator[Observation]:
+        """Take one message of an input topic; the observations that it completes."""
+        for complete in self._synchronizer.add(self._index[topic], stamp_ns(message), message):
+            observation = self._converter.convert(complete.stamp_ns, complete.messages).observation
+            if observation is not None:
+                yield observation

@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""From samples of the ground to what a planner asks: pull against need, steepest slope, slip and sinkage to expect."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from terrain_estimator.observation import Floats
+from terrain_estimator.planning.belief import Samples, quantiles
+from terrain_estimator.planning.table import TractionTable, highest_ratio, slip_for, steepest
+
+LOWER, UPPER = 0.05, 0.95
+"""One-sided 95 % each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Median of a quantity, and what it exceeds or stays below with 95 % confidence each."""
+
+    median: float
+    lower: float
+    upper: float
+
+
+NOTHING = Range(math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """On one slope, all wheels on one ground."""
+
+    available: Range  # [N] drawbar pull at a slip up to the limit
+    needed: float  # [N] to hold the slope at constant speed
+    stall_probability: float  # [1] that less is available than needed
+    slope_limit: Range  # [rad] steepest slope
+    slip: Range  # [1] 1 where the rover would be stuck
+    sinkage: Range  # [m]
+
+
+def unknown_margins(needed: float) -> Margins:
+    """Nothing is known but what is needed."""
+    return Margins(NOTHING, needed, math.nan, NOTHING, NOTHING, NOTHING)
+
+
+def margins(table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float) -> Margins:
+    """Margins on ``slope`` [rad], positive uphill; ``pull_deviation`` [weights] is what the model itself may be wrong by."""
+    weight_across, need = table.rover.weight * math.cos(slope), math.tan(slope)
+    columns: list[Floats] = []
+    for soil, (strength, spare) in enumerate(zip(samples.strength, samples.spare, strict=True)):
+        shift = pull_deviation * spare
+        pulls = table.at(soil, strength, slope)
+        slip, sinkage = slip_for(pulls, need - shift)
+        highest = highest_ratio(pulls, slip_limit) + shift
+        columns.append(np.stack([highest, steepest(table, soil, strength, slip_limit, shift), slip, sinkage]))
+    ratio, limit, slip, sinkage = np.concatenate(columns, axis=1)
+    weight = np.concatenate(samples.weight)
+    return Margins(
+        available=_range(weight_across * ratio, weight),
+        needed=weight_across * need,
+        stall_probability=float(weight[ratio < need].sum()),
+        slope_limit=_range(limit, weight),
+        slip=_range(slip, weight),
+        sinkage=_range(sinkage, weight),
+    )
+
+
+def _range(values: Floats, weight: Floats) -> Range:
+    median, lower, upper = quantiles(values, weight, (0.5, LOWER, UPPER))
+    return Range(median, lower, upper)

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Builds msg_defs/TractionAdvice, and reads what the planner needs of msg_defs/TerrainEstimate."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from terrain_estimator.planning.belief import Belief
+from terrain_estimator.planning.planner import Advice, Reason
+from terrain_estimator.ros_types import ADVICE, Make, Message
+
+_WORDS = {
+    Reason.NONE: "go on",
+    Reason.TRACTION: "stop: on this slope the ground may not hold the rover",
+    Reason.FRONT: "stop: the ground under the front wheels may not hold the rover once it is on it",
+    Reason.SLIP: "stop: the wheels slip too much",
+    Reason.SINKAGE: "stop: the wheels have sunk in too deep",
+}
+
+
+def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
+    """What a terrain_estimate says of the ground. Raises ValueError where it is no estimate over these ``soils``."""
+    if list(message.soil) != list(soils):
+        raise ValueError(f"it is over the soils {', '.join(message.soil) or 'none'}, this planner's model knows {', '.join(soils)}")
+    numbers = [message.cohesion, message.tan_phi, *message.covariance, *message.soil_probability]
+    if not np.isfinite(numbers).all() or min(message.covariance[0], message.covariance[3]) < 0.0 or sum(message.soil_probability) <= 0.0:
+        raise ValueError("a number is not finite, or a variance or all probabilities are not positive")
+    return Belief(
+        mean=np.array([message.cohesion, message.tan_phi]),
+        covariance=np.asarray(message.covariance, dtype=np.float64).reshape(2, 2),
+        soil_probability=tuple(message.soil_probability),
+        identified=bool(message.cohesion_identified and message.tan_phi_identified),
+        change_probability=float(message.change_probability),
+    )
+
+
+def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message) -> Message:
+    """msg_defs/TractionAdvice; ``estimate`` is the last terrain_estimate."""
+    margins = advice.margins
+    available, slip, sinkage = margins.available, margins.slip, margins.sinkage
+    known = "" if advice.known else "unknown yet: c and tan phi are not identified; "
+    return make(
+        ADVICE,
+        header=estimate.header,
+        sequence=sequence,
+        estimate_sequence=estimate.sequence,
+        known=advice.known,
+        stop=advice.stop,
+        stop_reason=int(advice.reason),
+        status_text=f"{known}{_WORDS[advice.reason]}",
+        speed_limit=advice.speed_limit,
+        commanded_speed=advice.rim_speed,
+        slope=advice.slope,
+        pull_available=available.median,
+        pull_available_lower=available.lower,
+        pull_available_upper=available.upper,
+        pull_needed=margins.needed,
+        traction_margin=available.median - margins.needed,
+        traction_margin_lower=available.lower - margins.needed,
+        stall_probability=margins.stall_probability,
+        front_stall_probability=advice.front_stall_probability,
+        slope_limit=margins.slope_limit.lower,
+        slope_limit_median=margins.slope_limit.median,
+        expected_slip=slip.median,
+        expected_slip_lower=slip.lower,
+        expected_slip_upper=slip.upper,
+        expected_velocity=advice.rim_speed * (1.0 - slip.median),
+        expected_sinkage=sinkage.median,
+        expected_sinkage_lower=sinkage.lower,
+        expected_sinkage_upper=sinkage.upper,
+        measured_slip=advice.slip,
+        measured_sinkage=advice.sinkage,
+    )

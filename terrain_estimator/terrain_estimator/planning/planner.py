@@ -1,0 +1,162 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The planner: measurements and estimates in, advice out. No clock, no logging, no files."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from terrain_estimator.config import AdviceConfig
+from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.planning.belief import Belief, Samples, draw
+from terrain_estimator.planning.front import Reading, front_samples
+from terrain_estimator.planning.margins import Margins, margins, unknown_margins
+from terrain_estimator.planning.table import TractionTable
+
+NEW_GROUND = 0.02
+"""[1] Least probability that the front wheels are on other ground than the rover, before their torque is looked at."""
+
+
+class Reason(IntEnum):
+    """Why the rover is to stop; the values are those of msg_defs/TractionAdvice."""
+
+    NONE = 0
+    TRACTION = 1
+    FRONT = 2
+    SLIP = 3
+    SINKAGE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What a planner needs."""
+
+    known: bool  # whether the margins are: c and tan phi are identified
+    margins: Margins  # of the ground under the rover
+    front_stall_probability: float  # [1] that all wheels on the front wheels' ground would be stuck; NaN: not measured
+    slope: float  # [rad] nose up, measured
+    rim_speed: float  # [m/s] commanded speed: what the wheels would do without slip
+    slip: float  # [1] measured, mean; NaN where nothing was
+    sinkage: float  # [m] measured, mean
+    speed_limit: float  # [m/s]
+    reason: Reason
+
+    @property
+    def stop(self) -> bool:
+        """Whether to stop."""
+        return self.reason is not Reason.NONE
+
+
+class Planner:
+    """Keeps the last seconds of measurements and the last estimate. A recommended stop holds until :meth:`resume`."""
+
+    def __init__(self, table: TractionTable, prior_mean: tuple[float, float], prior_sd: tuple[float, float], config: AdviceConfig) -> None:
+        """``prior_mean`` and ``prior_sd`` of (c [Pa], tan phi): what ground may come that nobody has seen yet."""
+        self._table, self._config = table, config
+        even = tuple(1.0 for _ in table.soils)
+        self._elsewhere = draw(np.asarray(prior_mean), np.diag(np.asarray(prior_sd) ** 2), even)
+        self._recent: deque[Observation] = deque()
+        self._belief: Belief | None = None
+        self._reason = Reason.NONE
+
+    def observe(self, observation: Observation) -> None:
+        """Take what was measured at one instant; a rover that stands, or does not know its pitch, tells nothing new."""
+        rims = observation.wheel_rate * self._table.rover.wheel_radius
+        moves = np.isfinite(observation.slip).any() and (np.isnan(rims).all() or np.nanmax(np.abs(rims)) > _STANDS)
+        if not (moves and math.isfinite(observation.pitch) and math.isfinite(observation.velocity)):
+            return
+        self._recent.append(observation)
+        oldest = observation.stamp_ns - round(self._config.window_s * 1e9)
+        while not oldest < self._recent[0].stamp_ns <= observation.stamp_ns:
+            self._recent.popleft()
+
+    def believe(self, belief: Belief) -> None:
+        """Take an estimate."""
+        self._belief = belief
+
+    def resume(self) -> None:
+        """Forget a stop, and what led to it."""
+        self._reason = Reason.NONE
+        self._recent.clear()
+
+    def advise(self) -> Advice | None:
+        """Advice from what is known now; None before the first estimate and measurement."""
+        if self._belief is None or not self._recent:
+            return None
+        reading = self._averaged()
+        here = draw(self._belief.mean, self._belief.covariance, self._belief.soil_probability)
+        known = self._belief.identified
+        under = self._margins(here, reading.pitch) if known else unknown_margins(self._table.rover.weight * math.sin(reading.pitch))
+        front = self._front(here, reading)
+        slip, sinkage = _mean(reading.slip), _mean(reading.sinkage)
+        if self._reason is Reason.NONE:
+            self._reason = self._judge(under.stall_probability, front, slip, sinkage)
+        return Advice(
+            known=known,
+            margins=under,
+            front_stall_probability=front,
+            slope=reading.pitch,
+            rim_speed=reading.rim_speed,
+            slip=slip,
+            sinkage=sinkage,
+            speed_limit=0.0 if self._reason else self._speed_limit(known=known),
+            reason=self._reason,
+        )
+
+    def _margins(self, samples: Samples, slope: float) -> Margins:
+        return margins(self._table, samples, slope, self._config.slip_limit, self._config.pull_deviation)
+
+    def _front(self, here: Samples, reading: Reading) -> float:
+        """Probability that the rover would be stuck if all its wheels were where the front ones are."""
+        if not reading.tells_front or self._belief is None:
+            return math.nan
+        changed = max(self._belief.change_probability, NEW_GROUND)
+        prior = here.or_else(self._elsewhere, min(changed, 1.0 - NEW_GROUND))
+        table = self._table
+        samples = front_samples(table.rover, table.soils, prior, reading)
+        return self._margins(samples, reading.pitch).stall_probability
+
+    def _judge(self, under: float, front: float, slip: float, sinkage: float) -> Reason:
+        config = self._config
+        if sinkage > config.sinkage_limit * self._table.rover.wheel_radius:
+            return Reason.SINKAGE
+        if slip > config.slip_limit:
+            return Reason.SLIP
+        if under > config.stop_probability:
+            return Reason.TRACTION
+        return Reason.FRONT if front > config.stop_probability else Reason.NONE
+
+    def _speed_limit(self, *, known: bool) -> float:
+        """Speed from which the rover stops before its second axle is where new ground was met; half of the way where unsure."""
+        config, axle_x = self._config, self._table.rover.axle_x
+        way = (axle_x[0] - axle_x[1]) * (1.0 if known else 0.5)
+        return config.deceleration * (math.sqrt(config.reaction_s**2 + 2.0 * way / config.deceleration) - config.reaction_s)
+
+    def _averaged(self) -> Reading:
+        recent = self._recent
+        names = ("slip", "sinkage", "torque", "contact_angle", "wheel_rate")
+        slip, sinkage, torque, angle, rate = (_means(np.array([getattr(entry, name) for entry in recent])) for name in names)
+        pitch = float(np.mean([entry.pitch for entry in recent]))
+        rim = self._table.rover.wheel_radius * _mean(rate)
+        if math.isnan(rim):
+            rim = float(np.mean([entry.velocity for entry in recent])) / max(1.0 - _mean(slip), _STANDS)
+        return Reading(slip, sinkage, torque, angle, pitch, rim)
+
+
+_STANDS = 0.01  # [m/s] below it a wheel stands
+
+
+def _means(values: Floats) -> Floats:
+    """Means [axles] over time of what is finite in [time, axles]; NaN where nothing is."""
+    finite = np.isfinite(values)
+    count = finite.sum(axis=0)
+    total = np.where(finite, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _mean(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else math.nan

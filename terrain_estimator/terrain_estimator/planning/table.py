@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a rover can pull, as a table over (c, tan phi, slope, slip): the nonlinear statics once, look-ups ever after."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.interpolate import RegularGridInterpolator
+
+from terrain_estimator.observation import Floats
+from terramechanics.climbing import climb
+from terramechanics.rover import Rover
+from terramechanics.soil import Soil
+
+COHESIONS = (0.0, 1000.0, 2500.0, 5000.0, 9000.0)
+"""[Pa] At given slip and sinkage forces are affine in c and tan phi, so few places are enough."""
+TAN_PHIS = (0.02, 0.15, 0.3, 0.5, 0.75, 1.1, 1.6)
+STEEPNESSES = (0.0, 0.6)
+"""[rad] The pull depends on the weight across the slope alone: up and down are alike."""
+SLIPS = (-0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9)
+
+
+@dataclass(frozen=True, slots=True)
+class Pulls:
+    """Of n grounds, one row for each slip of :data:`SLIPS`, [n, slips]."""
+
+    ratio: Floats  # [1] pull over the weight across the slope
+    sinkage: Floats  # [m] mean over the axles
+
+
+class TractionTable:
+    """The statics of one rover on some soils."""
+
+    def __init__(self, rover: Rover, soils: Sequence[Soil]) -> None:
+        """Solve the statics at every place of the table: some seconds."""
+        self.rover, self.soils = rover, tuple(soils)
+        self._lookups = [RegularGridInterpolator((COHESIONS, TAN_PHIS, STEEPNESSES), _solve(rover, soil)) for soil in soils]
+        self._low, self._high = np.array([COHESIONS[0], TAN_PHIS[0], 0.0]), np.array([COHESIONS[-1], TAN_PHIS[-1], STEEPNESSES[-1]])
+
+    def at(self, soil: int, strength: Floats, slope: Floats | float) -> Pulls:
+        """Grounds ``strength`` [n, 2] (c [Pa], tan phi) of one soil on ``slope`` [n] or [] [rad]; beyond the table its end holds."""
+        steepness = np.broadcast_to(np.abs(slope), strength.shape[:1])
+        places = np.clip(np.column_stack([strength, steepness]), self._low, self._high)
+        ratio, sinkage = np.moveaxis(self._lookups[soil](places), -1, 0)
+        return Pulls(ratio, sinkage)
+
+
+def _solve(rover: Rover, soil: Soil) -> Floats:
+    """Ratio and sinkage [cohesions, tan phis, steepnesses, slips, 2]."""
+    axes = [torch.tensor(axis, dtype=torch.float64) for axis in (COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS)]
+    cohesion, tan_phi, slope, slip = torch.cartesian_prod(*axes).unbind(1)
+    constants = soil.constants().expand(slip.shape[0], 6)
+    result = climb(rover, constants, torch.stack([cohesion, tan_phi], 1), slope, slip)
+    both = torch.stack([result.pull / (rover.weight * torch.cos(slope)), result.sinkage], 1)
+    values: Floats = both.view(*(len(axis) for axis in axes), 2).numpy()
+    return values
+
+
+def highest_ratio(pulls: Pulls, slip_limit: float) -> Floats:
+    """Largest pull over weight [n] at a slip up to ``slip_limit``."""
+    allowed = np.array(SLIPS) <= slip_limit + 1e-9
+    return pulls.ratio[:, allowed].max(axis=1)
+
+
+def slip_for(pulls: Pulls, ratio: Floats) -> tuple[Floats, Floats]:
+    """Slip and sinkage [n] at which grounds give the ``ratio`` [n]; 1 and that of the largest slip where they never do."""
+    slips, count = np.array(SLIPS), ratio.shape[0]
+    rising = np.maximum.accumulate(pulls.ratio, axis=1)
+    after = (rising < ratio[:, None]).sum(axis=1)
+    right = np.clip(after, 1, len(SLIPS) - 1)
+    row = np.arange(count)
+    low, high = rising[row, right - 1], rising[row, right]
+    share = np.clip((ratio - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    slip = np.where(after == len(SLIPS), 1.0, slips[right - 1] + share * (slips[right] - slips[right - 1]))
+    sinkage = pulls.sinkage[row, right - 1] + share * (pulls.sinkage[row, right] - pulls.sinkage[row, right - 1])
+    return slip, sinkage
+
+
+def steepest(table: TractionTable, soil: int, strength: Floats, slip_limit: float, shift: Floats) -> Floats:
+    """Slope [n] [rad] on which the largest ratio, ``shift`` [n] added, just holds the weight; negative: downhill only."""
+    slope = np.zeros(strength.shape[0])
+    for _ in range(3):  # the ratio changes by a few per cent over the whole range of slopes
+        slope = np.arctan(highest_ratio(table.at(soil, strength, slope), slip_limit) + shift)
+    return np.clip(slope, -math.pi / 4.0, math.pi / 4.0)

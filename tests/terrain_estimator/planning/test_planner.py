@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The planner's advice: unknown yet, go on, stop before the rover digs in."""
+
+import copy
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from terrain_estimator.bags import Types
+from terrain_estimator.config import AdviceConfig, PairingConfig
+from terrain_estimator.observation import Observation
+from terrain_estimator.planning.belief import Belief
+from terrain_estimator.planning.inputs import Inputs
+from terrain_estimator.planning.planner import Advice, Planner, Reason
+from terrain_estimator.ros_types import INPUT_TYPES
+from terramechanics.parameters import configure
+from tests.drives import drive_messages
+from tests.terrain_estimator.planning.support import FIRM, METADATA, ROVER, SOFT, belief, drive, drive_gets_stuck, table
+
+UNKNOWN = belief((2750.0, 0.6), (1300.0, 0.22), identified=False, changed=1.0)
+
+
+def planner(**values: Any) -> Planner:
+    return Planner(table(), METADATA.prior_mean, METADATA.prior_sd, configure(AdviceConfig, values))
+
+
+def advice(observations: list[Observation], known: Belief, **values: Any) -> Advice:
+    given = planner(**values)
+    for observation in observations:
+        given.observe(observation)
+    given.believe(known)
+    found = given.advise()
+    assert found is not None
+    return found
+
+
+def before(axles: int) -> list[Observation]:
+    """Measurements up to the last with so many axles on the soft ground."""
+    observations, inside = drive()
+    return observations[: len(inside) - inside[::-1].index(axles)]
+
+
+def test_before_anything_is_known_there_is_no_advice() -> None:
+    assert planner().advise() is None
+
+
+def test_until_both_are_identified_the_margins_are_unknown() -> None:
+    found = advice(before(0), belief(FIRM, identified=False))
+    assert not found.known
+    assert math.isnan(found.margins.available.median)
+    assert math.isnan(found.margins.stall_probability)
+    assert math.isfinite(found.slip + found.sinkage + found.rim_speed)
+    assert 0.0 < found.speed_limit < advice(before(0), belief(FIRM)).speed_limit
+
+
+def test_on_ground_that_holds_it_goes_on() -> None:
+    found = advice(before(0), belief(FIRM))
+    assert (found.known, found.stop) == (True, False)
+    assert found.margins.available.lower > found.margins.needed
+    assert found.margins.slip.lower < found.slip < found.margins.slip.upper
+
+
+def test_with_the_front_wheels_alone_on_soft_ground_it_stops_though_the_rover_still_drives_well() -> None:
+    found = advice(before(1), UNKNOWN)
+    assert found.reason is Reason.FRONT
+    assert found.slip < 0.4
+    assert found.speed_limit == 0.0
+
+
+def test_without_torque_the_front_wheels_tell_nothing() -> None:
+    blind = [dataclasses.replace(each, torque=np.full(3, math.nan)) for each in before(1)]
+    found = advice(blind, belief(FIRM))
+    assert math.isnan(found.front_stall_probability)
+    assert not found.stop
+
+
+def test_known_weak_ground_under_the_rover_is_a_reason_to_stop() -> None:
+    assert advice(before(0), belief(SOFT, (50.0, 0.01))).reason is Reason.TRACTION
+
+
+@pytest.mark.parametrize(("name", "value", "reason"), [("slip", 0.7, Reason.SLIP), ("sinkage", 0.08, Reason.SINKAGE)])
+def test_wheels_that_dig_in_are_a_reason_to_stop(name: str, value: float, reason: Reason) -> None:
+    dug = [dataclasses.replace(each, **{name: np.full(3, value), "torque": np.full(3, math.nan)}) for each in before(0)]  # type: ignore[arg-type]
+    assert advice(dug, belief(FIRM)).reason is reason
+
+
+def test_a_stop_holds_until_it_is_withdrawn() -> None:
+    given = planner()
+    for observation in before(1):
+        given.observe(observation)
+    given.believe(UNKNOWN)
+    assert given.advise() is not None
+    standing = [dataclasses.replace(each, wheel_rate=np.zeros(3)) for each in before(0)]
+    for observation in standing[-30:]:
+        given.observe(observation)
+    given.believe(belief(FIRM))
+    again = given.advise()
+    assert again is not None
+    assert again.reason is Reason.FRONT
+    given.resume()
+    for observation in before(0)[-30:]:
+        given.observe(observation)
+    assert not (given.advise() or again).stop
+
+
+def test_a_rover_that_does_not_know_its_pitch_gets_no_advice() -> None:
+    given = planner()
+    for observation in before(0):
+        given.observe(dataclasses.replace(observation, pitch=math.nan))
+    given.believe(belief(FIRM))
+    assert given.advise() is None
+
+
+def test_a_bag_that_loops_starts_a_new_window() -> None:
+    observations = before(0)
+    given = planner()
+    for observation in [*observations, *observations[:5]]:
+        given.observe(observation)
+    given.believe(belief(FIRM))
+    found, alone = given.advise(), advice(observations[:5], belief(FIRM))
+    assert found is not None
+    assert (found.slip, found.sinkage) == (alone.slip, alone.sinkage)
+
+
+def test_each_parameter_changes_the_advice() -> None:
+    unsure = belief((2000.0, 0.55), (900.0, 0.15))
+    differences: dict[str, tuple[float, Callable[[Advice, Advice], bool]]] = {
+        "slip_limit": (0.3, lambda a, b: b.margins.available.median < a.margins.available.median),
+        "pull_deviation": (0.1, lambda a, b: b.margins.slope_limit.lower < a.margins.slope_limit.lower),
+        "window": (0.3, lambda a, b: a.slip != b.slip),
+        "reaction_time": (5.0, lambda a, b: b.speed_limit < a.speed_limit),
+        "deceleration": (0.01, lambda a, b: b.speed_limit < a.speed_limit),
+        "sinkage_limit": (0.02, lambda a, b: (a.reason, b.reason) == (Reason.NONE, Reason.SINKAGE)),
+        "stop_probability": (0.001, lambda a, b: (a.reason, b.reason) == (Reason.NONE, Reason.TRACTION)),
+    }
+    plain = advice(before(0), unsure)
+    for name, (value, differs) in differences.items():
+        assert differs(plain, advice(before(0), unsure, **{name: value})), name
+
+
+def paired(late_ns: int, *topics: str, **values: float) -> int:
+    """Observations of a drive on some topics, its odometry stamped late."""
+    inputs, count = Inputs(ROVER, configure(PairingConfig, values)), 0
+    for topic, _, message in drive_messages(Types().make, 2.0):
+        if topic == "odom":
+            message.header.stamp = copy.deepcopy(message.header.stamp)  # all topics share it
+            message.header.stamp.nanosec += late_ns
+        count += len(list(inputs.add(topic, message))) if topic in topics else 0
+    return count
+
+
+def test_messages_are_paired_as_the_estimator_pairs_them() -> None:
+    assert (paired(10_000_000, *INPUT_TYPES), paired(10_000_000, *INPUT_TYPES, pairing_tolerance=0.02)) == (0, 20)
+    without_imu = [topic for topic in INPUT_TYPES if topic != "imu"]
+    assert paired(0, *without_imu, pairing_timeout=0.1) == paired(0, *without_imu) + 4
+
+
+def test_without_the_planner_the_same_drive_ends_in_the_sand() -> None:
+    assert drive_gets_stuck()
