@@ -5,7 +5,7 @@
 from pathlib import Path
 
 from rover_sim_node.config import SimulatorConfig
-from terrain_estimator.config import EstimatorNodeConfig, RecorderConfig, WatchConfig
+from terrain_estimator.config import EstimatorNodeConfig, MapConfig, PlannerConfig, RecorderConfig, SlipSourceConfig, WatchConfig
 from terrain_estimator.diagnostics import table as checks
 from terramechanics.parameters import table
 
@@ -17,7 +17,15 @@ SPDX-License-Identifier: Apache-2.0
 Written by `make pages`: change the code, not this page.
 -->
 """
-NODES = {"estimator": EstimatorNodeConfig, "recorder": RecorderConfig, "simulator": SimulatorConfig, "watch": WatchConfig}
+NODES = {
+    "estimator": EstimatorNodeConfig,
+    "planner": PlannerConfig,
+    "recorder": RecorderConfig,
+    "simulator": SimulatorConfig,
+    "slip_source": SlipSourceConfig,
+    "terrain_map": MapConfig,
+    "watch": WatchConfig,
+}
 _PARAMETERS = """# Parameters
 
 All are read when a node starts, and stay as they are. They are given one by one, `--ros-args -p NAME:=VALUE`, or by a file:

@@ -43,6 +43,11 @@ setup(
             "demo = terrain_estimator.cli.demo:main",
             "rate_check = terrain_estimator.cli.rate_check:main",
             "watch = terrain_estimator.nodes.watch:main",
+            "planner = terrain_estimator.nodes.planner:main",
+            "slip_source = terrain_estimator.nodes.slip_source:main",
+            "terrain_map = terrain_estimator.nodes.terrain_map:main",
+            "selftest = terrain_estimator.cli.selftest:main",
+            "planner_study = terrain_estimator.cli.planner_study:main",
         ],
     },
 )

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""selftest: drive a simulated rover through the real nodes and topics for some seconds, and say PASS or FAIL of every output.
+
+Exit codes: 0 every output passed; 1 one failed; 2 wrong arguments, or a process failed.
+"""
+
+import argparse
+import random
+import signal
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+from terrain_estimator.bags import BagError, BagReader
+from terrain_estimator.cli.fleet import Fleet, FleetError
+from terrain_estimator.cli.verdicts import OUTPUTS, Verdict, verdicts
+from terrain_estimator.ros_types import Message
+
+READERS = 4  # of every input: estimator, planner, recorder, and at last the watch, when those that must not miss anything hear
+TIMEOUT_S = 120.0
+RATE_HZ = 10.0
+SIMULATION: dict[str, object] = {
+    "soil": "loose_sand",
+    "schedule": "S1",
+    "seed": 1,
+    "wait_for_subscribers": READERS,
+    "wait_timeout": TIMEOUT_S,
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run it; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--duration", type=float, default=20.0, help="simulated time [s] (default: %(default)s)")
+    parser.add_argument("--real-time-factor", type=float, default=4.0, help="how much faster than real time (default: %(default)s)")
+    parser.add_argument("--domain-id", type=int, default=0, help="ROS domain (default: one at random, so that nothing else is disturbed)")
+    options = parser.parse_args(arguments)
+    domain_id = options.domain_id or random.SystemRandom().randint(1, 101)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with every process stopped
+    try:
+        with tempfile.TemporaryDirectory(prefix="selftest_") as folder:
+            bag = drive(Path(folder), domain_id, options.duration, options.real_time_factor)
+            found = verdicts(_read(bag), round(options.duration * RATE_HZ))
+    except (FleetError, BagError) as error:
+        print(f"selftest: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("selftest: interrupted, every process was stopped", file=sys.stderr)
+        return 2
+    return report(found)
+
+
+def drive(folder: Path, domain_id: int, duration_s: float, real_time_factor: float) -> Path:
+    """Drive with every node and record every output; returns the bag. Raises FleetError."""
+    bag = folder / "bag"
+    with Fleet(folder / "log", domain_id) as fleet:
+        others = [fleet.start("terrain_estimator", name) for name in ("estimator", "planner", "terrain_map")]
+        recorder = fleet.start("terrain_estimator", "recorder", {"output": bag, "topics": " ".join(OUTPUTS)})
+        given = SIMULATION | {"duration": duration_s, "real_time_factor": real_time_factor}
+        simulator = fleet.start("rover_sim_node", "simulator", given)
+        for program, words in zip((*others, recorder), ("matched all inputs", "ready", "ready", r"recording \d+"), strict=True):
+            fleet.wait_for(program, words, TIMEOUT_S)
+        watch = fleet.start("terrain_estimator", "watch")
+        fleet.wait_until(lambda: not simulator.running, "the simulator has driven to the end", TIMEOUT_S + 3.0 * duration_s)
+        for program in (simulator, watch, *others, recorder):  # the recorder last: what the others still answer is recorded
+            code = program.stop() if program.running else program.wait(TIMEOUT_S)
+            if code != 0:
+                raise FleetError(f"{program.name} ended with code {code}:\n{program.last_words}")
+    return bag
+
+
+def _read(bag: Path) -> dict[str, list[Message]]:
+    messages = defaultdict(list)
+    with BagReader(bag) as reader:
+        for raw in reader.messages():
+            messages[raw.topic.removeprefix("/")].append(reader.decode(raw))
+    return messages
+
+
+def report(found: list[Verdict]) -> int:
+    """Print the verdicts; returns the exit code."""
+    for verdict in found:
+        print(f"FAIL  {verdict.output}: {verdict.fault}" if verdict.fault else f"PASS  {verdict.output}")
+    failed = sum(bool(verdict.fault) for verdict in found)
+    print(f"{failed} of {len(found)} outputs failed" if failed else f"all {len(found)} outputs passed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

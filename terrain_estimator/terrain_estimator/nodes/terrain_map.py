@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The map as a node: the estimates along the track, latched for whoever comes late."""
+
+import sys
+import threading
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+
+from terrain_estimator.config import MapConfig
+from terrain_estimator.nodes.command_line import begin
+from terrain_estimator.nodes.declare import declare
+from terrain_estimator.nodes.factory import make, message_class
+from terrain_estimator.pairing import Synchronizer, Topic
+from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message, stamp_ns
+from terrain_estimator.track import Track, cloud_message
+from terramechanics.loading import ConfigError
+
+QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+TOPICS = {"terrain_estimate": ESTIMATE, "odom": INPUT_TYPES["odom"]}
+POLL_S = 0.1
+
+
+class MapNode(Node):
+    """Publishes the whole cloud whenever it has grown and a period has passed, by the stamps."""
+
+    def __init__(self) -> None:
+        """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
+        super().__init__("terrain_map", automatically_declare_parameters_from_overrides=True)
+        config = declare(self, MapConfig)
+        self._track = Track(config.spacing_m, config.points)
+        topics = tuple(Topic(name, required=True) for name in TOPICS)
+        self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
+        self._period_ns, self._published_ns, self._grown = round(config.period_s * 1e9), 0, False
+        self._output = self.create_publisher(message_class("sensor_msgs/msg/PointCloud2"), "terrain_map", LATCHED)
+        for index, (topic, kind) in enumerate(TOPICS.items()):
+            self._subscribe(index, topic, kind)
+        self.get_logger().info("ready")
+
+    def _subscribe(self, index: int, topic: str, kind: str) -> None:
+        def receive(message: Message) -> None:
+            for complete in self._synchronizer.add(index, stamp_ns(message), message):
+                self._take(*complete.messages)
+
+        self.create_subscription(message_class(kind), topic, receive, QOS)
+
+    def _take(self, estimate: Message, odometry: Message) -> None:
+        if estimate.observations_used > 0:  # else it is the prior, which says nothing of this place
+            self._grown = self._track.add(estimate, odometry) or self._grown
+        now = stamp_ns(estimate)
+        if self._grown and not 0 <= now - self._published_ns < self._period_ns:
+            header = make("std_msgs/msg/Header", stamp=estimate.header.stamp, frame_id=odometry.header.frame_id)
+            self._output.publish(cloud_message(self._track, make, header))
+            self._published_ns, self._grown = now, False
+
+
+def main() -> int:
+    """Publish until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where arguments or parameters are wrong."""
+    try:
+        _run(begin("terrain_map", "spacing:=0.2", MapConfig))
+    except ConfigError as error:
+        print(f"terrain_map: {error}", file=sys.stderr)  # noqa: T201 - there is no node, hence no logger
+        return 2
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _run(stop: threading.Event) -> None:
+    node = MapNode()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=POLL_S)
+    node.destroy_node()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

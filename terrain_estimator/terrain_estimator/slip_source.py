@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Slip of every wheel from its rate and the rover's velocity, with the deviation that follows from theirs.
+
+i = 1 - v / (r w) (:func:`terramechanics.equilibrium.slip_at`), so to first order
+sd(i)^2 = (sd(v) / (r w))^2 + (1 - i)^2 ((sd(r) / r)^2 + (sd(w) / w)^2).
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.observation import Floats
+from terrain_estimator.pairing import Synchronizer, Topic
+from terrain_estimator.ros_types import Make, Message, stamp_ns
+from terramechanics.equilibrium import slip_at
+from terramechanics.loading import ConfigError
+from terramechanics.rover import Rover
+
+VELOCITY_TYPES = {"odometry": "nav_msgs/msg/Odometry", "twist": "geometry_msgs/msg/TwistWithCovarianceStamped"}
+"""Messages that a velocity can come in; both have it in twist.twist.linear.x."""
+JOINTS, VELOCITY = "joint_states", "velocity"
+
+
+class SlipSourceError(ValueError):
+    """A message cannot be used; the text names the field and the value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slips:
+    """Slip [wheels] in the order of the rover file and its deviation; NaN for a wheel that stands."""
+
+    slip: Floats
+    sd: Floats
+
+
+class SlipSource:
+    """Pairs wheel rates with velocities; the stamp of a slip is that of its wheel rates."""
+
+    def __init__(self, rover: Rover, config: SlipSourceConfig) -> None:
+        """Raises ConfigError where the kind of velocity is unknown."""
+        if config.velocity_type not in VELOCITY_TYPES:
+            raise ConfigError(f"parameter velocity_type: {config.velocity_type!r} is unknown, give one of {', '.join(VELOCITY_TYPES)}")
+        self._rover, self._config = rover, config
+        topics = (Topic(JOINTS, required=True), Topic(VELOCITY, required=True))
+        self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
+        self._sequence = 0
+
+    def add(self, topic: str, message: Message, make: Make) -> Iterator[Message]:
+        """Take a message of JOINTS or VELOCITY; the wheel_slip messages that it completes. Raises SlipSourceError."""
+        index = (JOINTS, VELOCITY).index(topic)
+        for complete in self._synchronizer.add(index, stamp_ns(message), message):
+            joints, velocity = complete.messages
+            slips = self._slips(joints, velocity)
+            yield make(
+                "msg_defs/msg/WheelSlip",
+                header=make("std_msgs/msg/Header", stamp=joints.header.stamp, frame_id=self._config.body_frame),
+                sequence=self._sequence,
+                wheel=list(self._rover.wheel_names),
+                slip=slips.slip,
+                slip_stddev=slips.sd,
+            )
+            self._sequence += 1
+
+    def _slips(self, joints: Message, velocity: Message) -> Slips:
+        speed, variance = float(velocity.twist.twist.linear.x), float(velocity.twist.covariance[0])
+        deviation = math.sqrt(variance) if variance > 0.0 else self._config.default_velocity_sd
+        if not math.isfinite(speed) or not 0.0 < deviation < math.inf:
+            raise SlipSourceError(
+                f"velocity {speed:g} m/s with variance {variance:g} (twist.covariance[0]) cannot be used: "
+                "publish a variance above zero, or set default_sd.velocity"
+            )
+        return slips_of(self._rover, self._rates(joints), speed, deviation, self._config)
+
+    def _rates(self, joints: Message) -> Floats:
+        rates = dict(zip(joints.name, joints.velocity, strict=False))
+        missing = [name for name in self._rover.wheel_names if name not in rates]
+        if missing:
+            raise SlipSourceError(f"joint_states: no velocity of {', '.join(missing)}; it has those of {', '.join(rates) or 'no joint'}")
+        return np.array([rates[name] for name in self._rover.wheel_names])
+
+
+def slips_of(rover: Rover, rates: Floats, speed: float, speed_sd: float, config: SlipSourceConfig) -> Slips:
+    """Slip of wheels with ``rates`` [wheels] [rad/s] at ``speed`` [m/s] along body x."""
+    turns = np.abs(rates) * rover.wheel_radius >= config.standstill_speed  # False for NaN too
+    rate = torch.from_numpy(np.where(turns, rates, 1.0)).unsqueeze(0)
+    slip, at_rest, at_unit = (slip_at(rover, torch.tensor([v], dtype=torch.float64), rate)[0].numpy() for v in (speed, 0.0, 1.0))
+    by_rate = config.rate_sd / np.abs(rate[0].numpy())
+    variance = (speed_sd * (at_rest - at_unit)) ** 2 + (1.0 - slip) ** 2 * (config.radius_sd**2 + by_rate**2)
+    return Slips(np.where(turns, slip, np.nan), np.where(turns, np.sqrt(variance), np.nan))

@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimates along the track, as points of a map: evenly spaced, and never more than fit."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from terrain_estimator.ros_types import Make, Message, stamp_ns
+
+POINT = np.dtype(
+    {
+        "names": ["x", "y", "z", "cohesion", "tan_phi", "cohesion_stddev", "tan_phi_stddev", "time"],
+        "formats": ["<f4"] * 7 + ["<f8"],
+    }
+)
+"""Fields of a point [m, m, m, Pa, 1, Pa, 1, s]; RViz and Foxglove want x, y, z in single precision."""
+_KINDS = {"<f4": 7, "<f8": 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64
+
+
+class Track:
+    """Points along the way, at least a spacing apart; when they are too many every second one goes and the spacing doubles."""
+
+    def __init__(self, spacing_m: float, capacity: int) -> None:
+        """Nothing was passed yet."""
+        self._spacing_m, self._capacity = spacing_m, capacity
+        self._points: list[tuple[float, ...]] = []
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def add(self, estimate: Message, odometry: Message) -> bool:
+        """Take an estimate and where the rover was; whether it became a point. What is not finite becomes none."""
+        place = odometry.pose.pose.position
+        values = (estimate.cohesion, estimate.tan_phi, estimate.cohesion_stddev, estimate.tan_phi_stddev)
+        point = (place.x, place.y, place.z, *values, stamp_ns(estimate) * 1e-9)
+        if not all(math.isfinite(value) for value in point):
+            return False
+        if self._points and math.dist(point[:3], self._points[-1][:3]) < self._spacing_m:
+            return False
+        if len(self._points) == self._capacity:
+            self._points = self._points[::2]
+            self._spacing_m *= 2.0
+        self._points.append(point)
+        return True
+
+    def points(self) -> NDArray[np.void]:
+        """All points, oldest first."""
+        return np.array(self._points, dtype=POINT)
+
+
+def cloud_message(track: Track, make: Make, header: Message) -> Message:
+    """sensor_msgs/PointCloud2 of the points; ``header`` carries the frame of the places."""
+    points = track.points()
+    fields = [
+        make("sensor_msgs/msg/PointField", name=name, offset=kind[1], datatype=_KINDS[kind[0].str], count=1)
+        for name, kind in (POINT.fields or {}).items()
+    ]
+    return make(
+        "sensor_msgs/msg/PointCloud2",
+        header=header,
+        height=1,
+        width=len(track),
+        fields=fields,
+        is_bigendian=False,
+        point_step=POINT.itemsize,
+        row_step=POINT.itemsize * len(track),
+        data=np.frombuffer(points.tobytes(), dtype=np.uint8),
+        is_dense=True,
+    )

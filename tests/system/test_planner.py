@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The planner as a process of its own, and the subscriber of docs/examples that obeys it."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from std_srvs.srv import Trigger
+
+from msg_defs.msg import TerrainEstimate, TractionAdvice
+from terrain_estimator.nodes import factory
+from terrain_estimator.ros_types import INPUT_TYPES
+from terramechanics.loading import PRESETS
+from tests.drives import drive_messages
+from tests.system.listening import Listener
+from tests.system.processes import Starter
+
+SOILS = ["loose_sand", "compact_sand", "regolith"]
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
+
+
+def estimate(header: Any, *, identified: bool) -> TerrainEstimate:
+    return TerrainEstimate(
+        header=header,
+        cohesion=1500.0,
+        tan_phi=0.6,
+        covariance=[200.0**2, 0.0, 0.0, 0.03**2],
+        cohesion_identified=True,
+        tan_phi_identified=identified,
+        soil=SOILS,
+        soil_probability=[1.0, 0.0, 0.0],
+    )
+
+
+def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(start: Starter, listener: Listener, tmp_path: Path) -> None:
+    rover = tmp_path / "rover.yaml"
+    rover.write_text((PRESETS / "rovers/mars_rover.yaml").read_text().replace("name: mars_rover", "name: twin"))
+    process = start("terrain_estimator", "planner", "--ros-args", "-p", "period:=0.3", "-p", f"rover:={rover}")
+    process.wait_for_output("ready: rover twin", timeout=60.0)
+    found = listener.collect(TractionAdvice, "traction_advice")
+    outputs = {topic: listener.publisher(factory.message_class(name), topic) for topic, name in INPUT_TYPES.items()}
+    estimates = listener.publisher(TerrainEstimate, "terrain_estimate")
+    for topic, _, message in drive_messages(factory.make, 3.0):
+        outputs[topic].publish(message)
+        if topic == "imu":
+            stamp = message.header.stamp
+            estimates.publish(estimate(message.header, identified=stamp.sec + 1e-9 * stamp.nanosec >= 101.45))
+            listener.spin_until(lambda: True, "what came is taken")
+    for wrong in ({"soil": ["mud"]}, {"cohesion": math.nan}, {"soil_probability": [0.0] * 3}):
+        message = estimate(found[-1].header, identified=True)
+        for name, value in wrong.items():
+            setattr(message, name, value)
+        estimates.publish(message)
+    listener.wait_for_messages(found, 10)
+    assert [each.sequence for each in found] == list(range(10))
+    assert [each.known for each in found] == [False] * 5 + [True] * 5
+    assert "unknown yet" in found[0].status_text
+    assert math.isnan(found[0].stall_probability)
+    last = found[-1]
+    assert last.pull_available_lower < last.pull_available < last.pull_available_upper
+    assert last.traction_margin == pytest.approx(last.pull_available - last.pull_needed)
+    assert 0.0 < last.expected_slip_lower < last.expected_slip < last.expected_slip_upper < 1.0
+    assert last.speed_limit > 0.0
+    assert 0.0 <= last.front_stall_probability < 0.5
+    assert listener.call(Trigger, "planner/resume", Trigger.Request()).success
+    assert "over the soils mud" in process.output
+    assert process.interrupt(60.0) == 0
+
+
+def test_what_is_wrong_is_named(start: Starter) -> None:
+    for argument, words in (("model:=nowhere.pt", "nowhere.pt"), ("slip_limt:=0.5", "did you mean slip_limit")):
+        process = start("terrain_estimator", "planner", "--ros-args", "-p", argument)
+        assert process.wait(60.0) == 2
+        assert words in process.output
+        assert "Traceback" not in process.output
+
+
+def test_the_documented_subscriber_stops_the_rover_before_a_soft_patch_traps_it(start: Starter) -> None:
+    process = start.command("bash", str(EXAMPLES / "soft_patch.sh"), "true", "3.0", "45.0")
+    process.wait_for_output("stop: the ground under the front wheels", timeout=120.0)
+    assert process.wait(120.0) == 0
+    assert "the rover is stuck" not in process.output
+    assert "Traceback" not in process.output

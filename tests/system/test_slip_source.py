@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The source of wheel_slip as a process of its own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msg_defs.msg import WheelSlip
+from terrain_estimator.nodes import factory
+from terrain_estimator.ros_types import INPUT_TYPES
+from terramechanics.loading import PRESETS
+from tests.drives import ROVER, drive_messages
+from tests.system.listening import Listener
+from tests.system.processes import Starter
+
+
+def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(start: Starter, listener: Listener, tmp_path: Path) -> None:
+    rover = tmp_path / "rover.yaml"
+    rover.write_text((PRESETS / "rovers/mars_rover.yaml").read_text().replace("name: mars_rover", "name: twin"))
+    process = start("terrain_estimator", "slip_source", "--ros-args", "-p", f"rover:={rover}", "-r", "velocity:=odom")
+    process.wait_for_output("ready: rover twin", timeout=60.0)
+    assert "Remap velocity to another source" in process.output
+    found = listener.collect(WheelSlip, "wheel_slip")
+    outputs = {topic: listener.publisher(factory.message_class(INPUT_TYPES[topic]), topic) for topic in ("joint_states", "odom")}
+    measured = []
+    for topic, _, message in drive_messages(factory.make, 3.0):
+        if topic in outputs:
+            outputs[topic].publish(message)
+        if topic == "wheel_slip":
+            measured.append(message)
+    listener.wait_for_messages(found, len(measured))
+    assert [each.header.stamp for each in found] == [each.header.stamp for each in measured]
+    assert [each.sequence for each in found] == list(range(len(measured)))
+    assert {tuple(each.wheel) for each in found} == {ROVER.wheel_names}
+    slips = np.array([each.slip for each in found]) - np.array([each.slip for each in measured])
+    spread = np.sqrt(np.array([each.slip_stddev for each in found]) ** 2 + np.array([each.slip_stddev for each in measured]) ** 2)
+    # One velocity an instant: 30 independent values, whose mean square is between 0.4 and 2 with 99.9 % confidence.
+    assert 0.4 < ((slips / spread) ** 2).mean() < 2.0
+    assert process.interrupt(60.0) == 0
+
+
+@pytest.mark.parametrize(("argument", "words"), [("velocity_type:=radar", "odometry, twist"), ("rover:=nothing", "nothing")])
+def test_what_is_wrong_is_named(start: Starter, argument: str, words: str) -> None:
+    process = start("terrain_estimator", "slip_source", "--ros-args", "-p", argument)
+    assert process.wait(60.0) == 2
+    assert words in process.output
+    assert "Traceback" not in process.output
