@@ -55,6 +55,7 @@ class Tests:
     coefficient: Tensor  # [R + 1, K]
     statistic: Tensor  # [R + 1, K] coefficient over its deviation; 0 where a run has nothing of the region
     degrees: Tensor  # [R + 1, K] effective number of seconds
+    blocks: Tensor  # [R + 1] seconds
 
 
 def disagreements(study: Study) -> list[Disagreement]:
@@ -67,10 +68,11 @@ def disagreements(study: Study) -> list[Disagreement]:
         white = whitening(equation, unknowns)
         left.append(innovations(white, equation, unknowns))
         columns.append(white.of(own))
+    alike = torch.tensor([region.alike for region in tried.names], dtype=torch.float64)
     listed: list[Disagreement] = []
     while len(listed) < MOST:
         found = tests(left, columns)
-        chance = two_sided(found)
+        chance = two_sided(found, alike)
         adjusted = holm(chance)
         k = _surest(found, adjusted)
         if adjusted[:, k].min() > LEVEL:
@@ -100,7 +102,9 @@ def tests(left: Sequence[Tensor], columns: Sequence[Tensor]) -> Tests:
     parts = [_sums(e, g) for e, g in zip(left, columns, strict=True)]
     single = [_one(part) for part in parts]
     joint = _one([sum(each) for each in zip(*parts, strict=True)])
-    return Tests(*(torch.stack([each[i] for each in [*single, joint]]) for i in range(3)))
+    size, statistic, degrees = (torch.stack([each[i] for each in [*single, joint]]) for i in range(3))
+    seconds = torch.tensor([float(len(each)) for each in left], dtype=torch.float64)
+    return Tests(size, statistic, degrees, torch.cat([seconds, seconds.sum().unsqueeze(0)]))
 
 
 def _sums(left: Tensor, columns: Tensor) -> list[Tensor]:
@@ -135,10 +139,14 @@ def _one(sums: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
     return torch.where(some, size, 0.0), statistic, degrees
 
 
-def two_sided(found: Tests) -> Floats:
-    """p values [R + 1, K] of single tests, before any adjustment."""
-    values = 2.0 * student.sf(found.statistic.abs().numpy(), found.degrees.clamp(min=1.0).numpy())
-    return np.asarray(np.where(found.statistic.numpy() == 0.0, 1.0, values))
+def two_sided(found: Tests, alike: Tensor) -> Floats:
+    """p values [R + 1, K] of single tests, before any adjustment.
+
+    ``alike`` [K] bounds the correlation that noise which lasts makes between a row and a signal: it may move a statistic by
+    ``alike`` times the root of the number of seconds, which counts for nothing.
+    """
+    beyond = (found.statistic.abs() - alike * found.blocks.sqrt().unsqueeze(1)).clamp(min=0.0)
+    return np.asarray(2.0 * student.sf(beyond.numpy(), found.degrees.clamp(min=1.0).numpy()))
 
 
 def holm(chance: Floats) -> Floats:
