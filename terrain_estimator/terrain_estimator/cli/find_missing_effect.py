@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (ConfigError, ClusterError, InputError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
-    sys.stdout.write("\n".join([sentence(finding, proof), *map(str, written)]) + "\n")
+    sys.stdout.write("\n".join([sentence(finding, diagnosis, proof), *map(str, written)]) + "\n")
     return 0
 
 
@@ -157,7 +157,7 @@ def summary(
         "probabilities": judgement.probabilities,
         "effects": [entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)],
         "confusable_with": [each.label for each in judgement.named[1:]],
-        "separate_by": finding.separate_by,
+        "separate_by": diagnosis.separate_by(judgement),
         "left": [{"row": each.column.row, "signal": each.column.signal, "strength": math.sqrt(each.strength)} for each in finding.left[:3]],
         **diagnosis.plain(),
         "added": proof is not None and proof.added,
@@ -195,13 +195,13 @@ def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, li
     }
 
 
-def sentence(finding: Finding, proof: Proof | None) -> str:
+def sentence(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str:
     """The verdict in words, and what the held-out runs say of it."""
     unproven = "no held-out run: what is found is unproven, give a third run or --hold-out"
-    return f"{_verdict(finding)}\n{proof.sentence if proof else unproven}"
+    return f"{_verdict(finding, diagnosis)}\n{proof.sentence if proof else unproven}"
 
 
-def _verdict(finding: Finding) -> str:
+def _verdict(finding: Finding, diagnosis: Diagnosis) -> str:
     judgement = finding.judgement
     labels = [each.label for each in judgement.named]
     sizes = ", ".join(f"{name} {size:.4g} +- {sd:.2g} {describe(name).unit}" for name, size, sd in finding.best.sizes)
@@ -209,7 +209,7 @@ def _verdict(finding: Finding) -> str:
     words = {
         "none": "nothing is missing that these runs show",
         "named": f"named: {sizes}",
-        "confusable": f"confusable: {', '.join(labels)}. To separate: {finding.separate_by}",
+        "confusable": f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}",
         "unknown": f"unknown: no named effect explains it (closest: {', '.join(labels)})"
         + (f"; the {left.row} row depends on {left.signal}" if left else ""),
     }

@@ -23,7 +23,8 @@
 - ``proof``: the model with the effect against the one without, on runs that neither has seen (``held_out``): each second from the one
   before (``one_step``), five seconds from the wheel rates alone (``rollout`` over the ``terrain``, as ``signals``). ``scores`` by row and
   region, the ``gap`` with its interval (``resampling``).
-- ``separation``: what would tell confusable effects apart.
+- ``next_drive``: which of some short drives (``manoeuvres``) would tell the effects in doubt apart best. ``advice``: in words.
+- ``separation``: manoeuvres by hand, for tables of one wheel.
 
 No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
 """

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from terrain_estimator.discovery.advice import advise
 from terrain_estimator.discovery.finding import Finding
 from terrain_estimator.discovery.isolability import Isolability, isolability
 from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.next_drive import NextDrive, next_drives
 from terrain_estimator.discovery.search import Progress, Study
-from terrain_estimator.discovery.verdict import Verdict
+from terrain_estimator.discovery.verdict import Judgement, Verdict
 from terrain_estimator.discovery.where import Disagreement, disagreements
 
 
@@ -20,6 +22,13 @@ class Diagnosis:
 
     where: tuple[Disagreement, ...]
     isolability: Isolability
+    next_drives: tuple[NextDrive, ...]  # the best first; empty where nothing is in doubt
+
+    def separate_by(self, judgement: Judgement) -> str:
+        """What would tell confusable effects apart; empty where nothing is confusable."""
+        if judgement.verdict is not Verdict.CONFUSABLE:
+            return ""
+        return advise([name for each in judgement.named for name in each.names], self.next_drives)
 
     def plain(self) -> dict[str, Any]:
         """As parts of finding.json."""
@@ -27,7 +36,7 @@ class Diagnosis:
         return {
             "where": [asdict(each) for each in self.where],
             "isolability": {"names": list(self.isolability.names), "nats": nats, "not_testable": self.isolability.not_testable},
-            "next_drives": [],
+            "next_drives": [asdict(each) for each in self.next_drives],
         }
 
 
@@ -35,6 +44,25 @@ def diagnose(study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, s
     """Look at the runs of ``study`` after the verdict."""
     say(0.95, "where it disagrees")
     found = tuple(disagreements(study))
-    say(0.97, "what these runs can tell apart")
+    say(0.96, "what these runs can tell apart")
     around = study.nothing if finding.judgement.verdict is Verdict.NONE else finding.best
-    return Diagnosis(found, isolability(study, hypotheses, around))
+    apart = isolability(study, hypotheses, around)
+    say(0.97, "what to drive next")
+    return Diagnosis(found, apart, tuple(next_drives(study, in_doubt(finding, hypotheses, apart), around)))
+
+
+def in_doubt(finding: Finding, hypotheses: Sequence[Hypothesis], apart: Isolability) -> list[Hypothesis]:
+    """The effects between which a next drive should decide.
+
+    Those that are confusable; a named effect and the one that it would be mistaken for; the two closest where it is unknown.
+    """
+    judgement = finding.judgement
+    close = judgement.named
+    if judgement.verdict is Verdict.UNKNOWN:
+        close = tuple(each.hypothesis for each in finding.candidates[:2])
+    elif judgement.verdict is Verdict.NAMED:
+        nearest = apart.nearest(judgement.named[0].label)
+        close += tuple(each for each in hypotheses if each.label == nearest)
+    shared = set.intersection(*(set(each.parts) for each in close)) if len(close) > 1 else set()
+    alone = [tuple(part for part in each.parts if part not in shared) for each in close]
+    return [Hypothesis(parts) for parts in dict.fromkeys(alone) if len(parts) == 1]

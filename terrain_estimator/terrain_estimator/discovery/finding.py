@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole investigation of some runs: fits, verdict, what is confusable with what, and what would separate it."""
+"""The whole investigation of some runs: fits, verdict, and what is confusable with what."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from terrain_estimator.discovery.library import Hypothesis, together
 from terrain_estimator.discovery.proof import Proof
 from terrain_estimator.discovery.search import Candidate, Progress, Study, search
-from terrain_estimator.discovery.separation import separate_by
 from terrain_estimator.discovery.verdict import Gains, Judgement, Leftover, Thresholds, Verdict, gains_of, judge, leftovers
 
 
@@ -23,7 +22,6 @@ class Finding:
     nothing: Candidate
     depends: tuple[Leftover, ...]  # where nothing is added: on what the residual depends, the strongest first
     left: tuple[Leftover, ...]  # the same beside the best name
-    separate_by: str  # what would tell confusable effects apart; empty where nothing has to be
 
     @property
     def best(self) -> Candidate:
@@ -56,10 +54,7 @@ def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thre
     # What one evaluation already showed to be far behind was not fitted.
     unlikely = {name: 0.0 for hypothesis in hypotheses for name in hypothesis.names}
     judgement = dataclasses.replace(judgement, probabilities=unlikely | judgement.probabilities)
-    confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
-    return Finding(
-        judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)), separate_by(confusable)
-    )
+    return Finding(judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)))
 
 
 def settled(finding: Finding, proof: Proof | None) -> Finding:
@@ -74,4 +69,4 @@ def settled(finding: Finding, proof: Proof | None) -> Finding:
     refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
     refuted["unknown"] = 1.0 - sure["none"]
     unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
-    return dataclasses.replace(finding, judgement=unknown, separate_by="")
+    return dataclasses.replace(finding, judgement=unknown)

@@ -74,7 +74,7 @@ def matrix(stages: Sequence[Stage], found: Sequence[Mark]) -> Tensor:
     nats = torch.zeros(len(found), len(found), dtype=torch.float64)
     for i, true in enumerate(found):
         others = [other for j, other in enumerate(found) if j != i]
-        alone = loss(stages, _table(true, others), None)
+        alone = loss(stages, table(true, others), None)
         nats[i] = alone.nats
         first = 1
         for j, other in enumerate(found):
@@ -82,7 +82,7 @@ def matrix(stages: Sequence[Stage], found: Sequence[Mark]) -> Tensor:
                 continue
             size = other.runs[0].shape[2]
             if _promise(alone.gram, slice(first, first + size)) > _PROMISING * alone.nats:
-                nats[i, j] = min(loss(stages, _table(true, [other]), other.ends, alone.excess).nats, alone.nats)
+                nats[i, j] = min(loss(stages, table(true, [other]), other.ends, alone.excess).nats, alone.nats)
             first += size
     return nats
 
@@ -91,7 +91,8 @@ _PROMISING = 0.01
 """[1] Share that a first step of another effect has to explain to be looked at."""
 
 
-def _table(true: Mark, others: Sequence[Mark]) -> list[Tensor]:
+def table(true: Mark, others: Sequence[Mark]) -> list[Tensor]:
+    """A mark and what others can do, [B, Q, 1 + K] of each run, as :func:`expected.loss` takes them."""
     return [torch.cat([mine[..., :1], *rest], 2) for mine, *rest in zip(true.runs, *(other.runs for other in others), strict=True)]
 
 

@@ -61,7 +61,7 @@ class Study:
 
     def _nothing(self) -> Candidate:
         strengths = [(PRIOR_THETA[0][0], PRIOR_THETA[1][0])] * len(self.runs)
-        start = start_of([_velocities(run) for run in self.runs], self.nominal.uncertain.shape[0], strengths, 0)
+        start = start_of([velocities_of(run) for run in self.runs], self.nominal.uncertain.shape[0], strengths, 0)
         unknown: list[Tensor | None] = [None] * len(self.runs)
         evaluate, columns = self._evaluate(NOTHING), self._plain.columns
         first = fit(evaluate, start, NOTHING.shared(), columns, unknown, most=3)
@@ -155,7 +155,8 @@ def _first_spread(found: Fit, rows: int) -> Tensor:
     return (per_row / rows).sqrt()
 
 
-def _velocities(run: Blocks) -> Tensor:
+def velocities_of(run: Blocks) -> Tensor:
+    """Velocities [V] [m/s] at the joints of a run's blocks, to begin with."""
     velocity = torch.zeros(run.velocities, dtype=torch.float64)
     mean = run.packed[..., 8 * run.wheel_rate.shape[-1]].mean(1)
     velocity[run.ends[:, 0]] = mean

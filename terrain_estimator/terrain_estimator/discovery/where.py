@@ -3,11 +3,11 @@
 """Where simulation and measurement disagree: every row against every region of every signal, in words and numbers.
 
 Each region is a column of a row. Regressed on the innovations of the fit of "nothing missing" (``whitening``) its coefficient is what
-the row disagrees by there beyond what the fit can absorb. Its variance is that of independent innovations, or, where it
-is larger, one of two that follow from the autocorrelation of what the column leaves: of a first-order process, and of the sum of
-autocorrelations up to LAGS seconds with Bartlett's weights (Newey and West 1987). The p value is Student's with the effective number
-of seconds as degrees of freedom, adjusted after Holm 1979 for all rows, signals, regions and runs that were tried, so
-that the chance of any false entry at all is at most the level.
+the row disagrees by there beyond what the fit can absorb. Its variance is that of independent innovations, of unit variance or of
+what the column leaves, whichever is larger; and more where what it leaves is autocorrelated: the larger one of what a first-order
+process and the sum of autocorrelations up to LAGS seconds with Bartlett's weights (Newey and West 1987) make of it. The p value is
+Student's with the effective number of seconds as degrees of freedom, adjusted after Holm 1979 for all rows, signals, regions and
+runs that were tried, so that the chance of any false entry at all is at most the level.
 """
 
 from collections.abc import Sequence
@@ -128,14 +128,16 @@ def _one(sums: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
     safe = torch.where(some, information, 1.0)
     size = 0.5 * ge[0].sum(0) / safe
     lagged = ee - size * ge + size.square() * gg  # of what the column leaves, [LAGS + 1, Q, K]
+    power = (lagged[:1] / blocks).clamp(min=1.0)
     correlation = lagged[1:] / lagged[:1].clamp(min=1e-12)
     lags = torch.arange(1, LAGS + 1, dtype=torch.float64).view(-1, 1, 1)
     first = correlation[:1].clamp(0.0, LARGEST) ** lags
     tapered = correlation * (1.0 - lags / (LAGS + 1.0))
-    surplus = torch.stack([2.0 * (gg[1:] * each).sum((0, 1)) for each in (first, tapered)]).amax(0).clamp(min=0.0)
-    variance = information + surplus
-    degrees = blocks * information / torch.where(some, variance, 1.0)
-    statistic = torch.where(some, size * safe / torch.where(some, variance, 1.0).sqrt(), 0.0)
+    white = (power[0] * gg[0]).sum(0)
+    surplus = torch.stack([2.0 * (power * gg[1:] * each).sum((0, 1)) for each in (first, tapered)]).amax(0).clamp(min=0.0)
+    variance = torch.where(some, white + surplus, 1.0)
+    degrees = blocks * white / variance
+    statistic = torch.where(some, size * safe / variance.sqrt(), 0.0)
     return torch.where(some, size, 0.0), statistic, degrees
 
 

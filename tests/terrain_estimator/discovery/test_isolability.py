@@ -9,6 +9,8 @@ from torch import Tensor
 from terrain_estimator.discovery import singles
 from terrain_estimator.discovery.expected import Stage, loss
 from terrain_estimator.discovery.isolability import isolability
+from terrain_estimator.discovery.manoeuvres import MANOEUVRES
+from terrain_estimator.discovery.next_drive import next_drives
 from tests.terrain_estimator.discovery.known import study
 
 BLOCKS, ROWS, OWN = 30, 3, 4
@@ -67,3 +69,16 @@ def test_drags_are_nearest_to_each_other_and_what_a_planar_rover_cannot_show_is_
     i, j = found.names.index("drive_drag"), found.names.index("slope_bias")
     assert found.nats[i, j] > 0.5 * found.nats[i, i] > 10.0
     assert "sideways" in found.not_testable["lateral_bulldozing"]
+
+
+def test_of_two_drags_a_drive_at_two_speeds_tells_much_and_a_steady_one_next_to_nothing() -> None:
+    tried = [each for each in MANOEUVRES if each.name in ("steady", "two_speeds")]
+    with torch.inference_mode():
+        found = next_drives(study(""), singles(("drive_drag", "coulomb_drag")), study("").nothing, tried)
+    assert [each.name for each in found] == ["two_speeds", "steady"]
+    assert found[0].nats > 10.0 > found[1].nats
+    assert set(found[0].pair) == {"drive_drag", "coulomb_drag"}
+
+
+def test_nothing_is_to_be_driven_where_nothing_is_in_doubt() -> None:
+    assert next_drives(study(""), singles(("drive_drag",)), study("").nothing) == []

@@ -89,7 +89,7 @@ def test_an_effect_that_the_held_out_run_lacks_is_not_added() -> None:
 def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
     hypothesis = found().hypothesis
     judgement = Judgement(Verdict.NAMED, (hypothesis,), {"none": 0.01, "unknown": 0.04, "drive_drag": 0.95})
-    finding = Finding(judgement, cast("Gains", None), (found(),), found(), (), (), "")
+    finding = Finding(judgement, cast("Gains", None), (found(),), found(), (), ())
     after = settled(finding, proven(3)).judgement
     assert after.verdict is Verdict.UNKNOWN
     assert after.named == (hypothesis,)

@@ -7,11 +7,14 @@ from importlib.resources import files
 
 import pytest
 
+from terrain_estimator.discovery.advice import BESIDES, advise
 from terrain_estimator.discovery.calibration import Sample, thresholds
-from terrain_estimator.discovery.library import Hypothesis, singles
+from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.next_drive import NextDrive
 from terrain_estimator.discovery.parts import Part
 from terrain_estimator.discovery.separation import separate_by
 from terrain_estimator.discovery.verdict import Gains, Thresholds, Verdict, judge
+from terramechanics.effects import EFFECTS
 
 RULE = Thresholds(anything=8.0, share=0.7, apart=0.1)
 
@@ -56,11 +59,17 @@ def test_two_axles_of_one_effect_are_one_name() -> None:
 
 
 def test_confusable_effects_come_with_what_would_separate_them() -> None:
-    advice = separate_by([Hypothesis((Part("grousers"),)), Hypothesis((Part("odometry_scale"),))])
-    assert "firm ground" in advice
+    best = NextDrive("firm_ground", "on to firm ground", 40.0, 168.8, ("grousers", "odometry_scale"))
+    advice = advise(["grousers", "odometry_scale"], [best])
+    assert advice.startswith("Drive 40 s on to firm ground: 169 nat more are expected, if it is grousers, against odometry_scale")
+    assert "For odometry_scale alone: roll a measured distance" in advice
+    assert advise(["grousers", "grousers"], [best]) == ""
+    assert set(BESIDES) <= set(EFFECTS)
+
+
+def test_effects_that_tables_of_one_wheel_confuse_come_with_a_manoeuvre() -> None:
+    assert "firm ground" in separate_by([Hypothesis((Part("grousers"),)), Hypothesis((Part("odometry_scale"),))])
     assert separate_by([Hypothesis((Part("grousers"),))]) == ""
-    every = singles()
-    assert "None" not in separate_by(every)
 
 
 def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_whose_effect_was_taken_out() -> None:
