@@ -37,6 +37,11 @@ class Pose:
     axle: Tensor  # [batch, axles, 2] x and z of the axles in the body frame
 
 
+def shifted_centre(centre: Tensor, moment: Tensor, mass: Tensor) -> Tensor:
+    """Centre of mass [m] of a body that weighs ``mass`` [kg] with a load whose moment about ``centre`` is ``moment`` [kg m]."""
+    return centre + moment / mass
+
+
 @dataclass(frozen=True, slots=True)
 class Body:
     """The rover's mass and the outer forces on it; numbers, or tensors [batch] where episodes differ."""
@@ -60,8 +65,9 @@ class Body:
     def loaded(self, mass: Tensor, x: Tensor, height: Tensor) -> "Body":
         """The body with ``mass`` [batch] [kg] more at ``x`` and ``height`` [batch] [m]."""
         total = self.mass + mass
-        centre = ((self.x * self.mass + x * mass) / total, (self.height * self.mass + height * mass) / total)
-        return Body(self.gravity, total, *centre, self.outer)
+        old = (torch.as_tensor(self.x, dtype=torch.float64), torch.as_tensor(self.height, dtype=torch.float64))
+        centre = [shifted_centre(here, mass * (there - here), total) for here, there in zip(old, (x, height), strict=True)]
+        return Body(self.gravity, total, centre[0], centre[1], self.outer)
 
     def pulled(self, along: Tensor, up: Tensor, x: float, height: float) -> "Body":
         """The body with a force ``along``, ``up`` [batch] [N] more that acts at ``x``, ``height`` [m]; payload comes first."""
@@ -81,7 +87,7 @@ class Geometry(NamedTuple):
     """Where the forces of a rover act, in the body frame; for functions that TorchScript compiles."""
 
     axle_x: Tensor  # [axles] [m]
-    centre: Tensor  # [2] centre of mass [m]
+    centre: Tensor  # [2] centre of mass [m], or [n, 1, 2]
     pivot: Tensor  # [2] of the bogie [m]
     radius: float  # [m] of the wheels
 

@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.runs import Blocks
-from terramechanics.contact import MAX_SLIP, MIN_SLIP
 from terramechanics.effects import make_effect
-from terramechanics.effects.soil import GROUSER_SLIP, Grousers, Multipass
+from terramechanics.effects.laws import GROUSER_SLIP, SHALLOWEST, in_slip_range, reported_slip, sinkage_behind, slip_behind, uneven
+from terramechanics.effects.soil import Grousers, Multipass
 from terramechanics.plant import Effect, Payload, Plant, Situation
 from terramechanics.sample import Sample
 
@@ -97,13 +97,12 @@ class UnevenScale(Effect):
 
     def error(self, axles: int) -> Tensor:
         """Of the radius of each axle's wheels, [axles]."""
-        middle = 0.5 * (axles - 1)
-        return self.size * (1.0 + self.unevenness * (torch.arange(axles, dtype=torch.float64) - middle))
+        size, unevenness = (torch.tensor(value, dtype=torch.float64) for value in (self.size, self.unevenness))
+        return uneven(size, unevenness, torch.arange(axles, dtype=torch.float64))
 
     def sensed(self, sample: Sample) -> Sample:
         """See Effect."""
-        error = self.error(sample.slip.shape[-1])
-        return dataclasses.replace(sample, slip=(sample.slip + error) / (1.0 + error))
+        return dataclasses.replace(sample, slip=reported_slip(sample.slip, self.error(sample.slip.shape[-1])))
 
 
 _LIGHTEST = 1e-6  # [kg] of a load that has a place
@@ -146,25 +145,16 @@ def _without_tilt(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
     return _with(packed, slice(pitch, pitch + 1), packed[:, pitch : pitch + 1] - size)
 
 
-def _in_slip_range(slip: Tensor) -> Tensor:
-    return slip.clamp(MIN_SLIP, MAX_SLIP)
-
-
 def _without_scale(packed: Tensor, size: float, unevenness: float, blocks: Blocks) -> Tensor:
-    """i = (1 + e) reported - e; so is its deviation."""
     here, slip = _axle_part(packed, blocks, 0)
     spread, sd = _axle_part(packed, blocks, 1)
     error = UnevenScale(size, unevenness).error(slip.shape[1])
-    return _with(_with(packed, here, _in_slip_range((1.0 + error) * slip - error)), spread, (1.0 + error) * sd)
-
-
-_SHALLOWEST = 0.2
-"""[1] Share of the reported sinkage that is left at least: a wheel on the ground has some."""
+    return _with(_with(packed, here, slip_behind(slip, error)), spread, (1.0 + error) * sd)
 
 
 def _without_depth(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
     here, sinkage = _axle_part(packed, blocks, 2)
-    return _with(packed, here, torch.maximum(sinkage - size, _SHALLOWEST * sinkage))
+    return _with(packed, here, sinkage_behind(sinkage, torch.tensor(size, dtype=torch.float64)))
 
 
 def _without_delay(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
@@ -173,8 +163,8 @@ def _without_delay(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
     depth, sinkage = _axle_part(packed, blocks, 2)
     per_block = blocks.packed.shape[1]
     faster, deeper = (rate.repeat_interleave(per_block, 0) for rate in (blocks.signals.slip_rate, blocks.signals.sinkage_rate))
-    moved = _with(packed, here, _in_slip_range(slip + size * faster))
-    return _with(moved, depth, torch.maximum(sinkage + size * deeper, _SHALLOWEST * sinkage))
+    moved = _with(packed, here, in_slip_range(slip + size * faster))
+    return _with(moved, depth, torch.maximum(sinkage + size * deeper, SHALLOWEST * sinkage))
 
 
 _UNDO: dict[str, Callable[[Tensor, float, Blocks], Tensor]] = {

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from terramechanics.effects.laws import reported_slip
 from terramechanics.plant import Effect, Size
 from terramechanics.rover import Rover
 from terramechanics.sample import Sample
@@ -50,8 +51,7 @@ class OdometryScale(Effect):
 
     def sensed(self, sample: Sample) -> Sample:
         """See Effect."""
-        scale = _wide(self.size)
-        return dataclasses.replace(sample, slip=(sample.slip + scale) / (1.0 + scale))
+        return dataclasses.replace(sample, slip=reported_slip(sample.slip, torch.as_tensor(_wide(self.size), dtype=torch.float64)))
 
 
 @dataclass

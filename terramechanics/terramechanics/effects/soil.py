@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.contact import entry_angle
+from terramechanics.effects.laws import (
+    GROUSER_SLIP,
+    bulldozing_resistance,
+    digging_exponent,
+    grouser_thrust,
+    rate_stiffness,
+    rebound_angle,
+    rut_stiffness,
+)
 from terramechanics.plant import Contact, Effect, Situation, Size
-
-GROUSER_SLIP = 0.1
-"""[1] Slip at which grousers have mobilised 63 % of their thrust."""
-_SOFTEST = 0.05  # [1] of the undisturbed stiffness
-REFERENCE_SPEED = 0.1
-"""[m/s] Circumferential speed at which the soil constants hold."""
 
 
 def with_traction(forces: Tensor, extra: Tensor, torque: Tensor | None = None) -> Tensor:
@@ -32,7 +34,7 @@ class Bulldozing(Effect):
 
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
         """See Effect."""
-        return with_traction(forces, -where.of(self.size) * contact.sinkage**2)
+        return with_traction(forces, -bulldozing_resistance(where.of(self.size), contact.sinkage))
 
 
 @dataclass
@@ -44,7 +46,7 @@ class Grousers(Effect):
 
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
         """See Effect."""
-        thrust = -where.of(self.size) * torch.sign(contact.slip) * torch.expm1(-contact.slip.abs() / self.mobilised)
+        thrust = grouser_thrust(where.of(self.size), contact.slip, torch.tensor(self.mobilised, dtype=torch.float64))
         return with_traction(forces, thrust, where.rover.wheel_radius * thrust)
 
 
@@ -55,9 +57,8 @@ class SlipSinkage(Effect):
     size: Size
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
-        """See Effect. A braked wheel digs as much as a driven one does."""
-        factor = 1.0 + where.of(self.size) * contact.slip.abs() / contact.constants[..., 0]
-        return contact.with_constants(n=factor)
+        """See Effect."""
+        return contact.with_constants(n=digging_exponent(where.of(self.size), contact.slip, contact.constants[..., 0]))
 
 
 @dataclass
@@ -72,8 +73,7 @@ class Multipass(Effect):
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         """See Effect."""
-        passes = where.order.clamp(max=1.0) + self.growth * (where.order - 1.0).clamp(min=0.0)
-        return contact.stiffened((1.0 + where.of(self.size) * passes).clamp(min=_SOFTEST))
+        return contact.stiffened(rut_stiffness(where.of(self.size), torch.tensor(self.growth, dtype=torch.float64), where.order))
 
 
 @dataclass
@@ -84,7 +84,7 @@ class RateDependence(Effect):
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         """See Effect."""
-        return contact.stiffened((where.speed / REFERENCE_SPEED) ** where.of(self.size))
+        return contact.stiffened(rate_stiffness(where.of(self.size), where.speed))
 
 
 @dataclass
@@ -95,6 +95,5 @@ class ExitAngle(Effect):
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         """See Effect."""
-        rebound = where.of(self.size) * contact.sinkage
-        angle = torch.where(rebound > 0.0, entry_angle(rebound, where.rover.wheel_radius), 0.0)
+        angle = rebound_angle(where.of(self.size), contact.sinkage, where.rover.wheel_radius)
         return dataclasses.replace(contact, exit_angle=angle)

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact import MAX_SLIP, MIN_SLIP, quadrature
+from terramechanics.effects.laws import dry_torque, viscous_torque
 from terramechanics.plant import Contact, Effect, Payload, Situation, Size
 from terramechanics.rover import Rover
 
@@ -32,7 +33,7 @@ class DriveDrag(Effect):
 
     def friction(self, where: Situation) -> Tensor:
         """See Effect."""
-        return where.of(self.size) * where.rate
+        return viscous_torque(where.of(self.size), where.rate)
 
 
 @dataclass
@@ -43,7 +44,7 @@ class CoulombDrag(Effect):
 
     def friction(self, where: Situation) -> Tensor:
         """See Effect."""
-        return where.of(self.size) * torch.sign(where.rate)
+        return dry_torque(where.of(self.size), where.rate)
 
 
 @dataclass
