@@ -38,6 +38,7 @@ setup(
             "paper = terrain_estimator.cli.paper:main",
             "net_study = terrain_estimator.cli.net_study:main",
             "train = terrain_estimator.cli.train:main",
+            "add_effect = terrain_estimator.cli.add_effect:main",
             "calibrate_discovery = terrain_estimator.cli.calibrate_discovery:main",
             "find_missing_effect = terrain_estimator.cli.find_missing_effect:main",
             "demo = terrain_estimator.cli.demo:main",

@@ -21,7 +21,7 @@ from terrain_estimator.palpaca import State
 from terrain_estimator.saved_state import Arrays, checked_state
 from terrain_estimator.screening import Screening, screen
 from terrain_estimator.summary import Beliefs, doubted, summarise
-from terrain_estimator.update import Decision, Estimate, Prediction, Update
+from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
 
 _NAN = math.nan
 _PUBLISHED = ("moments", "expected", "covariance")  # parts of the state that all published numbers come from
@@ -38,6 +38,7 @@ class Estimator:
         self._module = model.module
         self._rover = model.rover
         self._rows = model.rows
+        self._effects = model.effects
         self._config = config
         self._step_s = model.metadata.step_s
         self._beliefs = Beliefs.of(model.metadata, config)
@@ -126,7 +127,7 @@ class Estimator:
         observation = screening.observation
         step_s, linked = link(observation.stamp_ns, self._last, self._step_s)
         torque = ground_torque(observation, self._last if linked else None, self._rover.wheel_inertia, step_s)
-        packed = pack(observation, torque, step_s, linked=linked)
+        packed = pack(observation, torque, step_s, linked=linked, rates=bool(self._effects))
         with torch.inference_mode():
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
@@ -215,9 +216,15 @@ class Estimator:
     def _summarise(self) -> Estimate:
         with torch.inference_mode():
             values = self._module.estimate(self._state).numpy()
+            sizes = self._module.effects(self._state).tolist() if self._effects else ()
         mean, covariance = doubted(values[0], values[1:], self._beliefs, self._doubt)
         self._condition = _condition(covariance)
-        return summarise(mean, covariance, self._beliefs, tuple(self._state["soils"].tolist()))
+        estimate = summarise(mean, covariance, self._beliefs, tuple(self._state["soils"].tolist()))
+        effects = [
+            NamedEffect(effect.name, effect.unit, mean, math.sqrt(variance))
+            for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
+        ]
+        return dataclasses.replace(estimate, effects=tuple(effects))
 
     def _answer(self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None) -> Update:
         if prediction is None:

@@ -45,9 +45,9 @@ class Hypotheses(VelocityFilter):
     net_precision: Tensor
     net_log_weight: Tensor
 
-    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
+    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0) -> None:
         """See Physics."""
-        super().__init__(body, constants, prior, net)
+        super().__init__(body, constants, prior, net, added)
         self.bank, self.negligible, self.nearest, self.no_say = 2 * self.known_soils * BANK, NEGLIGIBLE, NEAREST, NO_SAY
         self.surprise = SURPRISE
         prior_mean = [prior.cohesion_pa, prior.tan_phi]
@@ -61,7 +61,12 @@ class Hypotheses(VelocityFilter):
         self.register_buffer("born_offsets", torch.cartesian_prod(corner, corner))
         self.register_buffer("born_spread", torch.tensor(0.6, dtype=torch.float64))  # likewise
         self.register_buffer("born_log_weight", torch.tensor(HAZARD / 4.0, dtype=torch.float64).log())
-        other = [1.0] * self.uncertain.shape[1] + [prior.mass_sd**-2, prior.centre_of_mass_sd**-2, prior.acceleration_bias_sd**-2, OPEN]
+        other = [1.0] * (self.uncertain_constants + added) + [
+            prior.mass_sd**-2,
+            prior.centre_of_mass_sd**-2,
+            prior.acceleration_bias_sd**-2,
+            OPEN,
+        ]
         self.register_buffer("other_precision", torch.tensor(other, dtype=torch.float64))
         self.register_buffer("prior_mean", torch.tensor(prior_mean, dtype=torch.float64))
         self.register_buffer("prior_sd", torch.tensor(prior_sd, dtype=torch.float64))
@@ -82,16 +87,17 @@ class Hypotheses(VelocityFilter):
         index = torch.arange(self.known_soils)
         share = weight * (index.unsqueeze(1) == soil)  # [K, H]
         state["soils"] = share.sum(1)
-        apart = torch.cat([bank.mean[:, :2], bank.mean[:, self.first_constant : self.size - self.kept]], 1)
+        apart = torch.cat([bank.mean[:, :2], bank.mean[:, self.first_constant : self.first_fixed]], 1)
         within_soil = (share @ apart) / state["soils"].clamp(min=1e-300).unsqueeze(1)
-        nothing = torch.cat([state["prior"][0], torch.zeros_like(apart[0, 2:])])
+        own = 2 + self.uncertain_constants
+        nothing = torch.cat([state["prior"][0], torch.zeros_like(apart[0, 2:own]), weight @ apart[:, own:]])
         state["expansion"] = torch.where(state["soils"].unsqueeze(1) > 0.0, within_soil, nothing)
         leading = index == state["soils"].argmax()
         within = (leading.unsqueeze(1) & (index.unsqueeze(1) == soil)).any(0)
         state["expected"], state["covariance"] = mixture(torch.where(within, bank.weight, -float("inf")), bank.mean, bank.covariance)
         chosen = leading.to(torch.float64)
         uncertain = (chosen.view(-1, 1, 1) * self.uncertain).sum(0)
-        state["constants"] = chosen @ self.constants + (chosen @ state["expansion"][:, 2:]) @ uncertain
+        state["constants"] = chosen @ self.constants + (chosen @ state["expansion"][:, 2:own]) @ uncertain
         state["varied"] = (chosen.view(-1, 1, 1) * self.varied).sum(0)
         return state
 

@@ -18,7 +18,7 @@ from typing import Any
 import torch
 
 import terrain_estimator
-from terrain_estimator.packing import AXLE_FIELDS, SCALAR_FIELDS, packed_size
+from terrain_estimator.packing import AXLE_FIELDS, packed_size, scalar_fields
 from terramechanics.loading import ConfigError, build, number
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
@@ -55,6 +55,16 @@ class Training:
 
 
 @dataclass(frozen=True, slots=True)
+class AddedEffect:
+    """A named effect that the model estimates beside c and tan phi."""
+
+    name: str  # of terramechanics.effects
+    unit: str  # of its size
+    mean: float = number("prior mean of its size", "unit of the effect")
+    sd: float = number("prior standard deviation of its size", "unit of the effect", 0.0, exclusive=True)
+
+
+@dataclass(frozen=True, slots=True)
 class Metadata:
     """What stands in the JSON file beside the module."""
 
@@ -73,6 +83,7 @@ class Metadata:
     step_s: float = number("time between observations that the model was trained for", "s", 0.0, exclusive=True)
     prior_mean: tuple[float, float] = number("prior mean of c [Pa] and tan phi", "Pa, 1")
     prior_sd: tuple[float, float] = number("prior standard deviation of c [Pa] and tan phi", "Pa, 1", 0.0, exclusive=True)
+    effects: tuple[AddedEffect, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +107,11 @@ class LoadedModel:
     def sha256(self) -> str:
         """Of the module file."""
         return self.metadata.sha256
+
+    @property
+    def effects(self) -> tuple[AddedEffect, ...]:
+        """Named effects that the model estimates."""
+        return self.metadata.effects
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -179,14 +195,17 @@ def _check_interface(path: Path, model: LoadedModel) -> None:
         _, _, taken = str(getattr(model.module, name).schema).partition("(")[2].partition(" self")
         if (found := taken.rpartition(") -> ")[0].removeprefix(", ")) != wanted:
             raise ModelFileError(f"{path}: method {name} takes ({found}), this version needs ({wanted}): train it again (make train)")
-    axles = len(model.rover.axle_x)
+    axles, rates = len(model.rover.axle_x), bool(model.effects)
     fields = (model.metadata.observation_axle_fields, model.metadata.observation_scalar_fields)
-    if fields != (AXLE_FIELDS, SCALAR_FIELDS):
+    if fields != (AXLE_FIELDS, scalar_fields(axles, rates=rates)):
         raise ModelFileError(f"{path}: was trained for other fields of an observation, train it again (make train)")
     state = model.module.initial()
+    effects = model.module.effects(state).shape[0] if hasattr(model.module, "effects") else 0
+    if effects != len(model.effects):
+        raise ModelFileError(f"{path}: estimates {effects} named effects, its .json names {len(model.effects)}")
     length, parameters = state["block"].shape[-1], state["expected"].shape[0]
-    if length != packed_size(axles):
-        raise ModelFileError(f"{path}: takes observations of {length} numbers, {axles} axles need {packed_size(axles)}")
+    if length != packed_size(axles, rates=rates):
+        raise ModelFileError(f"{path}: takes observations of {length} numbers, {axles} axles need {packed_size(axles, rates=rates)}")
     if tuple(model.module.estimate(state).shape) != (3, 2):
         raise ModelFileError(f"{path}: estimates numbers of shape {tuple(model.module.estimate(state).shape)}, expected (3, 2)")
     if parameters != len(model.metadata.parameters):

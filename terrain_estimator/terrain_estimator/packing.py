@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """One observation as one flat tensor: what the exported model takes.
 
-With A axles the layout is eight groups of A values, then SCALARS scalars, all SI and float64, NaN for "not measured".
+With A axles the layout is eight groups of A values, then SCALARS scalars (with the A wheel rates where a model takes them), all
+SI and float64, NaN for "not measured".
 One tensor instead of sixteen keeps the call of the exported model cheap, and its layout is part of the model file.
 """
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -41,10 +43,19 @@ SCALAR_FIELDS = (
 SCALARS = len(SCALAR_FIELDS)
 """Number of scalars."""
 
+RATES = SCALAR_FIELDS.index("step")
+"""Place of the wheel rates among the scalars, for a model that needs them."""
 
-def packed_size(axles: int) -> int:
+
+def scalar_fields(axles: int, *, rates: bool) -> tuple[str, ...]:
+    """The scalars of a model; with ``rates`` the wheel rates [rad/s] stand before ``step``."""
+    turning = tuple(f"wheel_rate_{axle}" for axle in range(axles)) if rates else ()
+    return (*SCALAR_FIELDS[:RATES], *turning, *SCALAR_FIELDS[RATES:])
+
+
+def packed_size(axles: int, *, rates: bool = False) -> int:
     """Length of the packed observation."""
-    return len(AXLE_FIELDS) * axles + SCALARS
+    return len(AXLE_FIELDS) * axles + len(scalar_fields(axles, rates=rates))
 
 
 LONGEST_GAP = 2.5
@@ -66,12 +77,15 @@ def ground_torque(observation: Observation, last: Observation | None, inertia: f
     return observation.torque - (observation.wheel_rate - last.wheel_rate) * (inertia / passed_s)
 
 
-def pack(observation: Observation, torque: Floats, step_s: float, *, linked: bool) -> Tensor:
-    """The observation as a float64 tensor of shape [packed_size(axles)].
+def pack(observation: Observation, torque: Floats, step_s: float, *, linked: bool, rates: bool = False) -> Tensor:
+    """The observation as a float64 tensor of shape [packed_size(axles, rates=rates)].
 
-    ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia (docs/method.md, rows).
+    ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia (docs/method.md, rows). A model
+    that takes the wheel rates too cannot use a wheel whose rate is not known.
     """
-    groups = (torque if name == "torque" else getattr(observation, name) for name in AXLE_FIELDS)
+    known = np.where(np.isfinite(observation.wheel_rate), observation.slip, np.nan) if rates else observation.slip
+    taken = {"slip": known, "torque": torque}
+    groups = (taken.get(name, getattr(observation, name)) for name in AXLE_FIELDS)
     values = [value for group in groups for value in group.tolist()]
     values += (
         observation.velocity,
@@ -81,6 +95,7 @@ def pack(observation: Observation, torque: Floats, step_s: float, *, linked: boo
         observation.acceleration,
         observation.acceleration_sd,
         observation.bogie_angle,
+        *(observation.wheel_rate.tolist() if rates else ()),
         step_s,
         1.0 if linked else 0.0,
     )

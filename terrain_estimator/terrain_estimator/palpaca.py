@@ -30,7 +30,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.bank import Bank, Solved, join, take, weigh
-from terrain_estimator.block import BlockRows, Posterior, solve_block
+from terrain_estimator.block import BlockRows, Posterior, Solution, solve_block
 from terrain_estimator.hypotheses import Hypotheses
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.prior import Body, Prior
@@ -54,7 +54,8 @@ State = dict[str, Tensor]
 - ``log_soils`` [K]: log prior probability of each soil, -inf where the user excludes it
 - ``moments`` [3, 2]: mean and covariance of (c [kPa], tan phi) in the mixture over everything
 - ``soils`` [K]: probability of each soil
-- ``expansion`` [K, 2 + M]: mean c [kPa], tan phi and deviations of the constants, given each soil; of one without any, the prior's
+- ``expansion`` [K, 2 + M]: mean c [kPa], tan phi, deviations of the constants and of named effects, given each soil; of one
+  without any, the prior's
 - ``expected`` [D], ``covariance`` [D, D]: of the mixture within the most probable soil, which predicts the velocity
 - ``constants`` [6], ``varied`` [C, 6]: of that soil, as in Contact
 - ``velocity`` [2]: mean [m/s] and variance, now
@@ -77,9 +78,9 @@ class PAlpaca(Hypotheses):
 
     longest_step: Tensor
 
-    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
+    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0) -> None:
         """See Physics."""
-        super().__init__(body, constants, prior, net)
+        super().__init__(body, constants, prior, net, added)
         self.block_size, self.step_s, self.recent = BLOCK, TIME_STEP, RECENT
         self.register_buffer("longest_step", torch.tensor([1.0, 0.25], dtype=torch.float64))
 
@@ -165,6 +166,11 @@ class PAlpaca(Hypotheses):
         moments = state["moments"] * self.unit
         return torch.cat([moments[:1], moments[1:] * self.unit.unsqueeze(-1)])
 
+    def solve(self, before: Posterior, packed: Tensor, soil: int, expansion: Tensor) -> tuple[Solution, BlockRows, Tensor]:
+        """The posteriors ``before`` a block, after it, with its rows on a soil and their noise, see ``average``."""
+        rows, noise = self.average(packed, soil, expansion, self.every_row)
+        return solve_block(before, rows, self.longest_step), rows, noise
+
     def close(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
         """Solve the open block and commit it; of its two velocities the newest goes on."""
         packed = state["block"]
@@ -176,12 +182,12 @@ class PAlpaca(Hypotheses):
         for soil in range(self.known_soils):
             members = torch.nonzero((state["kind"] % self.known_soils == soil) & (state["log_weight"] != -float("inf"))).squeeze(1)
             if members.shape[0] > 0:
-                averaged, by_theta = self.average(packed, soil, state["expansion"][soil], self.every_row)
+                before = Posterior(state["mean"][members], state["precision"][members], state["log_weight"][members])
+                solution, averaged, by_theta = self.solve(before, packed, soil, state["expansion"][soil])
                 seen.append(soil)
                 rows.append(averaged)
                 noise.append(by_theta)
-                before = Posterior(state["mean"][members], state["precision"][members], state["log_weight"][members])
-                pieces.append(Solved(solve_block(before, averaged, self.longest_step), state["age"][members], state["kind"][members]))
+                pieces.append(Solved(solution, state["age"][members], state["kind"][members]))
         solved = pieces[0]
         for piece in pieces[1:]:
             solved = join(solved, piece)

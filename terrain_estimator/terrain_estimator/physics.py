@@ -14,7 +14,7 @@ from terramechanics.contact import in_range, quadrature
 from terramechanics.suspension import Geometry
 
 KEPT = FIXED - 1
-"""Parameters of the rover, not of the ground: mass, centre of mass, acceleration bias, velocity."""
+"""Parameters of the rover, not of the ground: mass, centre of mass, acceleration bias, velocity; named effects besides."""
 
 
 class Physics(nn.Module):
@@ -34,18 +34,21 @@ class Physics(nn.Module):
     unit: Tensor
     column_unit: Tensor
 
-    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
+    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0) -> None:
         """``constants`` [K, 6] are those of the K soils that the model knows, as in terramechanics.contact.CONSTANTS.
 
-        Where ``prior.constants_sd`` is above 0 each of them is a parameter of the posterior, in prior deviations.
+        Where ``prior.constants_sd`` is above 0 each of them is a parameter of the posterior, in prior deviations. So are
+        ``added`` values of named effects, which follow the constants and stay when the ground changes.
         """
         super().__init__()
         self.axles, self.gravity, self.radius, self.width = body.axles, body.gravity, body.radius_m, body.width_m
         uncertain = uncertain_constants(constants, prior.constants_sd, body.width_m)
         self.known_soils, self.first_constant = constants.shape[0], 2 + net.columns
-        self.kept = KEPT
-        self.size = self.first_constant + uncertain.shape[1] + KEPT
-        self.observation_size, self.moment_variance, self.link_variance = packed_size(body.axles), MOMENT_VARIANCE, LINK_VARIANCE
+        self.uncertain_constants, self.kept = uncertain.shape[1], added + KEPT
+        self.first_fixed = self.first_constant + uncertain.shape[1] + added
+        self.size = self.first_fixed + KEPT
+        self.observation_size = packed_size(body.axles, rates=added > 0)
+        self.moment_variance, self.link_variance = MOMENT_VARIANCE, LINK_VARIANCE
         self.net = net
         by_mass, by_weight = body.wheels_per_axle / body.mass_kg, body.wheels_per_axle / (body.mass_kg * body.gravity)
         wheelbase = float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
@@ -67,8 +70,9 @@ class Physics(nn.Module):
         self.register_buffer("column_unit", torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64))
 
     def contact(self, soil: int, deviations: Tensor) -> Contact:
-        """The physics that the rows need, for the constants of a soil and their ``deviations`` [M] from the nominal ones."""
-        return self.physics(self.constants[soil] + deviations @ self.uncertain[soil], self.varied[soil])
+        """The physics that the rows need, for the constants of a soil and their ``deviations`` [M or more] from the nominal ones."""
+        constants = self.constants[soil] + deviations[: self.uncertain_constants] @ self.uncertain[soil]
+        return self.physics(constants, self.varied[soil])
 
     def leading(self, state: dict[str, Tensor]) -> Contact:
         """The same for the most probable soil and its expected constants."""
@@ -95,17 +99,27 @@ class Physics(nn.Module):
         wheels = packed[:, : 8 * a].view(-1, 8, a)
         return self.net(wheels[:, 0], wheels[:, 2], wheels[:, 4], packed[:, 8 * a + 2 : 8 * a + 3])
 
+    def within(self, deviations: Tensor) -> Tensor:
+        """Where rows are evaluated for these expected ``deviations`` [M]."""
+        return deviations
+
+    def rows(self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor) -> Rows:
+        """Rows of packed observations where those that are ``chosen`` agree best, given ``theta`` [3]."""
+        del deviations
+        return regression_rows(packed, likely_inputs(packed, contact, theta, chosen), contact)
+
     def average(self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor) -> tuple[BlockRows, Tensor]:
         """Rows of a block on a soil, those ``chosen`` [R] (1 or 0), and the noise of its velocity rows [n, E, 3].
 
-        ``expansion`` [2 + M] is (c [kPa], tan phi, deviations of the constants) for which they are evaluated.
+        ``expansion`` [2 + M] is (c [kPa], tan phi, deviations of the constants, of named effects) for which they are evaluated.
         """
-        contact, theta = self.contact(soil, expansion[2:]), torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
-        rows = regression_rows(packed, likely_inputs(packed, contact, theta, chosen), contact)
+        deviations = self.within(expansion[2:])
+        contact, theta = self.contact(soil, deviations), torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
+        rows = self.rows(packed, contact, deviations, theta, chosen)
         rows = Rows(rows.features, rows.noise, rows.target, rows.variance, rows.used * chosen)
         measured = packed[:, 8 * self.axles :]
         velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
         columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0)  # needs every wheel
         step = measured[:, -2] * rows.used[:, 0]
-        averaged = block_rows(rows, columns, step, velocity, expansion[2:], self.fixed_columns, self.link_variance)
+        averaged = block_rows(rows, columns, step, velocity, deviations, self.fixed_columns, self.link_variance)
         return averaged, rows.noise[0, :, 0]

@@ -63,7 +63,7 @@ class Contact(NamedTuple):
     nodes: Tensor  # of terramechanics.contact.quadrature
     column_unit: Tensor  # [3] Pa per kPa, 1, 1
     geometry: Geometry
-    body_scale: Tensor  # [4] p / m [1/kg], p / (m g) [1/N], and twice p / (m g b) [1/(N m)]
+    body_scale: Tensor  # [4] p / m [1/kg], p / (m g) [1/N], and twice p / (m g b) [1/(N m)]; or [n, 4]
     moment_variance: float  # [1] of the moment rows themselves
     stand_in: Tensor  # [8, 1] harmless values of the packed groups, for a wheel that is not usable
     gravity: float  # [m/s^2]
@@ -137,7 +137,7 @@ def body_parts(forces: Tensor, wheels: Tensor, bogie_angle: Tensor, contact: Con
     axle, action = axle_places(contact.geometry, bogie_angle), directions(wheels[:, 4])
     along, up, turn = action.unbind(-2)
     turned = torch.stack([-up, along, torch.zeros_like(turn)], -2) * wheels[:, 5].unsqueeze(-1).unsqueeze(-1)
-    scale = contact.body_scale.view(4, 1, 1)
+    scale = contact.body_scale.unsqueeze(-1).unsqueeze(-1)
     part, change = (balances(contact.geometry, axle, x) * scale for x in (action, turned))
     return (part.unsqueeze(-1) * forces.unsqueeze(-4)).sum(-2), (change.unsqueeze(-1) * forces[0].unsqueeze(-4)).sum(-2)
 
@@ -146,6 +146,14 @@ def values_alone(contact: Contact) -> Contact:
     """The same without the changes for uncertain constants (TorchScript has no ``_replace``)."""
     return Contact(
         contact.constants, contact.varied[:1], contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
+        contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
+    )  # fmt: skip
+
+
+def with_body(contact: Contact, geometry: Geometry, body_scale: Tensor) -> Contact:
+    """The same with another body."""
+    return Contact(
+        contact.constants, contact.varied, contact.nodes, contact.column_unit, geometry, body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
     )  # fmt: skip
 

@@ -18,9 +18,9 @@ OPEN = 1e-2
 class VelocityFilter(Physics):
     """Follows, foretells and re-opens the velocity of a state."""
 
-    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures) -> None:
+    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0) -> None:
         """See Physics."""
-        super().__init__(body, constants, prior, net)
+        super().__init__(body, constants, prior, net, added)
         self.open_precision = OPEN
 
     @torch.jit.export
@@ -35,10 +35,14 @@ class VelocityFilter(Physics):
         velocity, drive = state["velocity"], state["drive"]
         return torch.stack([velocity[0] + horizon_s * drive[0], velocity[1] + horizon_s**2 * (drive[1] + drive[2])])
 
+    def drive(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
+        """The velocity row at ``observation`` and its changes by what is uncertain, as :func:`drive_row` has them."""
+        return drive_row(observation[: 8 * self.axles].view(8, self.axles), self.leading(state))
+
     def foresee(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration [3]."""
         a, expected = self.axles, state["expected"]
-        rows = drive_row(observation[: 8 * a].view(8, a), self.leading(state))
+        rows = self.drive(state, observation)
         by_constant = rows[1:] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
         direction = torch.cat([rows[0, :2], self.learnt(observation.unsqueeze(0))[0, 0], by_constant])
         known = direction.shape[0]

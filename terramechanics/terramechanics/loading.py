@@ -146,7 +146,7 @@ def _convert_sequence(kinds: tuple[Any, ...], value: object, field: Any, where: 
         raise ConfigError(f"{where}: expected a list, got {_shown(value)}")
     items = list(value)
     wanted = len(items) if kinds[-1] is Ellipsis else len(kinds)
-    if len(items) != wanted or not items:
+    if len(items) != wanted or not (items or field.default == ()):
         raise ConfigError(f"{where}: expected a list of {wanted or 'at least 1'} values, got {len(items)}")
     return tuple(convert(kinds[0], item, field, f"{where}[{index}]") for index, item in enumerate(items))
 

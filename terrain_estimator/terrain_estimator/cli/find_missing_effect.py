@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """find_missing_effect RUN...: which physical effect the model of rover and soil lacks, from recorded runs.
 
-Writes OUT/finding.json and OUT/report.html. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
+Writes OUT/finding.json and OUT/report.html, and where an effect is named OUT/model.pt, which estimates it. Exit codes: 0 for any
+verdict, 2 for a bad argument or too few readable runs.
 Single-wheel measurements instead of runs: find_missing_effect --wheel-table FILE.csv --help.
 """
 
@@ -21,6 +22,7 @@ from terrain_estimator.cli import single_wheel
 from terrain_estimator.cli.cluster import ClusterError
 from terrain_estimator.cli.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.cli.finding_file import asked, provenance, write_finding
+from terrain_estimator.cli.finding_model import write_model
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.thresholds import read_thresholds
 from terrain_estimator.discovery import (
@@ -81,10 +83,11 @@ def main(arguments: list[str] | None = None) -> int:
             "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
         }
         written = write_finding(options.out, summary(finding, diagnosis, usable.blocks, unseen, proof) | told)
+        model = write_model(finding, nominal.rover, options.model, options.out / "model.pt")
     except (ConfigError, ClusterError, InputError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
-    sys.stdout.write("\n".join([sentence(finding, diagnosis, proof), *map(str, written)]) + "\n")
+    sys.stdout.write("\n".join([sentence(finding, diagnosis, proof), *map(str, [*written, model])]) + "\n")
     return 0
 
 
@@ -102,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rover", default="mars_rover", help="name of a rover or path of a rover file (default: %(default)s)")
     parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
     parser.add_argument("--library", default="", metavar="NAME,...", help="effects to consider (default: all that a planar rover shows)")
+    parser.add_argument("--model", default="", help="name or file of the model that lacks the effect (default: that of the rover's name)")
     parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
     parser.add_argument(
         "--scheduler", default="", help="address of a dask.distributed scheduler that takes the work; default: this machine"

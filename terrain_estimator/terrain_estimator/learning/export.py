@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exports a trained model as TorchScript with its metadata, and checks that the file gives the same numbers."""
 
+import dataclasses
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,18 +26,13 @@ VERSION = "7"
 
 def export(model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Training, path: Path) -> Metadata:
     """Write ``path`` (.pt) and the .json beside it; returns the metadata. The name of the file is that of the model."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r"`torch.jit.\w+` is deprecated", DeprecationWarning)
-        torch.jit.save(torch.jit.script(model.eval()), str(path))
-    sha256, size = fingerprint(path)
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
     constants = UNCERTAIN[: model.uncertain.shape[1]]
     metadata = Metadata(
         format=FORMAT,
         model_id=f"{path.stem}-{VERSION}",
-        sha256=sha256,
-        size=size,
+        sha256="",
+        size=0,
         observation_axle_fields=AXLE_FIELDS,
         observation_scalar_fields=SCALAR_FIELDS,
         rows=row_names(model.axles),
@@ -49,6 +45,17 @@ def export(model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Traini
         soils=tuple(soils),
         training=training,
     )
+    return save(model, metadata, path)
+
+
+def save(model: PAlpaca, metadata: Metadata, path: Path) -> Metadata:
+    """Write ``path`` (.pt) and ``metadata`` beside it; returns that with the size and sha256 of the file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"`torch.jit.\w+` is deprecated", DeprecationWarning)
+        torch.jit.save(torch.jit.script(model.eval()), str(path))
+    sha256, size = fingerprint(path)
+    metadata = dataclasses.replace(metadata, sha256=sha256, size=size)
     write_metadata(path.with_suffix(".json"), metadata)
     return metadata
 

@@ -5,14 +5,19 @@
 import torch
 
 from terrain_estimator.learning.training import PRIOR, build_model
-from terrain_estimator.model_file import LoadedModel
+from terrain_estimator.model_file import LoadedModel, ModelFileError
 from terrain_estimator.palpaca import PAlpaca
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 
 
 def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
-    """The same model with the same numbers as a Python module; without ``net`` no hypothesis has one."""
+    """The same model with the same numbers as a Python module; without ``net`` no hypothesis has one.
+
+    Raises ModelFileError where it has named effects.
+    """
+    if loaded.effects:
+        raise ModelFileError(f"model {loaded.model_id} has named effects: give the model that it was made from")
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
     prior = PRIOR if values["uncertain"].shape[1] else PRIOR._replace(constants_sd=0.0)

@@ -58,11 +58,16 @@ class Progress:
     overlap: float  # squared cosine between learnt and nominal features
 
 
-def build_model(rover: Rover, soils: Sequence[Soil], columns: int, hidden: int, prior: Prior = PRIOR, *, moments: bool = True) -> PAlpaca:
-    """An untrained model of a rover that knows these soils; with ``moments`` its net has columns in the moment rows too."""
-    body = Body(
+def body_of(rover: Rover) -> Body:
+    """What the rows need of ``rover``."""
+    return Body(
         len(rover.axle_x), rover.wheels_per_axle, rover.mass, rover.gravity, rover.wheel_radius, rover.wheel_width, geometry_of(rover)
     )
+
+
+def build_model(rover: Rover, soils: Sequence[Soil], columns: int, hidden: int, prior: Prior = PRIOR, *, moments: bool = True) -> PAlpaca:
+    """An untrained model of a rover that knows these soils; with ``moments`` its net has columns in the moment rows too."""
+    body = body_of(rover)
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
     sizes = [
         0.05 * rover.gravity,

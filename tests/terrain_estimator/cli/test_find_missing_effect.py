@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from terrain_estimator.cli.find_missing_effect import main
+from terrain_estimator.model_file import load_model
 from terrain_estimator.rows import row_names
 from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.sealing import seal
@@ -23,6 +24,7 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags:
     assert main([*bags[:4], "--library", "drive_drag,slope_bias,sinkage_bias", "--out", str(tmp_path)]) == 0
     finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
     assert finding["verdict"] == "named"
+    assert [each.name for each in load_model(str(tmp_path / "model.pt")).effects] == ["drive_drag"]
     effect = finding["effects"][0]
     assert effect["name"] == "drive_drag"
     assert effect["unit"] == "N m s/rad"

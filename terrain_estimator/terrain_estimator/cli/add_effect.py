@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""add_effect --effect NAME[=SIZE+-SD]: a model file that estimates named effects beside c and tan phi.
+
+SIZE and SD say what is known of the effect beforehand, in its unit; without them it is 0 give or take half of its physical range.
+The estimator takes the file as it is: ros2 run terrain_estimator estimator --ros-args -p model:=FILE. Exit codes: 0, or 2 for a
+bad argument.
+"""
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+from terrain_estimator.learning.adding import Sized, add_effects
+from terrain_estimator.model_file import DEFAULT_MODEL, ModelFileError, load_model
+from terramechanics.loading import ConfigError
+
+WRONG = 2
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_GIVEN = re.compile(rf"(\w+)(?:={_NUMBER}\+-{_NUMBER})?")
+
+
+def sized(text: str) -> Sized:
+    """``NAME`` or ``NAME=SIZE+-SD``. Raises ConfigError that gives the text."""
+    match = _GIVEN.fullmatch(text)
+    if match is None:
+        raise ConfigError(f"--effect {text!r}: expected NAME or NAME=SIZE+-SD, such as slope_bias=0.02+-0.01")
+    name, mean, sd = match.groups()
+    return Sized.of_library(name) if mean is None else Sized(name, float(mean), float(sd))
+
+
+def model_path(text: str) -> Path:
+    """The file to write. Raises ArgumentTypeError where its name does not end with .pt."""
+    path = Path(text)
+    if path.suffix != ".pt":
+        raise argparse.ArgumentTypeError(f"{text!r}: the name of a model file ends with .pt")
+    return path
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the model that the command line asks for; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="add_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--effect", action="append", required=True, metavar="NAME[=SIZE+-SD]", help="may be given several times")
+    parser.add_argument("--model", default=DEFAULT_MODEL, help="name or file of the model that lacks them (default: %(default)s)")
+    parser.add_argument("--out", type=model_path, default=Path("model.pt"), help="file to write, a .pt (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    try:
+        metadata = add_effects(load_model(options.model), [sized(text) for text in options.effect], options.out)
+    except (ConfigError, ModelFileError, OSError) as error:
+        sys.stderr.write(f"add_effect: {error}\n")
+        return WRONG
+    sys.stdout.write(f"{options.out}: {metadata.model_id}, {metadata.size} bytes\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

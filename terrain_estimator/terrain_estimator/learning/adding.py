@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Adds named effects to a model: a new model file that estimates their sizes beside c and tan phi, without any training."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.parts import Part
+from terrain_estimator.effect_model import PAlpacaWithEffects, ValuePrior
+from terrain_estimator.learning.export import save
+from terrain_estimator.learning.restore import restore
+from terrain_estimator.learning.training import PRIOR, body_of
+from terrain_estimator.model_file import AddedEffect, LoadedModel, Metadata
+from terrain_estimator.named_effects import LAWS, NOT_ONLINE
+from terrain_estimator.packing import scalar_fields
+from terramechanics.effects import describe
+from terramechanics.loading import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Sized:
+    """An effect and what is known of its size beforehand, in the effect's unit."""
+
+    name: str
+    mean: float
+    sd: float
+
+    @classmethod
+    def of_library(cls, name: str) -> "Sized":
+        """The library's prior: none, give or take half of the physical range."""
+        described = describe(name)
+        return cls(name, 0.0, 0.5 * max(abs(described.low), abs(described.high)))
+
+    def checked(self) -> "Sized":
+        """The same. Raises ConfigError where the effect cannot be estimated online or where a number is wrong."""
+        described = describe(self.name)
+        if self.name in NOT_ONLINE:
+            raise ConfigError(f"effect {self.name} cannot be added to a model: {NOT_ONLINE[self.name]}")
+        described.checked(self.mean)
+        if not (math.isfinite(self.sd) and self.sd > 0.0):
+            raise ConfigError(f"effect {self.name}: standard deviation {self.sd:g} {described.unit} is not a positive number")
+        return self
+
+
+def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEffects:
+    """The model ``loaded`` with ``effects`` as further parameters. Raises ConfigError that names the effect."""
+    names = [effect.checked().name for effect in effects]
+    if not names or len(set(names)) != len(names):
+        raise ConfigError(f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once")
+    plain, body = restore(loaded), body_of(loaded.rover)
+    prior = PRIOR if plain.uncertain_constants else PRIOR._replace(constants_sd=0.0)
+    laws = [LAWS[name](body) for name in names]
+    model = PAlpacaWithEffects(body, plain.constants, prior, plain.net, laws, value_prior(effects))
+    known = plain.state_dict()
+    # what belongs to the added values lies between the constants' and the rover's own
+    place, fresh = plain.uncertain_constants, model.other_precision
+    before = known["other_precision"]
+    known["other_precision"] = torch.cat([before[:place], torch.ones(fresh.shape[0] - before.shape[0], dtype=before.dtype), before[place:]])
+    model.load_state_dict(known, strict=False)
+    return model
+
+
+def value_prior(effects: Sequence[Sized]) -> ValuePrior:
+    """Prior of the values of the effects: of each the size, then what else it has, which the library knows."""
+    parts = [Part(effect.name) for effect in effects]
+    library = Hypothesis(tuple(parts)).shared()
+    mean, sd, place = torch.zeros_like(library.sd), library.sd.clone(), 0
+    for part, effect in zip(parts, effects, strict=True):
+        mean[place] = part.value(effect.mean)
+        # The value of a size that is a square: where the size is zero give or take a deviation, the root of that deviation.
+        root = max(part.value(effect.mean), part.value(effect.sd))
+        sd[place] = effect.sd / part.slope(root)
+        place += 1 + len(part.beside)
+    return ValuePrior(mean, sd, library.low, library.high)
+
+
+def export_with(model: PAlpacaWithEffects, loaded: LoadedModel, effects: Sequence[Sized], path: Path) -> Metadata:
+    """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects in it."""
+    names = [effect.name for effect in effects]
+    values = tuple(f"{name}_{k}" if k else name for name in names for k in range(1 + len(Part(name).beside)))
+    fixed = loaded.metadata.parameters[-4:]
+    changed = dataclasses.replace(
+        loaded.metadata,
+        model_id="+".join([loaded.model_id, *names]),
+        observation_scalar_fields=scalar_fields(len(loaded.rover.axle_x), rates=True),
+        parameters=(*loaded.metadata.parameters[:-4], *values, *fixed),
+        effects=tuple(AddedEffect(effect.name, describe(effect.name).unit, effect.mean, effect.sd) for effect in effects),
+    )
+    return save(model, changed, path)
+
+
+def add_effects(loaded: LoadedModel, effects: Sequence[Sized], path: Path) -> Metadata:
+    """Write the model ``loaded`` with ``effects`` to ``path``. Raises ConfigError that names the effect."""
+    return export_with(with_effects(loaded, effects), loaded, effects, path)
