@@ -45,8 +45,6 @@ class Explained:
     values: Floats  # [P] in prior deviations
     covariance: Floats  # [P, P]
     log_evidence: float  # [nat]
-    residual: Floats  # [B, 2] sinkage [m], drawbar pull [N]
-    spread: Floats  # [2] of the discrepancy, in deviations of repeatability; 0 where there is none
 
     def sizes(self, first: int) -> list[tuple[str, float, float]]:
         """Name, size and deviation of each effect that is looked for; ``first`` is the number of its first parameter."""
@@ -199,8 +197,7 @@ def _finished(model: WheelModel, values: Floats, residual: Floats, jacobian: Flo
     covariance: Floats = np.linalg.inv(jacobian.T @ weight @ jacobian + np.eye(len(values))).astype(np.float64)
     sizes = _ranged(model.hypothesis, model.first)
     evidence += sum(_inside(values[k], np.sqrt(covariance[k, k]), model.low[k], model.high[k]) for k in sizes)
-    plain = (residual.reshape(-1, 2)) * np.array(model.bed.repeatability)
-    return Explained(model.hypothesis, values, covariance, float(evidence), plain, hyper[2:])
+    return Explained(model.hypothesis, values, covariance, float(evidence))
 
 
 def _ranged(hypothesis: Hypothesis, first: int) -> Sequence[int]:

@@ -54,7 +54,6 @@ class Outcome:
     """What tables say about what is missing."""
 
     judgement: Judgement
-    gains: Gains
     found: tuple[Explained, ...]  # the most probable first
     first: int  # number of the parameter of the first size
     nothing: Explained
@@ -108,7 +107,7 @@ def investigate_wheel(
     proven = None if interval is None else interval[0] > 0.0
     judgement = _refuted(judgement) if proven is False else _by_design(judgement, rows, found)
     confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
-    return Outcome(judgement, gains, tuple(found), model.first, nothing, errors, proven, separate_by(confusable))
+    return Outcome(judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable))
 
 
 def _searched(
