@@ -56,15 +56,15 @@ TORQUE_DEVIATION = 0.08
 """[1] Of the torque, relative: measured slip and sinkage, shear modulus, place of the largest stress."""
 
 
-def log_likelihood(rover: Rover, soil: Soil, samples: Floats, reading: Reading) -> Floats:
-    """Of the front wheels' torque under the grounds ``samples`` [n, 2] of ``soil``, [n]."""
+def log_likelihood(rover: Rover, soil: Soil, samples: Floats, reading: Reading, load: float) -> Floats:
+    """Of the front wheels' torque under the grounds ``samples`` [n, 2] of ``soil``, [n]; ``load`` from :func:`front_load`."""
     slip, sinkage = (torch.tensor([value], dtype=torch.float64) for value in (reading.slip[0], reading.sinkage[0]))
     constants = soil.constants().unsqueeze(0)
     if not bool(in_range(slip, sinkage, constants, rover.wheel_radius)):
         return np.zeros(samples.shape[0])
     normal, _, moment = wheel_forces(slip, sinkage, constants, rover.wheel_radius, rover.wheel_width, _NODES)[0].numpy()
     cohesion, tan_phi = samples[:, 0], samples[:, 1]
-    carried = front_load(rover, reading) - cohesion * normal[0]
+    carried = load - cohesion * normal[0]
     stress = np.clip(carried / (tan_phi * normal[1] + normal[2]), 1e-3, 1e3)
     torque = cohesion * moment[0] + stress * tan_phi * moment[1]
     miss = (reading.torque[0] - torque) / (TORQUE_DEVIATION * abs(reading.torque[0]) + 1e-3 * rover.wheel_radius * rover.weight)
@@ -73,5 +73,5 @@ def log_likelihood(rover: Rover, soil: Soil, samples: Floats, reading: Reading) 
 
 def front_samples(rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: Reading) -> Samples:
     """What is believed about the ground of the front wheels after their torque was seen."""
-    grounds = zip(soils, prior.strength, strict=True)
-    return prior.reweighted(tuple(log_likelihood(rover, soil, strength, reading) for soil, strength in grounds))
+    load, grounds = front_load(rover, reading), zip(soils, prior.strength, strict=True)
+    return prior.reweighted(tuple(log_likelihood(rover, soil, strength, reading, load) for soil, strength in grounds))

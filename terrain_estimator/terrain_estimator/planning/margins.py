@@ -66,6 +66,15 @@ def margins(table: TractionTable, samples: Samples, slope: float, slip_limit: fl
     )
 
 
+def stall_probability(table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float) -> float:
+    """The one number of :func:`margins` alone, at a quarter of its price."""
+    probability = 0.0
+    for soil, (strength, weight, spare) in enumerate(zip(samples.strength, samples.weight, samples.spare, strict=True)):
+        highest = highest_ratio(table.at(soil, strength, slope), slip_limit) + pull_deviation * spare
+        probability += float(weight[highest < math.tan(slope)].sum())
+    return probability
+
+
 def _range(values: Floats, weight: Floats) -> Range:
     median, lower, upper = quantiles(values, weight, (0.5, LOWER, UPPER))
     return Range(median, lower, upper)

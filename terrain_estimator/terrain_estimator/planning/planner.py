@@ -13,7 +13,7 @@ from terrain_estimator.config import AdviceConfig
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw
 from terrain_estimator.planning.front import Reading, front_samples
-from terrain_estimator.planning.margins import Margins, margins, unknown_margins
+from terrain_estimator.planning.margins import Margins, margins, stall_probability, unknown_margins
 from terrain_estimator.planning.table import TractionTable
 
 NEW_GROUND = 0.02
@@ -89,7 +89,9 @@ class Planner:
         reading = self._averaged()
         here = draw(self._belief.mean, self._belief.covariance, self._belief.soil_probability)
         known = self._belief.identified
-        under = self._margins(here, reading.pitch) if known else unknown_margins(self._table.rover.weight * math.sin(reading.pitch))
+        doubts = (self._config.slip_limit, self._config.pull_deviation)
+        needed = self._table.rover.weight * math.sin(reading.pitch)
+        under = margins(self._table, here, reading.pitch, *doubts) if known else unknown_margins(needed)
         front = self._front(here, reading)
         slip, sinkage = _mean(reading.slip), _mean(reading.sinkage)
         if self._reason is Reason.NONE:
@@ -106,9 +108,6 @@ class Planner:
             reason=self._reason,
         )
 
-    def _margins(self, samples: Samples, slope: float) -> Margins:
-        return margins(self._table, samples, slope, self._config.slip_limit, self._config.pull_deviation)
-
     def _front(self, here: Samples, reading: Reading) -> float:
         """Probability that the rover would be stuck if all its wheels were where the front ones are."""
         if not reading.tells_front or self._belief is None:
@@ -117,7 +116,7 @@ class Planner:
         prior = here.or_else(self._elsewhere, min(changed, 1.0 - NEW_GROUND))
         table = self._table
         samples = front_samples(table.rover, table.soils, prior, reading)
-        return self._margins(samples, reading.pitch).stall_probability
+        return stall_probability(table, samples, reading.pitch, self._config.slip_limit, self._config.pull_deviation)
 
     def _judge(self, under: float, front: float, slip: float, sinkage: float) -> Reason:
         config = self._config

@@ -82,6 +82,6 @@ def slip_for(pulls: Pulls, ratio: Floats) -> tuple[Floats, Floats]:
 def steepest(table: TractionTable, soil: int, strength: Floats, slip_limit: float, shift: Floats) -> Floats:
     """Slope [n] [rad] on which the largest ratio, ``shift`` [n] added, just holds the weight; negative: downhill only."""
     slope = np.zeros(strength.shape[0])
-    for _ in range(3):  # the ratio changes by a few per cent over the whole range of slopes
+    for _ in range(2):  # the ratio changes by a few per cent over the whole range of slopes
         slope = np.arctan(highest_ratio(table.at(soil, strength, slope), slip_limit) + shift)
     return np.clip(slope, -math.pi / 4.0, math.pi / 4.0)

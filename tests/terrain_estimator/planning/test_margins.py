@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from terrain_estimator.planning.belief import draw, quantiles
-from terrain_estimator.planning.margins import Margins, margins
+from terrain_estimator.planning.margins import Margins, margins, stall_probability
 from terrain_estimator.planning.table import SLIPS, slip_for, steepest
 from terramechanics.climbing import climb
 from tests.terrain_estimator.planning.support import FIRM, ROVER, SOFT, belief, table
@@ -70,6 +70,14 @@ def test_ground_that_does_not_hold_the_rover_is_told_from_ground_that_does() -> 
     assert soft.stall_probability > 0.99
     assert soft.slope_limit.upper < 0.0
     assert soft.slip.median == 1.0
+
+
+def test_the_probability_alone_is_that_of_the_margins() -> None:
+    known = belief((1200.0, 0.5), (400.0, 0.08))
+    samples = draw(known.mean, known.covariance, (1.0,))
+    whole = margins(table(), samples, 0.05, LIMIT, 0.02).stall_probability
+    assert 0.05 < whole < 0.95
+    assert stall_probability(table(), samples, 0.05, LIMIT, 0.02) == pytest.approx(whole)
 
 
 def test_what_the_model_may_be_wrong_by_counts() -> None:
