@@ -115,7 +115,7 @@ def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
     count = workers or os.cpu_count() or 1
     with (
         config.set(_WORKERS),
-        LocalCluster(n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None) as local,
+        LocalCluster(n_workers=count, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0") as local,
         Client(local) as client,
     ):
         yield Cluster(client)
