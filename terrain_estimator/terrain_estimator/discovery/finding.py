@@ -38,7 +38,10 @@ def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thre
     say(0.05, "nothing missing")
     free = study.with_discrepancy(study.nothing)
     found = search(study, hypotheses, lambda share, label: say(0.1 + 0.5 * share, label))
-    best_with = study.with_discrepancy(found[0])
+    base = study.nothing.fit.log_evidence
+    # Where neither a name nor the discrepancy comes near to gaining anything, both together do not either.
+    clear = max(found[0].fit.log_evidence, free.fit.log_evidence) - base < 0.5 * thresholds.anything
+    best_with = found[0] if clear else study.with_discrepancy(found[0])
     gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable >= thresholds.anything and gains.share < thresholds.share:
         names = {part.name for part in found[0].hypothesis.parts}

@@ -206,10 +206,19 @@ def _asks(point: Point, shared: Shared, columns: Sequence[Tensor], known: Sequen
     return [Ask(own, values, weights, own_columns, steps, kept) for own, own_columns, kept in zip(point.runs, columns, known, strict=True)]
 
 
+Spreads = Callable[[Tensor, Tensor], Tensor]
+"""Prior deviations [K] of the shared unknowns for their values [K] and variances [K]."""
+
+
 def foresee(
-    evaluate: Evaluate, start: Point, shared: Shared, columns: Sequence[Tensor], before: Sequence[Equations]
-) -> tuple[Point, float]:
-    """Where one evaluation at ``start`` foresees the minimum, and its log evidence: rows taken as linear, weights as they follow.
+    evaluate: Evaluate,
+    start: Point,
+    shared: Shared,
+    columns: Sequence[Tensor],
+    before: Sequence[Equations],
+    spreads: Spreads | None = None,
+) -> Fit:
+    """Where one evaluation at ``start`` foresees the minimum: rows taken as linear, weights and ``spreads`` as they follow.
 
     A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it. ``before`` are the equations of a
     fit from which the start was taken: columns of the soil constants and inputs around which to expand are theirs.
@@ -217,12 +226,22 @@ def foresee(
     count = start.shared.shape[0]
     asks = _asks(start, shared, columns, [each.by_constant for each in before])
     equations = evaluate([dataclasses.replace(ask, away=each.away) for ask, each in zip(asks, before, strict=True)])
-    for _ in range(_REWEIGHTED):
-        owns, move, _ = _step(_normal(start, equations, shared), start, shared)
-        equations = [linear(each, torch.cat([own, move]), count) for each, own in zip(equations, owns, strict=True)]
     normal = _normal(start, equations, shared)
+    for _ in range(_REWEIGHTED):
+        owns, move, _ = _step(normal, start, shared)
+        if spreads is not None:
+            shared = dataclasses.replace(shared, sd=spreads(start.shared + move, _covariance(normal).diagonal()))
+        equations = [linear(each, torch.cat([own, move]), count) for each, own in zip(equations, owns, strict=True)]
+        normal = _normal(start, equations, shared)
     owns, move, promised = _step(normal, start, shared)
-    return _moved(start, owns, move, 1.0), -0.5 * (normal.objective - promised + _volume(normal, shared))
+    objective, degrees = normal.objective - promised, sum(each.degrees for each in equations)
+    evidence = -0.5 * (objective + _volume(normal, shared))
+    return Fit(_moved(start, owns, move, 1.0), objective, evidence, _covariance(normal), tuple(equations), degrees, 1)
+
+
+def _covariance(normal: _Normal) -> Tensor:
+    """[K, K] of the shared unknowns."""
+    return torch.cholesky_inverse(cholesky(normal.schur))
 
 
 _REWEIGHTED = 4

@@ -94,6 +94,7 @@ class Laws:
         """Prepare what does not depend on the place."""
         self._nominal, self._blocks, self.parts = nominal, blocks, parts
         self._flat = blocks.packed.flatten(0, 1)
+        self._kept: tuple[tuple[Tensor, ...], Tensor] | None = None
         count = self._flat.shape[0]
         axles = nominal.rover.axles
         self._where = Situation(
@@ -133,12 +134,36 @@ class Laws:
         strength = place.theta * contact.column_unit[:2]
         touching = plant.Contact(varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2))
         touching = acting.contact(self._where, touching)
-        forces = wheel_forces(
-            touching.slip, touching.sinkage, touching.constants, contact.radius, contact.width, contact.nodes, touching.exit_angle
-        )
+        forces = self._forces(touching, contact)
         push = acting.push(self._where, touching, torch.zeros_like(forces[..., 0]))
         forces = torch.cat([forces[..., :2], (forces[..., 2] + push).unsqueeze(-1)], -1)
         return rows_of_forces(packed, wheels, measured_forces(wheels, changes(forces, varied.scale, contact)), contact)
+
+    def _forces(self, touching: plant.Contact, contact: Contact) -> Tensor:
+        """The stress integrals, those of the last call where nothing that they depend on has changed: many effects act elsewhere."""
+        changing = (touching.slip, touching.sinkage, touching.constants)
+        kept = self._kept
+        if touching.exit_angle is None and kept and all(torch.equal(one, other) for one, other in zip(kept[0], changing, strict=True)):
+            return kept[1]
+        forces = _integrated(touching, contact)
+        self._kept = None if touching.exit_angle is not None else (changing, forces)
+        return forces
+
+
+def _integrated(touching: plant.Contact, contact: Contact) -> Tensor:
+    """Stress integrals of braked wheels and of the others, each by themselves: those of braked wheels need twice the nodes."""
+    shape = touching.slip.shape
+    exits = touching.exit_angle
+    found = torch.empty(touching.slip.numel(), 3, 3, dtype=torch.float64)
+    columns = (touching.slip, touching.sinkage, *([] if exits is None else [exits]))
+    flat = [column.expand(shape).reshape(-1) for column in columns]
+    constants = touching.constants.expand(*shape, 6).reshape(-1, 6)
+    braked = flat[0] < 0.0
+    for chosen in (braked, ~braked):
+        index = chosen.nonzero().squeeze(1)
+        slip, sinkage, *angle = (column[index] for column in flat)
+        found[index] = wheel_forces(slip, sinkage, constants[index], contact.radius, contact.width, contact.nodes, *angle)
+    return found.view(*shape, 3, 3)
 
 
 def _loaded(contact: Contact, rover: Rover, body: Body) -> Contact:
