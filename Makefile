@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy net paper calibrate bench pages workspace environment clean
+.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full bench pages workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
 
 help:  ## this list
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile
 
 demo: workspace  ## drive, estimate, record and replay in one go; results in out/demo
 	ros2_ws/bin/ros2 run terrain_estimator demo $(ARGS)
@@ -40,6 +40,12 @@ paper: workspace  ## the paper's experiments: tables and pictures in out/paper
 
 calibrate: workspace  ## thresholds of find_missing_effect anew: out/thresholds.json
 	ros2_ws/bin/ros2 run terrain_estimator calibrate_discovery $(ARGS)
+
+hidden: workspace  ## how often verdicts about hidden effects are right, 40 minutes on two cores: docs/hidden.md
+	ros2_ws/with python -m tests.hidden.judge $(ARGS)
+
+hidden-full: workspace  ## the same with many more cases, on a dask scheduler by ARGS="--scheduler HOST:PORT"
+	ros2_ws/with python -m tests.hidden.judge --full --minutes 0 $(ARGS)
 
 bench: workspace  ## time update, replay, simulation and training
 	ros2_ws/with python -m benchmarks $(ARGS)

@@ -89,12 +89,16 @@ class Simulated:
     axle: Tensor  # [cases]
 
 
-def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover") -> Simulated:
-    """Simulate and measure ``count`` cases. What is hidden has random numbers of its own: other plans see the same drives."""
+def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0) -> Simulated:
+    """Simulate and measure ``count`` cases. What is hidden has random numbers of its own: other plans see the same drives.
+
+    ``first`` is the number of the first case among those that take soils and terrains in turn.
+    """
     generator, hiding = torch.Generator().manual_seed(2 * seed), torch.Generator().manual_seed(2 * seed + 1)
     car = load_rover(rover)
-    soils = [plan.soil or SOILS[k % len(SOILS)] for k in range(count)]
-    terrains = [TERRAINS[k // len(SOILS) % len(TERRAINS)] for k in range(count)]
+    turns = range(first, first + count)
+    soils = [plan.soil or SOILS[k % len(SOILS)] for k in turns]
+    terrains = [TERRAINS[k // len(SOILS) % len(TERRAINS)] for k in turns]
     ground = draw_ground([name for name in soils for _ in range(EACH)], generator)
     terrain = draw_terrain([name for name in terrains for _ in range(EACH)], car, ground, generator)
     axle = torch.randint(car.axles, (count,), generator=hiding)
@@ -110,9 +114,9 @@ def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover")
     return Simulated(drive, measured, soils, terrains, sizes, effects, axle)
 
 
-def draw_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover") -> list[Case]:
-    """``count`` cases of one plan; the same plan, count and seed give the same cases, other plans others."""
-    simulated = simulate_cases(plan, count, seed + zlib.crc32(repr(plan).encode()) % 1_000_000, rover)
+def draw_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0) -> list[Case]:
+    """``count`` cases of one plan; the same plan, count, seed and ``first`` give the same cases, other plans others."""
+    simulated = simulate_cases(plan, count, seed + zlib.crc32(repr(plan).encode()) % 1_000_000, rover, first)
     return [_case(plan, simulated, k) for k in range(count)]
 
 

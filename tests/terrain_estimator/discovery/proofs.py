@@ -7,17 +7,32 @@ the library's of the same name.
 """
 
 import argparse
+import dataclasses
 import sys
 
 import torch
 
-from terrain_estimator.discovery import Proof, Study, cut, nominal_of, prove, singles
+from terrain_estimator.discovery import Proof, Run, Study, cut, nominal_of, prove, singles
+from terrain_estimator.packing import pack_measurement
+from terramechanics.rover import Rover
+from terramechanics.sensors import Measurement
+from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import load_soil
 from tests.hidden.cases import Case, Plan, draw_cases
 from tests.hidden.generators import GENERATORS
-from tests.terrain_estimator.discovery.verdicts import run_of
+from tests.hidden.matters import axle_means
 
 SEED = 52_000
+
+
+def run_of(drive: Measurement, rover: Rover, name: str) -> Run:
+    """One measured drive as a run: the means of each axle's wheels, torque without what turns the wheels faster."""
+    means = axle_means(drive, rover.axles)
+    gain = torch.diff(means.wheel_rate, dim=0, prepend=means.wheel_rate[:1]) / TIME_STEP
+    means = dataclasses.replace(means, torque=means.torque - rover.wheel_inertia * gain)
+    batch = Measurement(**{item.name: getattr(means, item.name).unsqueeze(0) for item in dataclasses.fields(Measurement)})
+    packed = pack_measurement(batch)[0]
+    return Run(name, packed, means.wheel_rate, TIME_STEP * torch.arange(packed.shape[0], dtype=torch.float64))
 
 
 def proof_of(case: Case, name: str) -> Proof:

@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bars that verdicts on hidden cases have to reach, and what was reached, with confidence limits."""
+
+import statistics
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binomtest, bootstrap
+
+from tests.hidden.judge.judging import Record
+
+CONFIDENCE = 0.95
+NAMES = ("exact", "set", "part", "wrong name")
+OUTCOMES = (*NAMES, "unknown", "none")
+HARDER = ("payload", "grousers", "odometry_scale")
+Chosen = Callable[[Record], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A bar on the share of some cases in which something holds."""
+
+    what: str
+    among: Chosen
+    holds: Chosen
+    least: float = 0.0
+    most: float = 1.0
+    cases: int = 80  # with fewer nothing is called met
+
+    def row(self, records: Iterable[Record]) -> tuple[str, str, str, str]:
+        """What, bar, found, met."""
+        results = [self.holds(each) for each in records if self.among(each)]
+        wanted = f"at least {self.least:.0%}" if self.most == 1.0 else f"at most {self.most:.0%}"
+        wanted = wanted if self.least == 0.0 or self.most == 1.0 else f"{self.least:.0%} to {self.most:.0%}"
+        if not results:
+            return self.what, wanted, "no cases", "not measured"
+        count = sum(results)
+        share = count / len(results)
+        met = _met(met=self.least <= share <= self.most, cases=len(results), wanted=self.cases)
+        return self.what, wanted, proportion(count, len(results)), met
+
+
+def _met(*, met: bool, cases: int, wanted: int = 80) -> str:
+    if not met:
+        return "missed"
+    return "met" if cases >= wanted else f"met so far, {wanted} cases are asked for"
+
+
+def proportion(count: int, total: int) -> str:
+    """Share with Clopper-Pearson limits."""
+    limits = binomtest(count, total).proportion_ci(CONFIDENCE)
+    return f"{count} of {total} = {count / total:.1%} ({limits.low:.1%} to {limits.high:.1%})"
+
+
+def _family(*names: str) -> Chosen:
+    return lambda each: each["family"] in names
+
+
+def _matters(each: Record) -> bool:
+    return each["family"] == "matters"
+
+
+def _named(each: Record) -> bool:
+    return each["outcome"] in NAMES
+
+
+def _right_name(each: Record) -> bool:
+    return each["outcome"] in ("exact", "set")
+
+
+def _covered(each: Record) -> bool:
+    """Whether the size in the units of the named law lies in its 95 % interval."""
+    name, size, spread = each["sizes"][0]
+    assert name == each["plan"]
+    return abs(size - each["equivalents"][0]) <= 1.96 * spread
+
+
+SHARES = (
+    Share("nothing hidden, soil constants wrong by up to 5 %: anything named", _family("none"), _named, most=0.05, cases=200),
+    Share("nothing hidden: unknown", _family("none"), lambda each: each["outcome"] == "unknown", most=0.05, cases=200),
+    Share("right name, or a confusable set with it", _matters, _right_name, least=0.95, cases=100),
+    Share(
+        "exact name, without " + ", ".join(HARDER),
+        lambda each: _matters(each) and each["plan"] not in HARDER,
+        lambda each: each["outcome"] == "exact",
+        least=0.9,
+        cases=80,
+    ),
+    Share(
+        "exact name of " + ", ".join(HARDER),
+        lambda each: _matters(each) and each["plan"] in HARDER,
+        lambda each: each["outcome"] == "exact",
+        least=0.8,
+        cases=20,
+    ),
+    Share("outside the library: unknown", _family("outside"), lambda each: each["outcome"] == "unknown", least=0.9, cases=30),
+    Share("outside the library: a name, which is wrong", _family("outside"), _named, most=0.05, cases=30),
+    Share(
+        "joint verdict right: nothing hidden, at the size that matters, outside the library",
+        _family("none", "matters", "outside"),
+        lambda each: each["right"],
+        least=0.9,
+        cases=300,
+    ),
+    Share("95 % interval of the size holds that of the nearest named law", lambda each: _matters(each) and each["outcome"] == "exact",
+          _covered, least=0.9, most=0.98, cases=80),
+)  # fmt: skip
+
+
+def gap_row(records: Sequence[Record]) -> tuple[str, str, str, str]:
+    """Median share of the held-out gap that a right name closes."""
+    what, wanted = "held-out gap closed on the way to the noise floor, when named, median", "at least 80%"
+    closed = [each["gap_closed"] for each in records if _matters(each) and _named(each) and each["gap_closed"] is not None]
+    if len(closed) < 2:
+        return what, wanted, "no cases", "not measured"
+    limits = bootstrap((closed,), np.median, confidence_level=CONFIDENCE, rng=np.random.default_rng(0), method="percentile")
+    ends = limits.confidence_interval
+    median = statistics.median(closed)
+    return what, wanted, f"{median:.0%} of {len(closed)} ({ends.low:.0%} to {ends.high:.0%})", _met(met=median >= 0.8, cases=len(closed))
+
+
+def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
+    """Root mean square of the mean error over a case's drives, with what was found over that without."""
+    pairs = [each["strength"] for each in records if _matters(each) and _right_name(each)]
+    rows = []
+    for index, name in enumerate(("c", "tan phi")):
+        what, wanted = f"bias of {name} after, relative to before", "at most 50%"
+        if len(pairs) < 2:
+            rows.append((what, wanted, "no cases", "not measured"))
+            continue
+        squares = np.array([[before[index] ** 2, after[index] ** 2] for before, after in pairs])
+        ratio = float(np.sqrt(squares[:, 1].sum() / squares[:, 0].sum()))
+        drawn = np.random.default_rng(0).integers(len(squares), size=(2000, len(squares)))
+        sums = squares[drawn].sum(1)
+        low, high = np.quantile(np.sqrt(sums[:, 1] / sums[:, 0]), [0.025, 0.975])
+        rows.append((what, wanted, f"{ratio:.0%} of {len(pairs)} ({low:.0%} to {high:.0%})", _met(met=ratio <= 0.5, cases=len(pairs))))
+    return rows
+
+
+def bars(records: Sequence[Record]) -> str:
+    """The table of the bars, as Markdown."""
+    rows = [each.row(records) for each in SHARES]
+    rows[-1:-1] = [gap_row(records), *bias_rows(records)]
+    lines = ["| what | bar | found (95 % limits) | |", "|---|---|---|---|", *("| " + " | ".join(row) + " |" for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def outcomes(records: Sequence[Record]) -> str:
+    """What the verdict was, by family and hidden effect, as Markdown."""
+    grouped: dict[tuple[str, str], list[Record]] = defaultdict(list)
+    for each in records:
+        grouped[each["family"], each["plan"]].append(each)
+        grouped[each["family"], "all"].append(each)
+    lines = [f"| family | hidden | cases | {' | '.join(OUTCOMES)} | right (95 % limits) |", "|---|---|---|" + "---|" * (len(OUTCOMES) + 1)]
+    for family in dict.fromkeys(each["family"] for each in records):
+        plans = sorted((plan for name, plan in grouped if name == family and plan != "all"))
+        for plan in [*plans, "all"] if len(plans) > 1 else plans:
+            group = grouped[family, plan]
+            counts = Counter(each["outcome"] for each in group)
+            cells = [family, plan, str(len(group)), *(str(counts[name] or "") for name in OUTCOMES)]
+            lines.append("| " + " | ".join([*cells, proportion(sum(each["right"] for each in group), len(group))]) + " |")
+    return "\n".join(lines) + "\n"

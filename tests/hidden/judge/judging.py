@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""One hidden case from sealed bags to a record of what the workflow said of it.
+
+What counts as right:
+
+- nothing hidden: "none";
+- an effect at the size that matters: its name, or a confusable set with it; so for two at once;
+- an effect at a third or a tenth of that size: the same, or "none": it does not ruin the estimate. "Unknown" is not right;
+- an effect that the library lacks: "unknown".
+"""
+
+import tempfile
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from terrain_estimator.cli.discovery_runs import read_blocks
+from terrain_estimator.cli.thresholds import read_thresholds
+from terrain_estimator.discovery import Blocks, Finding, Proof, Study, Verdict, investigate, nominal_of, prove, settled, singles
+from terramechanics.rover import load_rover
+from terramechanics.soil import load_soil
+from tests.hidden.cases import Case, Plan, Truth, draw_cases
+from tests.hidden.judge.strata import TOGETHER, Item, shares
+from tests.hidden.sealing import seal
+
+Record = dict[str, Any]
+ROVER = "mars_rover"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the workflow says of a case."""
+
+    finding: Finding  # after the held-out run was asked
+    asked: Finding  # before
+    proof: Proof | None
+    studied: tuple[int, ...]  # numbers of the drives that were looked into
+
+
+def examine(item: Item) -> Record:
+    """Draw a case, seal it, let the workflow look at the bags, and judge what it says."""
+    torch.set_num_threads(1)
+    case = _drawn(item.plan, item.seed, item.first)[item.number]
+    with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
+        answer = investigated(seal(case, Path(folder) / "bags"), case.truth.soil)
+    return judged(case, answer) | {"key": item.key, "family": item.family}
+
+
+@lru_cache(maxsize=2)
+def _drawn(plan: Plan, seed: int, first: int) -> list[Case]:
+    return draw_cases(plan, TOGETHER, seed, ROVER, first)
+
+
+def investigated(bags: list[Path], soil: str) -> Answer:
+    """What the command does with these bags, the last held out: the pages that it writes are left out."""
+    nominal = nominal_of(load_rover(ROVER), load_soil(soil))
+    found = [read_blocks(nominal, bag) for bag in bags[:-1]]
+    studied = tuple(number for number, blocks in enumerate(found) if isinstance(blocks, Blocks))
+    unseen = read_blocks(nominal, bags[-1], held_out=True)
+    study = Study(nominal, [blocks for blocks in found if isinstance(blocks, Blocks)])
+    finding = investigate(study, singles(), read_thresholds(), lambda _share, _label: None)
+    proof = None
+    if isinstance(unseen, Blocks) and finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE):
+        proof = prove(nominal, finding.best, [unseen])
+    return Answer(settled(finding, proof), finding, proof, studied)
+
+
+def outcome_of(finding: Finding, truth: tuple[str, ...]) -> str:
+    """exact, set, part (one of two), wrong name, unknown or none."""
+    judgement = finding.judgement
+    if judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+        return str(judgement.verdict)
+    names, wanted = {tuple(sorted(each.names)) for each in judgement.named}, tuple(sorted(truth))
+    if wanted in names:
+        return "exact" if len(names) == 1 else "set"
+    part = len(wanted) > 1 and all(set(each) <= set(wanted) for each in names)
+    return "part" if part else "wrong name"
+
+
+def right(outcome: str, plan: Plan) -> bool:
+    """Whether that is a right answer."""
+    if not plan.parts:
+        return outcome == "none"
+    if plan.names == ("unknown",):
+        return outcome == "unknown"
+    small = max(shares(plan)) < 1.0
+    return outcome in ("exact", "set") or (small and outcome == "none")
+
+
+def judged(case: Case, answer: Answer) -> Record:
+    """What is kept of a case."""
+    truth, finding = case.truth, answer.finding
+    outcome = outcome_of(finding, truth.plan.names)
+    gap = answer.proof.gap if answer.proof else None
+    return {
+        "plan": "+".join(name for name, _ in truth.plan.parts) or "none",
+        "outcome": outcome,
+        "right": right(outcome, truth.plan),
+        "before_proof": outcome_of(answer.asked, truth.plan.names),
+        "named": [each.label for each in finding.judgement.named],
+        "soil": truth.soil,
+        "terrain": truth.terrain,
+        "share": finding.gains.share,
+        "explainable": finding.gains.explainable,
+        "with_discrepancy": [finding.gains.nothing_with, finding.gains.best_with],
+        "gains": [(each.label, gain) for each, gain in finding.gains.named],
+        "sizes": finding.best.sizes,
+        "equivalents": truth.equivalents,
+        "gap_closed": gap.closed if gap else None,
+        "strength": _strength(finding, truth, answer.studied),
+    }
+
+
+def _strength(finding: Finding, truth: Truth, studied: tuple[int, ...]) -> list[list[float]]:
+    """Mean error over the drives of c [kPa] and tan phi, without and with what was found."""
+    true = torch.tensor([[truth.cohesion_pa[k] / 1000.0, truth.tan_phi[k]] for k in studied], dtype=torch.float64)
+    fits = (finding.nothing.fit, finding.best.fit)
+    return [(torch.stack([run.theta for run in fit.point.runs]) - true).mean(0).tolist() for fit in fits]

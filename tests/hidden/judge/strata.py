@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which hidden cases are drawn: families of plans, and how many cases of each, in an order that can be broken off anywhere."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tests.hidden.cases import Plan
+from tests.hidden.generators import GENERATORS
+
+KNOWN = tuple(name for name, effect in GENERATORS.items() if effect.known)
+OUTSIDE = tuple(name for name, effect in GENERATORS.items() if not effect.known)
+PAIRS = (
+    ("payload", "drive_drag"),
+    ("slope_bias", "slip_sinkage"),
+    ("multipass", "odometry_scale"),
+    ("bulldozing", "coulomb_drag"),
+    ("latency", "exit_angle"),
+    ("sinkage_bias", "failed_wheel"),
+)
+"""Two effects at once that act in different places."""
+WITHOUT_TORQUE = ("slope_bias", "payload", "multipass", "odometry_scale", "latency", "exit_angle")
+NOISE_TIME = 0.3
+"""[s] Time constant of correlated noise: three samples."""
+TOGETHER = 2
+"""Cases that are simulated together, one of each soil; the next two are on the next terrain, every other one of which is hills."""
+SEED = 64_000
+"""Of the hidden cases; calibration has other seeds, and other ways to draw."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One case: the ``number`` of TOGETHER that are drawn from ``plan`` and ``seed``."""
+
+    family: str
+    plan: Plan
+    seed: int
+    number: int
+    first: int  # place of the first of them among soils and terrains
+
+    @property
+    def key(self) -> str:
+        """By which a result is found again."""
+        return f"{self.family}/{'+'.join(name for name, _ in self.plan.parts) or 'none'}/{self.seed}/{self.number}"
+
+
+def families() -> dict[str, tuple[list[Plan], int, int]]:
+    """By family: its plans, and how many cases of each are in the sample and in the whole."""
+    return {
+        "none": ([Plan()], 200, 600),
+        "matters": ([Plan(((name, 1.0),)) for name in KNOWN], 8, 40),
+        "third": ([Plan(((name, 1.0 / 3.0),)) for name in KNOWN], 4, 16),
+        "tenth": ([Plan(((name, 0.1),)) for name in KNOWN], 4, 16),
+        "outside": ([Plan(((name, 1.0),)) for name in OUTSIDE], 8, 40),
+        "two": ([Plan(((first, 1.0), (second, 1.0))) for first, second in PAIRS], 4, 16),
+        "none, no torque": ([Plan(torque=False)], 12, 100),
+        "matters, no torque": ([Plan(((name, 1.0),), torque=False) for name in WITHOUT_TORQUE], 4, 16),
+        "none, correlated noise": ([Plan(noise_time=NOISE_TIME)], 12, 100),
+        "matters, correlated noise": ([Plan(((name, 1.0),), noise_time=NOISE_TIME) for name in KNOWN], 4, 16),
+    }
+
+
+def items(*, whole: bool) -> list[Item]:
+    """All cases; families advance in step, so that what comes of the first part of the list is a sample of every family."""
+    placed = []
+    for family, (plans, few, many) in families().items():
+        count = (many if whole else few) // TOGETHER
+        batches = [(plan, batch, TOGETHER * (batch + turn)) for batch in range(count) for turn, plan in enumerate(plans)]
+        for place, (plan, batch, first) in enumerate(batches):
+            cases = [Item(family, plan, SEED + batch, number, first) for number in range(TOGETHER)]
+            placed.append(((place + 0.5) / len(batches), cases))
+    return [item for _, cases in sorted(placed, key=lambda each: each[0]) for item in cases]
+
+
+def shares(plan: Plan) -> Sequence[float]:
+    """Sizes of a plan's effects in units of those that matter."""
+    return [share for _, share in plan.parts]

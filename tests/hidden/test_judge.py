@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A few hidden cases on the whole way from drive to verdict, and how answers are counted. `make hidden` measures on hundreds."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from tests.hidden.cases import Plan, draw_cases
+from tests.hidden.generators import GENERATORS
+from tests.hidden.judge.bars import bars, outcomes, proportion
+from tests.hidden.judge.judging import Record, investigated, judged, right
+from tests.hidden.judge.strata import KNOWN, OUTSIDE, SEED, families, items
+from tests.hidden.sealing import seal
+
+FIXED = {"none": Plan(seconds=40.0), **{name: Plan(((name, 1.0),), seconds=40.0) for name in ("payload", "gain_drift")}}
+"""Nothing, a named effect and one that the library lacks."""
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_a_sealed_case_gets_the_right_verdict(name: str, tmp_path: Path) -> None:
+    case = draw_cases(FIXED[name], 1, SEED - 1)[0]
+    with torch.inference_mode():
+        answer = investigated(seal(case, tmp_path / "bags"), case.truth.soil)
+    record = judged(case, answer)
+    assert record["right"], record
+    if record["outcome"] in ("exact", "set"):
+        assert answer.proof is not None
+        assert answer.proof.added
+        assert record["gap_closed"] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("plan", "answers"),
+    [
+        (Plan(), {"none"}),
+        (Plan((("payload", 1.0),)), {"exact", "set"}),
+        (Plan((("payload", 1.0 / 3.0),)), {"exact", "set", "none"}),
+        (Plan((("payload", 0.1),)), {"exact", "set", "none"}),
+        (Plan((("payload", 1.0), ("latency", 1.0))), {"exact", "set"}),
+        (Plan((("tether", 1.0),)), {"unknown"}),
+    ],
+)
+def test_what_counts_as_right(plan: Plan, answers: set[str]) -> None:
+    every = {"exact", "set", "part", "wrong name", "unknown", "none"}
+    assert {outcome for outcome in every if right(outcome, plan)} == answers
+
+
+def record(family: str, plan: str, outcome: str, **more: Any) -> Record:
+    good = {"none": "none", "outside": "unknown"}.get(family, "exact")
+    numbers = {"sizes": [(plan, 1.0, 0.1)], "equivalents": [1.1], "gap_closed": 0.9, "strength": [[0.4, 0.02], [0.1, 0.02]]}
+    return {"family": family, "plan": plan, "outcome": outcome, "right": outcome == good} | numbers | more
+
+
+def found(records: list[Record]) -> dict[str, tuple[str, str]]:
+    rows = [line.strip("| ").split(" | ") for line in bars(records).splitlines()[2:]]
+    return {what: (value, met.strip("| ")) for what, _, value, met in rows}
+
+
+def test_bars_tell_met_from_missed_and_from_too_few_cases() -> None:
+    nulls = [record("none", "none", "none")] * 195 + [record("none", "none", "wrong name")] * 5
+    assert found(nulls)["nothing hidden, soil constants wrong by up to 5 %: anything named"] == (proportion(5, 200), "met")
+    few = found(nulls[:100])["nothing hidden, soil constants wrong by up to 5 %: anything named"]
+    assert few == (proportion(0, 100), "met so far, 200 cases are asked for")
+    many = [record("none", "none", "wrong name")] * 11 + nulls[:189]
+    assert found(many)["nothing hidden, soil constants wrong by up to 5 %: anything named"][1] == "missed"
+    assert found([])["outside the library: unknown"] == ("no cases", "not measured")
+
+
+def test_bars_measure_names_sizes_gap_and_bias_on_cases_that_matter() -> None:
+    names = [record("matters", "latency", "exact")] * 8 + [record("matters", "latency", "set"), record("matters", "latency", "unknown")]
+    rows = found([*names, record("tenth", "latency", "wrong name"), record("matters", "latency", "exact", equivalents=[1.3])])
+    assert rows["right name, or a confusable set with it"] == (proportion(10, 11), "missed")
+    assert rows["95 % interval of the size holds that of the nearest named law"][0] == proportion(8, 9)
+    assert rows["held-out gap closed on the way to the noise floor, when named, median"][0].startswith("90% of 10")
+    assert rows["bias of c after, relative to before"][0].startswith("25% of 10")
+    assert rows["bias of tan phi after, relative to before"] == ("100% of 10 (100% to 100%)", "missed")
+
+
+def test_outcomes_are_counted_by_family_and_effect() -> None:
+    table = outcomes([record("outside", "tether", "unknown"), record("outside", "crust", "wrong name"), record("none", "none", "none")])
+    assert f"| outside | all | 2 |  |  |  | 1 | 1 |  | {proportion(1, 2)} |" in table
+    assert f"| none | none | 1 |  |  |  |  |  | 1 | {proportion(1, 1)} |" in table
+
+
+def test_limits_are_those_of_clopper_and_pearson() -> None:
+    assert proportion(0, 200) == "0 of 200 = 0.0% (0.0% to 1.8%)"  # 1 - 0.025^(1/200)
+
+
+def test_the_sample_has_every_effect_at_three_sizes_and_at_least_200_cases_of_nothing() -> None:
+    sample = items(whole=False)
+    assert len({item.key for item in sample}) == len(sample)
+    counts = Counter(item.family for item in sample)
+    assert counts["none"] >= 200
+    assert {name for family in ("matters", "third", "tenth") for plan in families()[family][0] for name in plan.names} == set(KNOWN)
+    assert set(KNOWN) | set(OUTSIDE) == set(GENERATORS)
+
+
+def test_a_part_of_the_sample_is_a_sample_of_every_family() -> None:
+    first = {item.family for item in items(whole=False)[:60]}
+    assert first == set(families())
