@@ -24,7 +24,7 @@ from terrain_estimator.discovery import Blocks, Finding, Proof, Study, Verdict, 
 from terramechanics.rover import load_rover
 from terramechanics.soil import load_soil
 from tests.hidden.cases import Case, Plan, Truth, draw_cases
-from tests.hidden.judge.strata import TOGETHER, Item, shares
+from tests.hidden.judge.strata import TOGETHER, Item
 from tests.hidden.sealing import seal
 
 Record = dict[str, Any]
@@ -87,7 +87,7 @@ def right(outcome: str, plan: Plan) -> bool:
         return outcome == "none"
     if plan.names == ("unknown",):
         return outcome == "unknown"
-    small = max(shares(plan)) < 1.0
+    small = max(share for _, share in plan.parts) < 1.0
     return outcome in ("exact", "set") or (small and outcome == "none")
 
 

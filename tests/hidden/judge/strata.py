@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which hidden cases are drawn: families of plans, and how many cases of each, in an order that can be broken off anywhere."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tests.hidden.cases import Plan
@@ -70,8 +69,3 @@ def items(*, whole: bool) -> list[Item]:
             cases = [Item(family, plan, SEED + batch, number, first) for number in range(TOGETHER)]
             placed.append(((place + 0.5) / len(batches), cases))
     return [item for _, cases in sorted(placed, key=lambda each: each[0]) for item in cases]
-
-
-def shares(plan: Plan) -> Sequence[float]:
-    """Sizes of a plan's effects in units of those that matter."""
-    return [share for _, share in plan.parts]
