@@ -93,7 +93,9 @@ def _speed_exponent(effect: Effect, where: Situation, contact: Contact, _drive: 
 
 
 def _pass_stiffening(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
-    return _stiffening(effect, where, contact) - 1.0, where.order.unsqueeze(0)
+    """What the first pass adds: what later ones add in proportion to it is free beside the size."""
+    second = (where.order == 1.0).to(torch.float64).unsqueeze(0)
+    return (_stiffening(effect, where, contact) - 1.0) * second, second
 
 
 def _stiffening(effect: Effect, where: Situation, contact: Contact) -> Tensor:

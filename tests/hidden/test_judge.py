@@ -16,7 +16,7 @@ from tests.hidden.judge.judging import Record, investigated, judged, right
 from tests.hidden.judge.strata import KNOWN, OUTSIDE, SEED, families, items
 from tests.hidden.sealing import seal
 
-FIXED = {"none": Plan(seconds=40.0), **{name: Plan(((name, 1.0),), seconds=40.0) for name in ("payload", "gain_drift")}}
+FIXED = {"none": Plan(seconds=30.0), **{name: Plan(((name, 1.0),), seconds=30.0) for name in ("payload", "gain_drift")}}
 """Nothing, a named effect and one that the library lacks."""
 
 
@@ -64,7 +64,7 @@ def test_bars_tell_met_from_missed_and_from_too_few_cases() -> None:
     nulls = [record("none", "none", "none")] * 195 + [record("none", "none", "wrong name")] * 5
     assert found(nulls)["nothing hidden, soil constants wrong by up to 5 %: anything named"] == (proportion(5, 200), "met")
     few = found(nulls[:100])["nothing hidden, soil constants wrong by up to 5 %: anything named"]
-    assert few == (proportion(0, 100), "met so far, 200 cases are asked for")
+    assert few == (proportion(0, 100), "open: 200 cases are asked for")
     many = [record("none", "none", "wrong name")] * 11 + nulls[:189]
     assert found(many)["nothing hidden, soil constants wrong by up to 5 %: anything named"][1] == "missed"
     assert found([])["outside the library: unknown"] == ("no cases", "not measured")
@@ -73,11 +73,11 @@ def test_bars_tell_met_from_missed_and_from_too_few_cases() -> None:
 def test_bars_measure_names_sizes_gap_and_bias_on_cases_that_matter() -> None:
     names = [record("matters", "latency", "exact")] * 8 + [record("matters", "latency", "set"), record("matters", "latency", "unknown")]
     rows = found([*names, record("tenth", "latency", "wrong name"), record("matters", "latency", "exact", equivalents=[1.3])])
-    assert rows["right name, or a confusable set with it"] == (proportion(10, 11), "missed")
+    assert rows["right name, or a confusable set with it"] == (proportion(10, 11), "open: 100 cases are asked for")
     assert rows["95 % interval of the size holds that of the nearest named law"][0] == proportion(8, 9)
     assert rows["held-out gap closed on the way to the noise floor, when named, median"][0].startswith("90% of 10")
     assert rows["bias of c after, relative to before"][0].startswith("25% of 10")
-    assert rows["bias of tan phi after, relative to before"] == ("100% of 10 (100% to 100%)", "missed")
+    assert rows["bias of tan phi after, relative to before"] == ("100% of 10 (100% to 100%)", "open: 80 cases are asked for")
 
 
 def test_outcomes_are_counted_by_family_and_effect() -> None:

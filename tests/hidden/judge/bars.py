@@ -28,7 +28,7 @@ class Share:
     holds: Chosen
     least: float = 0.0
     most: float = 1.0
-    cases: int = 80  # with fewer nothing is called met
+    cases: int = 80  # with fewer nothing is decided
 
     def row(self, records: Iterable[Record]) -> tuple[str, str, str, str]:
         """What, bar, found, met."""
@@ -44,9 +44,9 @@ class Share:
 
 
 def _met(*, met: bool, cases: int, wanted: int = 80) -> str:
-    if not met:
-        return "missed"
-    return "met" if cases >= wanted else f"met so far, {wanted} cases are asked for"
+    if cases < wanted:
+        return f"open: {wanted} cases are asked for"
+    return "met" if met else "missed"
 
 
 def proportion(count: int, total: int) -> str:
