@@ -41,7 +41,7 @@ paper: workspace  ## the paper's experiments: tables and pictures in out/paper
 calibrate: workspace  ## thresholds of find_missing_effect anew: out/thresholds.json
 	ros2_ws/bin/ros2 run terrain_estimator calibrate_discovery $(ARGS)
 
-hidden: workspace  ## how often verdicts about hidden effects are right, 40 minutes on two cores: docs/hidden.md
+hidden: workspace  ## how often verdicts about hidden effects are right, at most 40 minutes on two cores: docs/hidden.md
 	ros2_ws/with python -m tests.hidden.judge $(ARGS)
 
 hidden-full: workspace  ## the same with many more cases, on a dask scheduler by ARGS="--scheduler HOST:PORT"
