@@ -26,7 +26,8 @@ from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.keeping import StateKeeper
-from terrain_estimator.nodes.managed import ManagedNode, refuse, spin
+from terrain_estimator.nodes.managed import ManagedNode, spin
+from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.nodes.watchdog import unheard_publishers
 from terrain_estimator.pipeline import Answer, Pipeline
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
@@ -197,7 +198,7 @@ class EstimatorNode(ManagedNode):
             try:
                 response.success, response.message = True, action()
                 self.get_logger().info(response.message)
-            except (StateFileError, OSError) as error:
+            except Exception as error:  # noqa: BLE001 - whatever the file holds, the node goes on
                 response.success, response.message = False, str(error)
                 self.get_logger().error(response.message)
             return response

@@ -3,7 +3,6 @@
 """A managed (lifecycle) node that starts itself unless told otherwise, and publishes diagnostics in every state."""
 
 import math
-import sys
 import threading
 import time
 from abc import abstractmethod
@@ -17,13 +16,11 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from terrain_estimator.diagnostics import CLOCK, STATE, Finding, Level
 from terrain_estimator.nodes.declare import declare
-from terramechanics.loading import ConfigError
+from terrain_estimator.nodes.plain import POLL_S, guarded
 
 PERIOD_S = 1.0
 PATIENCE_S = 5.0
 """What is wrong for so long is worth a line of the log."""
-POLL_S = 0.1
-LOG_PERIOD_S = 5.0
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
 _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
@@ -86,18 +83,11 @@ class ManagedNode(LifecycleNode):
             self.trigger_cleanup()
 
     def guard(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """A callback that never raises: whatever a message does, the node stays alive, counts it and says so."""
+        """A callback that never raises, and counts where it would have."""
+        return guarded(self, callback, self._count_failure)
 
-        def guarded(*arguments: Any) -> None:
-            try:
-                callback(*arguments)
-            except Exception as error:  # noqa: BLE001 - the last line of defence of a node that has to keep running
-                self.failures += 1
-                self.get_logger().error(
-                    f"{type(error).__name__} in a callback, the message is left out: {error}", throttle_duration_sec=LOG_PERIOD_S
-                )
-
-        return guarded
+    def _count_failure(self) -> None:
+        self.failures += 1
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """See rclpy."""
@@ -185,12 +175,6 @@ class ManagedNode(LifecycleNode):
             )
             response.success = False
             return response
-
-
-def refuse(program: str, error: ConfigError) -> int:
-    """Say what is wrong with the command line; returns the exit code."""
-    print(f"{program}: {error}", file=sys.stderr)  # noqa: T201 - the user typed it, the user reads it
-    return 2
 
 
 def spin(node: ManagedNode, stop: threading.Event, drain: Callable[[SingleThreadedExecutor], None], *, auto_start: bool) -> None:

@@ -3,20 +3,17 @@
 """The planner as a node: wiring only. Measurements and estimates in, advice out."""
 
 import sys
-import threading
 
-import rclpy
 import torch
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from terrain_estimator.config import PlannerConfig
 from terrain_estimator.model_file import ModelFileError, load_model
-from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
+from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
 from terrain_estimator.pipeline import rover_of
 from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
@@ -26,8 +23,6 @@ from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, Message, 
 from terramechanics.loading import ConfigError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
-POLL_S = 0.1
-LOG_PERIOD_S = 5.0
 
 
 class PlannerNode(Node):
@@ -37,13 +32,15 @@ class PlannerNode(Node):
         """Read parameters and model, solve the statics, then subscribe.
 
         Raises:
-            ConfigError: a parameter is unknown or wrong.
-            ModelFileError: the model file is missing, damaged or for another rover.
+            ConfigError: a parameter is unknown or wrong, or the model file is missing, damaged or for another rover.
         """
         super().__init__("planner", automatically_declare_parameters_from_overrides=True)
         config = declare(self, PlannerConfig)
-        model = load_model(config.model)
-        rover = rover_of(model, config.rover)
+        try:
+            model = load_model(config.model)
+            rover = rover_of(model, config.rover)
+        except ModelFileError as error:
+            raise ConfigError(str(error)) from error
         table = TractionTable(rover, model.metadata.soils)
         self._planner = Planner(table, model.metadata.prior_mean, model.metadata.prior_sd, config.advice)
         self._inputs = Inputs(rover, config.pairing)
@@ -53,7 +50,7 @@ class PlannerNode(Node):
         self.create_service(Trigger, "~/resume", self._resume)
         for topic in INPUT_TYPES:
             self._subscribe(topic)
-        self.create_subscription(message_class(ESTIMATE), "terrain_estimate", self._take_estimate, QOS)
+        self.create_subscription(message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS)
         self.get_logger().info(f"ready: rover {rover.name}, soils {', '.join(self._soils)}")
 
     def _subscribe(self, topic: str) -> None:
@@ -61,7 +58,7 @@ class PlannerNode(Node):
             for observation in self._inputs.add(topic, message):
                 self._planner.observe(observation)
 
-        self.create_subscription(message_class(INPUT_TYPES[topic]), topic, receive, QOS)
+        self.create_subscription(message_class(INPUT_TYPES[topic]), topic, guarded(self, receive), QOS)
 
     def _take_estimate(self, message: Message) -> None:
         """Advise once a period; stamps that went back (a bag loops, the simulation starts anew) start a new period."""
@@ -87,33 +84,8 @@ class PlannerNode(Node):
 
 def main() -> int:
     """Advise until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where arguments, parameters or the model are wrong."""
-    try:
-        stop = begin("planner", "stop_probability:=0.1", PlannerConfig)
-    except ConfigError as error:
-        return _refuse(str(error))
     torch.set_num_threads(1)
-    try:
-        return _run(stop)
-    finally:
-        rclpy.try_shutdown()
-
-
-def _run(stop: threading.Event) -> int:
-    try:
-        node = PlannerNode()
-    except (ModelFileError, ConfigError) as error:
-        return _refuse(str(error))
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=POLL_S)
-    node.destroy_node()
-    return 0
-
-
-def _refuse(text: str) -> int:
-    print(f"planner: {text}", file=sys.stderr)  # noqa: T201 - there is no node yet, hence no logger
-    return 2
+    return run("planner", "stop_probability:=0.1", PlannerConfig, PlannerNode)
 
 
 if __name__ == "__main__":

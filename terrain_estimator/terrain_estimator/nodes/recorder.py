@@ -29,7 +29,8 @@ from terrain_estimator.config import RecorderConfig
 from terrain_estimator.diagnostics import UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.nodes.managed import ManagedNode, refuse, spin
+from terrain_estimator.nodes.managed import ManagedNode, spin
+from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.ros_types import HEALTH
 from terramechanics.loading import ConfigError
 from terramechanics.parameters import effective, fingerprint

@@ -3,26 +3,20 @@
 """The source of wheel_slip as a node: wiring only."""
 
 import sys
-import threading
 
-import rclpy
 import torch
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from terrain_estimator.config import SlipSourceConfig
-from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
+from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
 from terrain_estimator.ros_types import INPUT_TYPES, Message
 from terrain_estimator.slip_source import JOINTS, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
-from terramechanics.loading import ConfigError
 from terramechanics.rover import load_rover
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
-POLL_S = 0.1
-LOG_PERIOD_S = 5.0
 _TWICE = (
     "velocity comes from the estimator's own input odom: its noise would enter slip and velocity alike, which the estimator takes for "
     "independent. Remap velocity to another source (docs/bring_your_own_rover.md)"
@@ -53,30 +47,13 @@ class SlipSourceNode(Node):
             except SlipSourceError as error:
                 self.get_logger().error(str(error), throttle_duration_sec=LOG_PERIOD_S)
 
-        self.create_subscription(message_class(kind), topic, receive, QOS)
+        self.create_subscription(message_class(kind), topic, guarded(self, receive), QOS)
 
 
 def main() -> int:
     """Publish until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where arguments or parameters are wrong."""
-    try:
-        stop = begin("slip_source", "rover:=FILE", SlipSourceConfig)
-        torch.set_num_threads(1)
-        _run(stop)
-    except ConfigError as error:
-        print(f"slip_source: {error}", file=sys.stderr)  # noqa: T201 - there is no node, hence no logger
-        return 2
-    finally:
-        rclpy.try_shutdown()
-    return 0
-
-
-def _run(stop: threading.Event) -> None:
-    node = SlipSourceNode()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=POLL_S)
-    node.destroy_node()
+    torch.set_num_threads(1)
+    return run("slip_source", "rover:=FILE", SlipSourceConfig, SlipSourceNode)
 
 
 if __name__ == "__main__":

@@ -3,26 +3,21 @@
 """The map as a node: the estimates along the track, latched for whoever comes late."""
 
 import sys
-import threading
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from terrain_estimator.config import MapConfig
-from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
+from terrain_estimator.nodes.plain import guarded, run
 from terrain_estimator.pairing import Synchronizer, Topic
 from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message, stamp_ns
 from terrain_estimator.track import Track, cloud_message
-from terramechanics.loading import ConfigError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 TOPICS = {"terrain_estimate": ESTIMATE, "odom": INPUT_TYPES["odom"]}
-POLL_S = 0.1
 
 
 class MapNode(Node):
@@ -46,7 +41,7 @@ class MapNode(Node):
             for complete in self._synchronizer.add(index, stamp_ns(message), message):
                 self._take(*complete.messages)
 
-        self.create_subscription(message_class(kind), topic, receive, QOS)
+        self.create_subscription(message_class(kind), topic, guarded(self, receive), QOS)
 
     def _take(self, estimate: Message, odometry: Message) -> None:
         if estimate.observations_used > 0:  # else it is the prior, which says nothing of this place
@@ -60,23 +55,7 @@ class MapNode(Node):
 
 def main() -> int:
     """Publish until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where arguments or parameters are wrong."""
-    try:
-        _run(begin("terrain_map", "spacing:=0.2", MapConfig))
-    except ConfigError as error:
-        print(f"terrain_map: {error}", file=sys.stderr)  # noqa: T201 - there is no node, hence no logger
-        return 2
-    finally:
-        rclpy.try_shutdown()
-    return 0
-
-
-def _run(stop: threading.Event) -> None:
-    node = MapNode()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=POLL_S)
-    node.destroy_node()
+    return run("terrain_map", "spacing:=0.2", MapConfig, MapNode)
 
 
 if __name__ == "__main__":

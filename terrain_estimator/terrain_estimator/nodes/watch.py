@@ -8,26 +8,22 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from terrain_estimator.config import WatchConfig
-from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
+from terrain_estimator.nodes.plain import guarded, run
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message, stamp_ns
 from terrain_estimator.timing import timing
-from terramechanics.loading import ConfigError
 
 TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
 SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")
 TRUTH = "ground_truth/terrain"
 DEPTH = 1000
-POLL_S = 0.1
 
 
 class Watch(Node):
@@ -50,13 +46,16 @@ class Watch(Node):
         latched = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         truth = message_class("msg_defs/msg/TerrainTruth")
         self.create_subscription(truth, TRUTH, lambda message: self._last.update({TRUTH: message}), latched)
-        self.create_timer(self._config.period_s, self._show, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(self._config.period_s, guarded(self, self._show), clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._say("ready")
 
-    def finish(self) -> None:
-        """Write the report."""
-        if not self._config.report:
-            return
+    def destroy_node(self) -> None:
+        """Write the report first."""
+        if self._config.report:
+            self._write_report(Path(self._config.report))
+        super().destroy_node()
+
+    def _write_report(self, path: Path) -> None:
         factor = self._config.real_time_factor
         # The health is published by the wall clock, everything else by the stamps.
         results = {topic: timing(arrivals, 1.0 if TOPICS[topic] == HEALTH else factor) for topic, arrivals in self._arrivals_ns.items()}
@@ -65,7 +64,7 @@ class Watch(Node):
             "rate_hz": {topic: result.rate_hz for topic, result in results.items() if math.isfinite(result.rate_hz)},
             "jitter_ms_p99": {topic: result.jitter_ms_p99 for topic, result in results.items() if math.isfinite(result.jitter_ms_p99)},
         }
-        Path(self._config.report).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
     def _subscribe(self, topic: str) -> None:
         """Messages that are not shown are not decoded: watching must not disturb what is watched."""
@@ -127,21 +126,7 @@ def _mean(message: Message, name: str) -> float:
 
 def main() -> int:
     """Watch until SIGINT or SIGTERM. Returns 0 after a signal, 2 where parameters are wrong."""
-    try:
-        stop = begin("watch", "period:=2.0", WatchConfig)
-        node = Watch()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=POLL_S)
-        node.finish()
-        node.destroy_node()
-    except ConfigError as error:
-        print(f"watch: {error}", file=sys.stderr)  # noqa: T201 - there is no node, hence no logger
-        return 2
-    finally:
-        rclpy.try_shutdown()
-    return 0
+    return run("watch", "period:=2.0", WatchConfig, Watch)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What nodes share: a guard around callbacks, and how one without a life cycle runs."""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from terrain_estimator.nodes.command_line import begin
+from terramechanics.loading import ConfigError
+
+POLL_S = 0.1
+LOG_PERIOD_S = 5.0
+
+
+def guarded(node: Node, callback: Callable[..., None], failed: Callable[[], None] = lambda: None) -> Callable[..., None]:
+    """A callback that never raises: whatever a message does, the node stays alive, says so, and calls ``failed``."""
+
+    def call(*arguments: Any) -> None:
+        try:
+            callback(*arguments)
+        except Exception as error:  # noqa: BLE001 - the last line of defence of a node that has to keep running
+            failed()
+            node.get_logger().error(
+                f"{type(error).__name__} in a callback, the message is left out: {error}", throttle_duration_sec=LOG_PERIOD_S
+            )
+
+    return call
+
+
+def run(name: str, example: str, config: type[Any], make: Callable[[], Node]) -> int:
+    """Serve the callbacks of a node until SIGINT or SIGTERM; ``example`` as in :func:`begin`.
+
+    Returns:
+        0 after a signal or ``--help``, 2 where the node raises ConfigError.
+    """
+    try:
+        stop = begin(name, example, config)
+        node = make()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=POLL_S)
+        node.destroy_node()
+    except ConfigError as error:
+        return refuse(name, error)
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def refuse(program: str, error: ConfigError) -> int:
+    """Say what is wrong with the command line; returns the exit code."""
+    print(f"{program}: {error}", file=sys.stderr)  # noqa: T201 - the user typed it, the user reads it
+    return 2
