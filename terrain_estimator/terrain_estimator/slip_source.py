@@ -86,7 +86,7 @@ class SlipSource:
 
 def slips_of(rover: Rover, rates: Floats, speed: float, speed_sd: float, config: SlipSourceConfig) -> Slips:
     """Slip of wheels with ``rates`` [wheels] [rad/s] at ``speed`` [m/s] along body x."""
-    turns = np.abs(rates) * rover.wheel_radius >= config.standstill_speed  # False for NaN too
+    turns = np.isfinite(rates) & (rates != 0.0) & (np.abs(rates) * rover.wheel_radius >= config.standstill_speed)
     rate = torch.from_numpy(np.where(turns, rates, 1.0)).unsqueeze(0)
     slip, at_rest, at_unit = (slip_at(rover, torch.tensor([v], dtype=torch.float64), rate)[0].numpy() for v in (speed, 0.0, 1.0))
     by_rate = config.rate_sd / np.abs(rate[0].numpy())

@@ -48,7 +48,7 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(start: Star
             stamp = message.header.stamp
             estimates.publish(estimate(message.header, identified=stamp.sec + 1e-9 * stamp.nanosec >= 101.45))
             listener.spin_until(lambda: True, "what came is taken")
-    for wrong in ({"soil": ["mud"]}, {"cohesion": math.nan}, {"soil_probability": [0.0] * 3}):
+    for wrong in ({"soil": ["mud"]}, {"cohesion": math.nan}, {"soil_probability": [0.0] * 3}, {"soil_probability": [1.0]}):
         message = estimate(found[-1].header, identified=True)
         for name, value in wrong.items():
             setattr(message, name, value)

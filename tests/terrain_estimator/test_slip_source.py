@@ -67,6 +67,8 @@ def test_a_wheel_that_stands_has_no_slip_and_one_that_turns_on_the_spot_slips_by
     (message,) = published([0.0, math.nan, 1.0, 1.0, 1.0, -1.0], 0.0)
     assert np.isnan(message.slip).tolist() == np.isnan(message.slip_stddev).tolist() == [True, True, False, False, False, False]
     assert message.slip[2] == 1.0
+    (message,) = published([0.0, math.inf, *RATES[2:]], 0.1, standstill_speed=0.0)
+    assert np.isnan(message.slip).tolist() == np.isnan(message.slip_stddev).tolist() == [True, True, False, False, False, False]
 
 
 def test_each_parameter_changes_what_is_published() -> None:

@@ -36,8 +36,9 @@ class Samples:
 
     def reweighted(self, log_likelihood: tuple[Floats, ...]) -> "Samples":
         """The same after an observation."""
-        highest = max(float(part.max()) for part in log_likelihood)
-        raw = [weight * np.exp(part - highest) for weight, part in zip(self.weight, log_likelihood, strict=True)]
+        possible = [np.where(weight > 0.0, part, -np.inf) for weight, part in zip(self.weight, log_likelihood, strict=True)]
+        highest = max(float(part.max()) for part in possible)
+        raw = [weight * np.exp(part - highest) for weight, part in zip(self.weight, possible, strict=True)]
         total = sum(float(part.sum()) for part in raw)
         return Samples(self.strength, tuple(part / total for part in raw), self.spare)
 

@@ -23,13 +23,16 @@ def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
     """What a terrain_estimate says of the ground. Raises ValueError where it is no estimate over these ``soils``."""
     if list(message.soil) != list(soils):
         raise ValueError(f"it is over the soils {', '.join(message.soil) or 'none'}, this planner's model knows {', '.join(soils)}")
-    numbers = [message.cohesion, message.tan_phi, *message.covariance, *message.soil_probability]
-    if not np.isfinite(numbers).all() or min(message.covariance[0], message.covariance[3]) < 0.0 or sum(message.soil_probability) <= 0.0:
-        raise ValueError("a number is not finite, or a variance or all probabilities are not positive")
+    probability = list(message.soil_probability)
+    numbers = [message.cohesion, message.tan_phi, *message.covariance, *probability, message.change_probability]
+    if not np.isfinite(numbers).all() or min(message.covariance[0], message.covariance[3]) < 0.0:
+        raise ValueError("a number is not finite, or a variance is negative")
+    if len(probability) != len(soils) or min(probability) < 0.0 or sum(probability) <= 0.0:
+        raise ValueError(f"soil_probability is {probability}: one for each soil is needed, none negative and not all zero")
     return Belief(
         mean=np.array([message.cohesion, message.tan_phi]),
         covariance=np.asarray(message.covariance, dtype=np.float64).reshape(2, 2),
-        soil_probability=tuple(message.soil_probability),
+        soil_probability=tuple(probability),
         identified=bool(message.cohesion_identified and message.tan_phi_identified),
         change_probability=float(message.change_probability),
     )

@@ -87,3 +87,11 @@ def test_what_the_model_may_be_wrong_by_counts() -> None:
 def test_a_quantile_follows_the_weights() -> None:
     values, weight = np.arange(100.0), np.where(np.arange(100) < 50, 0.0, 1.0)
     assert quantiles(values, weight, (0.5,))[0] == pytest.approx(74.5, abs=0.6)
+
+
+def test_grounds_of_a_soil_that_is_ruled_out_do_not_make_the_others_vanish() -> None:
+    samples = draw(np.array(FIRM), np.diag([200.0**2, 0.03**2]), (1.0, 0.0))
+    likelihood = np.linspace(-1.0, 0.0, samples.weight[0].size)
+    found = samples.reweighted((likelihood - 1000.0, likelihood))
+    assert found.weight[0].sum() == pytest.approx(1.0)
+    assert found.weight[1].sum() == 0.0

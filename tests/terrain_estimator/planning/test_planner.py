@@ -16,8 +16,9 @@ from terrain_estimator.config import AdviceConfig, PairingConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.inputs import Inputs
+from terrain_estimator.planning.messages import belief_of_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES
 from terramechanics.parameters import configure
 from tests.drives import drive_messages
 from tests.terrain_estimator.planning.support import FIRM, METADATA, ROVER, SOFT, belief, drive, drive_gets_stuck, table
@@ -141,6 +142,26 @@ def test_each_parameter_changes_the_advice() -> None:
     plain = advice(before(0), unsure)
     for name, (value, differs) in differences.items():
         assert differs(plain, advice(before(0), unsure, **{name: value})), name
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("soil", ["mud"], "over the soils mud"),
+        ("tan_phi", math.inf, "not finite"),
+        ("change_probability", math.nan, "not finite"),
+        ("covariance", np.array([-1.0, 0.0, 0.0, 1.0]), "variance is negative"),
+        ("soil_probability", np.array([1.0]), "one for each soil"),
+        ("soil_probability", np.array([2.0, -1.0]), "none negative"),
+        ("soil_probability", np.zeros(2), "not all zero"),
+    ],
+)
+def test_an_estimate_that_cannot_be_used_is_refused(name: str, value: Any, words: str) -> None:
+    soils = ["loose_sand", "regolith"]
+    fields = {"soil": soils, "soil_probability": np.array([0.75, 0.25]), "covariance": np.array([1.0, 0.0, 0.0, 1.0])}
+    assert belief_of_message(Types().make(ESTIMATE, **fields), soils).soil_probability == (0.75, 0.25)
+    with pytest.raises(ValueError, match=words):
+        belief_of_message(Types().make(ESTIMATE, **fields | {name: value}), soils)
 
 
 def paired(late_ns: int, *topics: str, **values: float) -> int:
