@@ -120,5 +120,5 @@ def _percent(share: float) -> Markup:
 
 
 def separation(text: str) -> Sequence[str]:
-    """The manoeuvres of ``separate_by``, one by one."""
-    return [f"{part[0].upper()}{part[1:]}." for part in text.split("; ") if part]
+    """The sentences of ``separate_by``, one by one."""
+    return [f"{part[0].upper()}{part[1:]}." for part in text.split(". ") if part]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rule from evidence to verdict, and its calibration, on numbers."""
 
+import itertools
 import json
 from importlib.resources import files
 
@@ -12,7 +13,8 @@ from terrain_estimator.discovery.calibration import Sample, thresholds
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.next_drive import NextDrive
 from terrain_estimator.discovery.parts import Part
-from terrain_estimator.discovery.separation import separate_by
+from terrain_estimator.discovery.single_wheel import shown_by_one_wheel
+from terrain_estimator.discovery.single_wheel.separation import separate_by
 from terrain_estimator.discovery.verdict import Gains, Thresholds, Verdict, judge
 from terramechanics.effects import EFFECTS
 
@@ -67,9 +69,12 @@ def test_confusable_effects_come_with_what_would_separate_them() -> None:
     assert set(BESIDES) <= set(EFFECTS)
 
 
-def test_effects_that_tables_of_one_wheel_confuse_come_with_a_manoeuvre() -> None:
-    assert "firm ground" in separate_by([Hypothesis((Part("grousers"),)), Hypothesis((Part("odometry_scale"),))])
-    assert separate_by([Hypothesis((Part("grousers"),))]) == ""
+def test_effects_that_tables_of_one_wheel_confuse_come_with_a_measurement() -> None:
+    shown = [Hypothesis((Part(name),)) for name in shown_by_one_wheel()]
+    for first, second in itertools.combinations(shown, 2):
+        assert separate_by([first, second])
+    assert "two speeds" in separate_by([Hypothesis((Part("slip_sinkage"),)), Hypothesis((Part("rate_dependence"),))])
+    assert separate_by(shown[:1]) == ""
 
 
 def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_whose_effect_was_taken_out() -> None:

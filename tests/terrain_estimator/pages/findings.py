@@ -25,7 +25,7 @@ def finding(verdict: str) -> dict[str, Any]:
         "probabilities": _PROBABILITIES[verdict],
         "effects": [_effect(name, verdict) for name in names],
         "confusable_with": names[1:],
-        "separate_by": "drive 30 s at two speeds; or, for drive_drag: lift the wheels" if len(names) > 1 else "",
+        "separate_by": "Drive 30 s at two speeds. For drive_drag alone: lift the wheels" if len(names) > 1 else "",
         "next_drives": [_DRIVE] if len(names) > 1 else [],
         "left": [{"row": "velocity", "signal": "distance", "strength": 9.1}] if verdict == "unknown" else [],
         "where": [] if verdict == "none" else _WHERE,

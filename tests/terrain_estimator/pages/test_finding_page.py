@@ -50,7 +50,7 @@ def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_r
 
 def test_what_to_drive_next_stands_with_what_it_is_expected_to_bring() -> None:
     text = report("confusable")
-    assert "<li>Drive 30 s at two speeds.</li>\n<li>Or, for drive_drag: lift the wheels.</li>" in text
+    assert "<li>Drive 30 s at two speeds.</li>\n<li>For drive_drag alone: lift the wheels.</li>" in text
     assert re.search(r'at two speeds</th><td class="figure"><data value="30.0">.*drive_drag against coulomb_drag.*value="17.25"', text)
     assert "Nothing has to be told apart." in report("none")
 

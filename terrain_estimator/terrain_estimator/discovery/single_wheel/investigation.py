@@ -10,9 +10,9 @@ import numpy as np
 
 from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, together
 from terrain_estimator.discovery.search import Progress
-from terrain_estimator.discovery.separation import separate_by
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
+from terrain_estimator.discovery.single_wheel.separation import separate_by
 from terrain_estimator.discovery.verdict import Gains, Judgement, Thresholds, Verdict, judge
 from terramechanics.effects import EFFECTS
 
