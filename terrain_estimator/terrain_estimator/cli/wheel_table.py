@@ -39,25 +39,23 @@ def read_table(path: Path, slip_definition: str) -> tuple[list[Row], list[str]]:
     """The rows of a table, and why some are left out.
 
     Raises:
-        WheelTableError: a column is missing or its unit unknown, or a cell is no finite number.
+        WheelTableError: it is no CSV in UTF-8, a column is missing or its unit unknown, or a cell is no finite number.
+        OSError: it cannot be read.
     """
-    with path.open(newline="", encoding="utf-8") as file:
-        table = csv.reader(file)
-        columns = _columns(path, next(table, []))
-        rows, left_out = [], []
-        for number, cells in enumerate(table, start=2):
-            values = {key: _value(path, number, cells, index, column) for key, (index, column) in columns.items() if key != "trial"}
-            trial = cells[columns["trial"][0]].strip() if "trial" in columns else "1"
-            angle = values.get("slip_angle", 0.0)
-            slip = rim_slip(values["slip"], slip_definition)
-            if abs(angle) > STRAIGHT_DEG:
-                left_out.append(f"{path}:{number}: slip angle {angle:g} deg: the contact model has no lateral force")
-            elif slip is None:
-                left_out.append(f"{path}:{number}: slip {values['slip']:g}: the wheel does not turn")
-            else:
-                rows.append(
-                    Row(path.stem, trial, slip, values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"])
-                )
+    table = _lines(path)
+    columns = _columns(path, table[0] if table else [])
+    rows, left_out = [], []
+    for number, cells in enumerate(table[1:], start=2):
+        values = {key: _value(path, number, cells, index, column) for key, (index, column) in columns.items() if key != "trial"}
+        trial = _text(cells, columns["trial"][0]) if "trial" in columns else "1"
+        angle = values.get("slip_angle", 0.0)
+        slip = rim_slip(values["slip"], slip_definition)
+        if abs(angle) > STRAIGHT_DEG:
+            left_out.append(f"{path}:{number}: slip angle {angle:g} deg: the contact model has no lateral force")
+        elif slip is None:
+            left_out.append(f"{path}:{number}: slip {values['slip']:g}: the wheel does not turn")
+        else:
+            rows.append(Row(path.stem, trial, slip, values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"]))
     return rows, left_out
 
 
@@ -87,8 +85,21 @@ def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, _Column]]:
     return found
 
 
+def _lines(path: Path) -> list[list[str]]:
+    """The cells of every line; spreadsheets begin a file with a byte order mark."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return list(csv.reader(file))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise WheelTableError(f"{path}: is no CSV file in UTF-8: {error}") from error
+
+
+def _text(cells: list[str], index: int) -> str:
+    return cells[index].strip() if index < len(cells) else ""
+
+
 def _value(path: Path, number: int, cells: list[str], index: int, column: _Column) -> float:
-    text = cells[index].strip() if index < len(cells) else ""
+    text = _text(cells, index)
     try:
         value = float(text)
     except ValueError:

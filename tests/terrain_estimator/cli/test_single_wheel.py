@@ -111,6 +111,15 @@ def test_a_table_that_cannot_be_read_is_refused_with_its_line_and_field(
     assert said in capsys.readouterr().err
 
 
+def test_a_table_of_a_spreadsheet_is_read_and_one_of_another_encoding_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(f"{HEADER},remark\n0.1,40,1.0,12,3,1,d\u00fcn\n0.2,40,1.0,12,3\n", encoding="utf-8-sig")
+    assert [(row.slip, row.trial) for row in read_table(path, "rim")[0]] == [(0.1, "1"), (0.2, "")]
+    path.write_bytes(path.read_text(encoding="utf-8-sig").encode("latin-1"))
+    with pytest.raises(WheelTableError, match=r"table.csv: is no CSV file in UTF-8"):
+        read_table(path, "rim")
+
+
 def test_an_effect_that_one_wheel_does_not_show_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wheel = tmp_path / "wheel.yaml"
     wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
