@@ -20,6 +20,8 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path 
 
     ``model`` is the name or file of the model to extend, that of the rover's name if empty.
     """
+    if model and Path(model).resolve() == path.resolve():
+        return f"no model is written: {path} is the model to extend; give another --out"
     for old in (path, path.with_suffix(".json")):
         old.unlink(missing_ok=True)  # of an earlier finding
     if finding.judgement.verdict is not Verdict.NAMED:

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from terrain_estimator.cli.find_missing_effect import main
+from terrain_estimator.cli.finding_model import write_model
 from terrain_estimator.model_file import load_model
 from terrain_estimator.rows import row_names
+from terramechanics.rover import load_rover
 from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.sealing import seal
 
@@ -67,3 +69,11 @@ def test_one_run_and_unreadable_runs_are_refused(bags: list[str], tmp_path: Path
     complaint = capsys.readouterr().err
     assert "nothing_here is left out" in complaint
     assert "1 of 2 runs can be used" in complaint
+
+
+def test_the_model_that_is_to_be_extended_is_never_removed(tmp_path: Path) -> None:
+    path = tmp_path / "model.pt"
+    path.write_bytes(b"a model")
+    said = write_model(None, load_rover("mars_rover"), str(path), path)  # type: ignore[arg-type]
+    assert "give another --out" in str(said)
+    assert path.exists()
