@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the pages point to and tell to type exists: links, anchors, executables, options, parameters, targets of make, versions."""
+
+import importlib
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+
+from docs.pages import NODES
+from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terramechanics.parameters import parameters
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PACKAGES = ("msg_defs", "terramechanics", "rover_sim_node", "terrain_estimator")
+ENDS = r"(?:[^|;&#\n]|\n +\[)*"  # of a command; a line that goes on begins with an option in brackets
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+@cache
+def tokens(page: Path) -> tuple[Token, ...]:
+    """Of blocks and of what is in them."""
+    blocks = MarkdownIt("commonmark").enable("table").parse(page.read_text(encoding="utf-8"))
+    return tuple(token for block in blocks for token in (block, *(block.children or ())))
+
+
+def anchors(page: Path) -> set[str]:
+    """Of the headings, as GitHub makes them."""
+    found = [token.content for before, token in zip(tokens(page), tokens(page)[1:], strict=False) if before.type == "heading_open"]
+    return {re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-") for text in found}
+
+
+def code(page: Path) -> list[str]:
+    return [token.content for token in tokens(page) if token.type in {"code_inline", "code_block", "fence"}]
+
+
+@cache
+def executables() -> dict[tuple[str, str], str]:
+    """Module by package and executable."""
+    texts = {package: (ROOT / package / "setup.py").read_text(encoding="utf-8") for package in PACKAGES[1:]}
+    entries = r'"(\w+) = ([\w.]+):main"'
+    return {(package, name): module for package, text in texts.items() for name, module in re.findall(entries, text)}
+
+
+@cache
+def targets() -> dict[str, str]:
+    """Recipe by target of make."""
+    text = (ROOT / "Makefile").read_text(encoding="utf-8")
+    return dict(re.findall(r"^([a-z-]+):[^=].*\n((?:\t.*\n)*)", text, re.MULTILINE))
+
+
+def commands(page: Path) -> Iterator[tuple[str, str, str]]:
+    """Package, executable and arguments of every `ros2 run`, those that make hands on included."""
+    for text in code(page):
+        yield from re.findall(rf"ros2 run (\w+) (\w+)({ENDS})", text)
+        for target, arguments in re.findall(r'make ([a-z-]+) ARGS="([^"]*)"', text):
+            for package, name in re.findall(r"ros2 run (\w+) (\w+) \$\(ARGS\)", targets()[target]):
+                yield package, name, arguments
+
+
+@cache
+def known_options(module: str, *arguments: str) -> frozenset[str]:
+    """What --help of a command-line program lists."""
+    shown: list[str] = []
+    main = importlib.import_module(module).main
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("argparse.ArgumentParser.print_help", lambda parser: shown.append(parser.format_help()))
+        with pytest.raises(SystemExit):
+            main([*arguments, "--help"])
+    return frozenset(re.findall(r"--[a-z-]+|-p\b", shown[0]))
+
+
+@every_page
+def test_links_lead_to_files_and_headings(page: Path) -> None:
+    links = [str(token.attrs.get("href") or token.attrs.get("src")) for token in tokens(page) if token.type in {"link_open", "image"}]
+    for link in links:
+        if link.startswith(("http://", "https://")):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), f"{link}: no such file"
+        assert not anchor or anchor in anchors(target), f"{link}: {target.name} has {sorted(anchors(target))}"
+
+
+@every_page
+def test_targets_of_make_exist(page: Path) -> None:
+    for text in code(page):
+        for target in re.findall(r"\bmake ([a-z-]+)", text):
+            assert target in targets(), f"make {target}"
+
+
+@every_page
+def test_executables_exist_and_know_their_options(page: Path) -> None:
+    for package, name, arguments in commands(page):
+        if not re.match(r"[A-Z]+$", name):
+            assert (package, name) in executables(), f"ros2 run {package} {name}"
+        own = arguments.partition("--ros-args")[0]
+        if options := set(re.findall(r"(?<![\w-])--[a-z-]+", own)) - {"--help"}:
+            module = executables()[package, name]
+            table = ("--wheel-table", "FILE") if "--wheel-table" in options else ()
+            known = {"--dump-config"} if name in NODES else known_options(module, *table)
+            assert options <= known, f"{name}: {options - known}"
+
+
+@every_page
+def test_parameters_are_those_of_the_node(page: Path) -> None:
+    for _, name, arguments in commands(page):
+        given = set(re.findall(r"-p ([a-z_.]+):=", arguments))
+        node = "estimator" if name == "replay" else name
+        if given:
+            known = {each.name for each in parameters(NODES[node])} | {"use_sim_time"}
+            assert given <= known, f"{name}: {given - known}"
+
+
+def test_the_checks_find_commands_to_check() -> None:
+    found = [each for page in PAGES for each in commands(page)]
+    assert len(found) > 40
+    assert any("-p" in arguments for *_, arguments in found)
+    assert any("\n" in arguments for *_, arguments in found), "a command over two lines"
+    assert known_options("terrain_estimator.cli.replay") >= {"--compare", "--out", "-p"}
+
+
+def test_versions_are_one() -> None:
+    found = {re.search(r"<version>(.+)</version>", (ROOT / name / "package.xml").read_text(encoding="utf-8"))[1] for name in PACKAGES}  # type: ignore[index]
+    found |= {re.search(r'version="(.+)"', (ROOT / name / "setup.py").read_text(encoding="utf-8"))[1] for name in PACKAGES[1:]}  # type: ignore[index]
+    found |= {yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))["version"]}
+    found |= {re.search(r"^## (\d+\.\d+\.\d+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)[1]}  # type: ignore[index]
+    assert len(found) == 1, found
+
+
+def test_the_policy_allows_the_estimator_its_topics_and_no_more() -> None:
+    policy = ET.parse(ROOT / "docs/examples/sros2/policy.xml")
+    allowed = {
+        verb: {topic.text for topic in policy.iterfind(f".//profile[@node='estimator']/topics[@{verb}='ALLOW']/topic")}
+        for verb in ("publish", "subscribe")
+    }
+    assert allowed == {"publish": {*OUTPUT_TYPES, "estimator_health"}, "subscribe": set(INPUT_TYPES)}
