@@ -8,6 +8,7 @@ torque they are not identified.
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,6 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     torch.set_num_threads(1)
     try:
+        _check(options)
         wheel = load(Wheel, options.wheel)
         rover = wheel_alone(load_rover("mars_rover"), wheel.radius, wheel.width)
         bed = Rig(rover, load_soil(options.soil), options.constants_sd, (options.sinkage_sd, options.pull_sd))
@@ -56,8 +58,9 @@ def main(arguments: list[str] | None = None) -> int:
         given = Hypothesis(tuple(each.parts[0] for each in singles(_names(options.given)))) if options.given else NOTHING
         rows, left_out = _read(bed, [*options.wheel_table, *options.reference], options.slip_definition)
         reference = frozenset(path.stem for path in options.reference)
+        by_trial = options.hold_out_by == "trial"
+        _check_trials(rows, reference, by_trial=by_trial)
         with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
-            by_trial = options.hold_out_by == "trial"
             outcome = investigate_wheel(
                 bed, rows, reference, given, names, read_thresholds(), report.at, by_trial=by_trial, seed=options.seed
             )
@@ -100,6 +103,18 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the bootstrap (default: %(default)s)")
     return parser
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raises ConfigError for a deviation that is none."""
+    for name in ("constants_sd", "sinkage_sd", "pull_sd"):
+        if not 0.0 < getattr(options, name) < math.inf:
+            raise ConfigError(f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation is above zero")
+
+
+def _check_trials(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) -> None:
+    if by_trial and not reference and len({row.trial for row in rows}) < 2:
+        raise WheelTableError("--hold-out-by trial: there is one trial, so nothing would be left to fit; hold out by cell")
 
 
 def _names(text: str) -> tuple[str, ...]:

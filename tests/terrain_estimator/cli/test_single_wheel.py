@@ -127,6 +127,27 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(tmp_path: Path, capsy
     assert "payload is not testable" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--hold-out-by", "trial"), "there is one trial"),
+        (("--sinkage-sd", "0"), "--sinkage-sd 0: a standard deviation is above zero"),
+        (("--constants-sd", "-1"), "--constants-sd -1"),
+        (("--pull-sd", "nan"), "--pull-sd nan"),
+    ],
+)
+def test_arguments_that_leave_nothing_to_fit_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str], said: str
+) -> None:
+    path, wheel = tmp_path / "table.csv", tmp_path / "wheel.yaml"
+    path.write_text(
+        f"{HEADER}\n" + "".join(f"{slip},40,1.0,{5 + 20 * slip},{10 * slip},1\n" for slip in (0.0, 0.1, 0.2, 0.4)), encoding="utf-8"
+    )
+    wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
+    assert main(["--wheel-table", str(path), "--wheel", str(wheel), *arguments]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_slip_of_a_braked_wheel_is_converted() -> None:
     assert rim_slip(0.5, "larger") == pytest.approx(0.5)
     assert rim_slip(-0.2, "larger") == pytest.approx(-0.25)
