@@ -16,8 +16,8 @@ demo: workspace  ## drive, estimate, record and replay in one go; results in out
 discover: workspace  ## hide an effect in a simulated rover, find it blind, unseal, open the report; results in out/discover
 	ros2_ws/with python -m tests.terrain_estimator.discovery.discover $(ARGS)
 
-test: workspace  ## all tests
-	ros2_ws/with python -m pytest $(ARGS)
+test: workspace  ## all tests, in two processes (ARGS="-n 0" for one)
+	ros2_ws/with python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: environment  ## ruff, mypy and the import contract
 	$(VENV_PYTHON) -m ruff check
