@@ -18,7 +18,7 @@ from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.packing import LONGEST_GAP, ground_torque, link, pack
 from terrain_estimator.palpaca import State
-from terrain_estimator.saved_state import Arrays, checked_state
+from terrain_estimator.saved_state import Arrays, StateFileError, checked_state
 from terrain_estimator.screening import Screening, screen
 from terrain_estimator.summary import Beliefs, doubted, summarise
 from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
@@ -103,13 +103,16 @@ class Estimator:
             StateFileError: the arrays are not those of a state of this model; nothing is changed then.
         """
         state = checked_state(arrays, self._state, _PUBLISHED)
+        values = {name.removeprefix("last."): value for name, value in arrays.items() if name.startswith("last.")}
+        last: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in values.items()}
+        try:
+            self._last = Observation(**last) if last else None
+        except TypeError as error:
+            raise StateFileError(f"the state's last observation is another version's: {error}") from error
         stamp_ns, self._used, self._contradictions = arrays["counts"].tolist()
         self._time_used_s, self._change, self._doubt, *forecast = arrays["numbers"].tolist()
         self._forecast = (forecast[0], forecast[1])
         self._last_stamp = None if stamp_ns < 0 else stamp_ns
-        values = {name.removeprefix("last."): value for name, value in arrays.items() if name.startswith("last.")}
-        last: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in values.items()}
-        self._last = Observation(**last) if last else None
         self._state = state
         self._estimate = self._summarise()
 

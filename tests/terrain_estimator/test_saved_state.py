@@ -117,6 +117,8 @@ def test_a_damaged_file_is_refused_by_name(model: LoadedModel, content: bytes, t
         ({"state.kind": np.zeros(54)}, "kind is torch.float64"),
         ({"state.moments": np.full((3, 2), np.nan)}, "not finite"),
         ({"counts": None}, "counts or numbers are missing"),
+        ({"last.pitch": None}, "another version's.*pitch"),
+        ({"last.yaw": np.zeros(())}, "another version's.*yaw"),
     ],
 )
 def test_arrays_that_are_no_state_of_the_model_change_nothing(
