@@ -78,10 +78,6 @@ class Types:
             msg = f"{len(data)} bytes are not a {type_name} ({error})"
             raise BagError(msg) from error
 
-    def canonical(self, data: bytes, type_name: str) -> bytes:
-        """Return the same message with padding zero and little-endian: equal messages have equal bytes (NaN payloads are kept)."""
-        return self.serialize(self.deserialize(data, type_name))
-
     def _plan(self, type_name: str) -> tuple[type[Any], dict[str, Callable[[], Any]], dict[str, Callable[[Any], Any]]]:
         plan = self._plans.get(type_name)
         if plan is None:
