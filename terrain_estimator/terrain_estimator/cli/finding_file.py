@@ -5,6 +5,7 @@
 import dataclasses
 import hashlib
 import json
+import math
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -19,11 +20,22 @@ from terramechanics.soil import Soil
 PACKAGES = ("terrain_estimator", "torch", "numpy", "scipy", "rosbags", "mcap")
 
 
+def known(value: Any) -> Any:  # noqa: ANN401 (whatever JSON holds)
+    """The same with null for a number that is not finite: one figure that does not exist must not cost all others."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: known(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [known(each) for each in value]
+    return value
+
+
 def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
     """Write finding.json and report.html to ``folder``, which is made; the same content gives the same bytes. Returns their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
-        "finding.json": json.dumps(content, indent=1, allow_nan=False) + "\n",
+        "finding.json": json.dumps(known(content), indent=1, allow_nan=False) + "\n",
         "report.html": finding_page(content),
     }
     for name, text in texts.items():
