@@ -62,7 +62,9 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEf
     place, fresh = plain.uncertain_constants, model.other_precision
     before = known["other_precision"]
     known["other_precision"] = torch.cat([before[:place], torch.ones(fresh.shape[0] - before.shape[0], dtype=before.dtype), before[place:]])
-    model.load_state_dict(known, strict=False)
+    absent, _ = model.load_state_dict(known, strict=False)
+    if unknown := [name for name in absent if not name.startswith(("values.", "laws."))]:
+        raise ConfigError(f"the model to be extended lacks {', '.join(unknown)}: export it again with this version")
     return model
 
 
