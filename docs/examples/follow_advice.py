@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives as fast as wanted and as the planner allows; stops when it says so, or when it falls silent."""
+"""Creeps until the planner has said something, then drives as it allows; stops when it says so, or when it falls silent."""
 
 import contextlib
 
@@ -14,6 +14,7 @@ from rclpy.time import Time
 from msg_defs.msg import TractionAdvice
 
 SILENCE_S = 5.0
+CREEP = 0.05  # [m/s] of a rover that the planner has not seen move yet
 
 
 class Driver(Node):
@@ -23,7 +24,7 @@ class Driver(Node):
         super().__init__("driver")
         self.wanted = float(self.declare_parameter("speed", 0.15).value)
         self.obey = bool(self.declare_parameter("obey", value=True).value)
-        self.allowed, self.stopped = self.wanted, False
+        self.allowed, self.stopped = min(self.wanted, CREEP), False
         self.heard: Time | None = None
         self.output = self.create_publisher(Twist, "cmd_vel", QoSProfile(depth=50))
         self.create_subscription(TractionAdvice, "traction_advice", self.take, QoSProfile(depth=50))
