@@ -17,7 +17,7 @@ discover: workspace  ## hide an effect in a simulated rover, find it blind, unse
 	ros2_ws/with python -m tests.terrain_estimator.discovery.discover $(ARGS)
 
 test: workspace  ## all tests, in two processes (ARGS="-n 0" for one)
-	ros2_ws/with python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+	OMP_NUM_THREADS=1 ros2_ws/with python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: environment  ## ruff, mypy and the import contract
 	$(VENV_PYTHON) -m ruff check
