@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import os
+import threading
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -95,19 +96,24 @@ def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
     return unpack_state(content, model_sha256, str(path))
 
 
+_WRITING = threading.Lock()
+"""The temporary file has one name, which a crash cannot leave behind twice; autosave and a service may write at once."""
+
+
 def write_state(path: Path, content: bytes) -> None:
     """Replace a state file so that a crash leaves the old one or the new one. Raises OSError; the old one is untouched then."""
     temporary = path.with_name(f".{path.name}.new")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
+    with _WRITING:
+        try:
+            with temporary.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
 
 
 def _header(line: bytes, where: str) -> dict[str, Any]:
