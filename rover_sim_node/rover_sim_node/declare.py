@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declares the fields of a configuration as ROS parameters, with descriptors and ranges."""
 
-import math
 import sys
 from typing import Any, cast
 
@@ -10,11 +9,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from rover_sim_node.config import SimulatorConfig
-from terramechanics.parameter_files import parameter_files, read_parameters, without_those_of_ros
-from terramechanics.parameters import Parameter, configure, effective, parameters, template
-
-DUMP = "--dump-config"
-"""Asks for the parameters in force, as a parameter file."""
+from terramechanics.parameter_files import DUMP, configured
+from terramechanics.parameters import Parameter, effective, parameters, template
 
 
 def declare(node: Node) -> SimulatorConfig:
@@ -26,12 +22,11 @@ def declare(node: Node) -> SimulatorConfig:
         ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
         SystemExit: with code 0 after ``--dump-config``.
     """
-    for path in parameter_files(sys.argv):
-        read_parameters(path, node.get_fully_qualified_name())
     given = {name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()}
-    config = configure(SimulatorConfig, without_those_of_ros(given))
+    name = node.get_fully_qualified_name()
+    config = configured(SimulatorConfig, name, given, sys.argv)
     if DUMP in sys.argv:
-        print(template(node.get_fully_qualified_name(), config))  # noqa: T201 - the user asked for it
+        print(template(name, config))  # noqa: T201 - the user asked for it
         sys.exit()
     values = effective(config)
     for entry in parameters(SimulatorConfig):
@@ -42,12 +37,10 @@ def declare(node: Node) -> SimulatorConfig:
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
-    """A range of ROS needs both ends, and holds for a default of NaN too, which says "not given"; else the words say it."""
+    """Where ROS cannot hold the range the words say it."""
     descriptor = ParameterDescriptor(description=entry.meaning, additional_constraints=entry.limits, read_only=True)
-    if math.isinf(entry.low) or math.isinf(entry.high) or entry.default != entry.default:
-        return descriptor
-    if isinstance(entry.default, float):
+    if entry.range and isinstance(entry.default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=entry.low, to_value=entry.high)]
-    else:
+    elif entry.range:
         descriptor.integer_range = [IntegerRange(from_value=int(entry.low), to_value=int(entry.high))]
     return descriptor

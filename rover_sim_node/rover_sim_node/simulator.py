@@ -23,11 +23,12 @@ from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import TerrainTruth
 from rover_sim_node.config import SimulatorConfig
-from rover_sim_node.declare import DUMP, declare
+from rover_sim_node.declare import declare
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
 from rover_sim_node.run import Reading, Run, Truth
 from terramechanics.loading import ConfigError
+from terramechanics.parameter_files import DUMP
 from terramechanics.parameters import usage
 from terramechanics.suspension import TerrainError
 

@@ -9,15 +9,36 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from terramechanics.loading import ConfigError, nearest, parse_yaml, read_yaml
-from terramechanics.parameters import flatten
+from terramechanics.parameters import configure, flatten
 
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Beginnings of the parameters that every node has."""
 
+DUMP = "--dump-config"
+"""Asks a node for the parameters in force, as a parameter file."""
+
 _SECTION = "ros__parameters"
+RecordT = TypeVar("RecordT")
+
+
+def configured(record: type[RecordT], node: str, given: Mapping[str, Any], arguments: Sequence[str]) -> RecordT:
+    """The configuration of ``node``, a full name, from what ROS took for its parameters and the files of its command line.
+
+    A list of strings is taken where words separated by spaces are meant.
+
+    Raises:
+        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
+    """
+    for path in parameter_files(arguments):
+        read_parameters(path, node)
+    return configure(record, {name: _words(value) for name, value in without_those_of_ros(given).items()})
+
+
+def _words(value: object) -> object:
+    return " ".join(value) if isinstance(value, list) and all(isinstance(word, str) for word in value) else value
 
 
 def read_parameters(path: Path, node: str) -> dict[str, Any]:

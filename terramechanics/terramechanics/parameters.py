@@ -47,6 +47,13 @@ class Parameter:
         return f"above {self.low:g}, at most {self.high:g}" if self.exclusive else f"{self.low:g} to {self.high:g}"
 
     @property
+    def range(self) -> tuple[float, float] | None:
+        """Both ends, as ROS needs them; None where one is missing, or where the default stands for "not given" and lies outside."""
+        if math.isinf(self.low) or math.isinf(self.high) or self.default != self.default:
+            return None
+        return self.low, self.high
+
+    @property
     def meaning(self) -> str:
         """Description and unit."""
         return f"{self.description} [{self.unit}]" if self.unit else self.description

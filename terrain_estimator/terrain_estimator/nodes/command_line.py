@@ -12,10 +12,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from terramechanics.loading import ConfigError
+from terramechanics.parameter_files import DUMP
 from terramechanics.parameters import usage
-
-DUMP = "--dump-config"
-"""Asks for the parameters in force, as a parameter file; answered where they are declared."""
 
 
 def begin(name: str, example: str, config: type[Any]) -> threading.Event:

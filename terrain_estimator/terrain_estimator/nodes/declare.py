@@ -2,16 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declares a node's parameters from their one definition, strictly."""
 
-import math
 import sys
 from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from terrain_estimator.nodes.command_line import DUMP
-from terramechanics.parameter_files import parameter_files, read_parameters, without_those_of_ros
-from terramechanics.parameters import Parameter, configure, effective, parameters, template
+from terramechanics.parameter_files import DUMP, configured
+from terramechanics.parameters import Parameter, effective, parameters, template
 
 Config = TypeVar("Config")
 
@@ -30,12 +28,11 @@ def declare(node: Node, config: type[Config]) -> Config:
         ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
         SystemExit: with code 0 after ``--dump-config``.
     """
-    for path in parameter_files(sys.argv):
-        read_parameters(path, node.get_fully_qualified_name())
     given = {name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()}
-    result = configure(config, {name: _words(value) for name, value in without_those_of_ros(given).items()})
+    name = node.get_fully_qualified_name()
+    result = configured(config, name, given, sys.argv)
     if DUMP in sys.argv:
-        print(template(node.get_fully_qualified_name(), result))  # noqa: T201 - the user asked for it
+        print(template(name, result))  # noqa: T201 - the user asked for it
         sys.exit()
     values = effective(result)
     for entry in parameters(config):
@@ -45,17 +42,11 @@ def declare(node: Node, config: type[Config]) -> Config:
     return result
 
 
-def _words(value: object) -> object:
-    return " ".join(value) if isinstance(value, list) and all(isinstance(word, str) for word in value) else value
-
-
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
-    """A range of ROS needs both ends, and holds for a value that stands for "not given" too; else the words say it."""
+    """Where ROS cannot hold the range the words say it."""
     descriptor = ParameterDescriptor(description=entry.meaning, additional_constraints=entry.limits, read_only=True)
-    if math.isinf(entry.low) or math.isinf(entry.high) or entry.default != entry.default:
-        return descriptor
-    if isinstance(entry.default, float):
+    if entry.range and isinstance(entry.default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=entry.low, to_value=entry.high)]
-    else:
+    elif entry.range:
         descriptor.integer_range = [IntegerRange(from_value=int(entry.low), to_value=int(entry.high))]
     return descriptor
