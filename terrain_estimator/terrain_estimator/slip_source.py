@@ -7,7 +7,6 @@ sd(i)^2 = (sd(v) / (r w))^2 + (1 - i)^2 ((sd(r) / r)^2 + (sd(w) / w)^2).
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ import torch
 
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.observation import Floats
-from terrain_estimator.pairing import Synchronizer, Topic
+from terrain_estimator.pairing import MessageSet, Synchronizer, Topic
 from terrain_estimator.ros_types import Make, Message, stamp_ns
 from terramechanics.equilibrium import slip_at
 from terramechanics.loading import ConfigError
@@ -32,7 +31,7 @@ class SlipSourceError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Slips:
-    """Slip [wheels] in the order of the rover file and its deviation; NaN for a wheel that stands."""
+    """Slip [wheels] in the order of the rover file and its deviation; NaN for a wheel that stands, or whose slip no number holds."""
 
     slip: Floats
     sd: Floats
@@ -50,21 +49,23 @@ class SlipSource:
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._sequence = 0
 
-    def add(self, topic: str, message: Message, make: Make) -> Iterator[Message]:
-        """Take a message of JOINTS or VELOCITY; the wheel_slip messages that it completes. Raises SlipSourceError."""
-        index = (JOINTS, VELOCITY).index(topic)
-        for complete in self._synchronizer.add(index, stamp_ns(message), message):
-            joints, velocity = complete.messages
-            slips = self._slips(joints, velocity)
-            yield make(
-                "msg_defs/msg/WheelSlip",
-                header=make("std_msgs/msg/Header", stamp=joints.header.stamp, frame_id=self._config.body_frame),
-                sequence=self._sequence,
-                wheel=list(self._rover.wheel_names),
-                slip=slips.slip,
-                slip_stddev=slips.sd,
-            )
-            self._sequence += 1
+    def pair(self, topic: str, message: Message) -> list[MessageSet]:
+        """Take a message of JOINTS or VELOCITY; the pairs that it completes, usually none or one."""
+        return self._synchronizer.add((JOINTS, VELOCITY).index(topic), stamp_ns(message), message)
+
+    def slip_message(self, pair: MessageSet, make: Make) -> Message:
+        """The wheel_slip message of a pair. Raises SlipSourceError."""
+        joints, velocity = pair.messages
+        slips = self._slips(joints, velocity)
+        self._sequence += 1
+        return make(
+            "msg_defs/msg/WheelSlip",
+            header=make("std_msgs/msg/Header", stamp=joints.header.stamp, frame_id=self._config.body_frame),
+            sequence=self._sequence - 1,
+            wheel=list(self._rover.wheel_names),
+            slip=slips.slip,
+            slip_stddev=slips.sd,
+        )
 
     def _slips(self, joints: Message, velocity: Message) -> Slips:
         speed, variance = float(velocity.twist.twist.linear.x), float(velocity.twist.covariance[0])
@@ -90,5 +91,8 @@ def slips_of(rover: Rover, rates: Floats, speed: float, speed_sd: float, config:
     rate = torch.from_numpy(np.where(turns, rates, 1.0)).unsqueeze(0)
     slip, at_rest, at_unit = (slip_at(rover, torch.tensor([v], dtype=torch.float64), rate)[0].numpy() for v in (speed, 0.0, 1.0))
     by_rate = config.rate_sd / np.abs(rate[0].numpy())
-    variance = (speed_sd * (at_rest - at_unit)) ** 2 + (1.0 - slip) ** 2 * (config.radius_sd**2 + by_rate**2)
-    return Slips(np.where(turns, slip, np.nan), np.where(turns, np.sqrt(variance), np.nan))
+    with np.errstate(over="ignore", invalid="ignore"):
+        # hypot: the square of a deviation overflows long before the deviation does
+        deviation = np.hypot(speed_sd * (at_rest - at_unit), (1.0 - slip) * np.hypot(config.radius_sd, by_rate))
+    known = turns & np.isfinite(slip) & np.isfinite(deviation)
+    return Slips(np.where(known, slip, np.nan), np.where(known, deviation, np.nan))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from builtin_interfaces.msg import Time
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -122,9 +123,13 @@ def test_with_simulated_time_the_log_times_are_simulated(start: Starter, listene
     listener.spin_until(heard, "the recorder has subscribed once the clock runs")
     publish(slips, range(1))
     wait_until(lambda: count(folder) == 1, "the message is recorded")
+    clock.publish(Clock(clock=Time(sec=-1)))
+    recorder.wait_for_output("in a callback, the message is left out: .*negative")
+    publish(slips, range(1, 2))
+    wait_until(lambda: count(folder) == 2, "a clock before zero, at which rclpy raises, does not end it")
     assert recorder.interrupt() == 0
     with BagReader(folder) as reader:
-        [message] = reader.messages()
+        message, _ = reader.messages()
     assert message.log_time_ns == 1234 * 10**9
     assert message.publish_time_ns > 10**18
 

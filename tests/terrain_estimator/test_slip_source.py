@@ -43,7 +43,7 @@ def velocity(speed: float, variance: float, stamp_ns: int = 0) -> Message:
 def published(rates: list[float], speed: float, variance: float = 1e-4, late_ns: int = 0, **values: Any) -> list[Message]:
     source = SlipSource(ROVER, configure(SlipSourceConfig, values))
     pair = ((JOINTS, joints(rates)), (VELOCITY, velocity(speed, variance, late_ns)), (JOINTS, joints(rates, 10**9)))
-    return [message for topic, given in pair for message in source.add(topic, given, TYPES.make)]
+    return [source.slip_message(found, TYPES.make) for topic, given in pair for found in source.pair(topic, given)]
 
 
 def test_the_deviation_is_the_spread_of_slips_with_noisy_inputs() -> None:
@@ -93,6 +93,28 @@ def test_a_velocity_that_cannot_be_used_is_refused(speed: float, variance: float
 
 def test_a_missing_wheel_is_named_with_the_joints_that_are_there() -> None:
     source = SlipSource(ROVER, SlipSourceConfig())
-    list(source.add(JOINTS, joints(RATES, names=("a", *ROVER.wheel_names[1:])), TYPES.make))
+    source.pair(JOINTS, joints(RATES, names=("a", *ROVER.wheel_names[1:])))
+    [pair] = source.pair(VELOCITY, velocity(0.1, 1e-4))
     with pytest.raises(SlipSourceError, match=r"front_left.*rocker, a"):
-        list(source.add(VELOCITY, velocity(0.1, 1e-4), TYPES.make))
+        source.slip_message(pair, TYPES.make)
+
+
+@pytest.mark.parametrize(("speed", "variance"), [(0.1, 1e308), (1e308, 1e-4), (1e308, 1e308), (0.1, 5e-324)])
+def test_no_velocity_gives_an_infinite_slip_or_deviation(speed: float, variance: float) -> None:
+    (message,) = published(RATES, speed, variance)
+    assert not np.isinf([*message.slip, *message.slip_stddev]).any()
+    assert np.isfinite(message.slip_stddev).all() == (speed < 1.0)
+
+
+def test_a_pair_that_cannot_be_used_does_not_take_the_next_one_with_it() -> None:
+    source = SlipSource(ROVER, SlipSourceConfig())
+    for topic, given in (
+        (VELOCITY, velocity(math.nan, 1e-4, 5_000_000)),
+        (JOINTS, joints(RATES, 10_000_000)),
+        (JOINTS, joints(RATES, 30_000_000)),
+    ):
+        assert source.pair(topic, given) == []
+    first, second = source.pair(VELOCITY, velocity(0.1, 1e-4, 30_000_000))
+    with pytest.raises(SlipSourceError, match="velocity nan m/s"):
+        source.slip_message(first, TYPES.make)
+    assert source.slip_message(second, TYPES.make).sequence == 0

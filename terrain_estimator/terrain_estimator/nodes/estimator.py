@@ -12,7 +12,6 @@ from pathlib import Path
 import rclpy
 import torch
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -26,7 +25,7 @@ from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.keeping import StateKeeper
-from terrain_estimator.nodes.managed import ManagedNode, spin
+from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.nodes.watchdog import unheard_publishers
 from terrain_estimator.pipeline import Answer, Pipeline
@@ -225,10 +224,10 @@ def main() -> int:
     return 0
 
 
-def _drain(executor: SingleThreadedExecutor) -> None:
+def _drain(turn: Turn) -> None:
     """Take what waits in the queues when the signal comes."""
     for _ in range(DEPTH * len(INPUT_TYPES)):
-        executor.spin_once(timeout_sec=0)
+        turn(0.0)
 
 
 if __name__ == "__main__":

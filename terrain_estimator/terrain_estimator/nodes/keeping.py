@@ -44,9 +44,9 @@ class StateKeeper:
                 return
             try:
                 write_state(self._path, content)
-            except OSError as error:
+            except Exception as error:  # noqa: BLE001 - whatever the disk does, the next state is tried too
                 self.failures += 1
                 if self.failures == 1:
-                    self._complain(f"cannot write the state to {self._path}: {error.strerror}; trying on")
+                    self._complain(f"cannot write the state to {self._path}: {error}; trying on")
             else:
                 self.failures = 0

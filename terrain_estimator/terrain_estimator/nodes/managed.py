@@ -22,6 +22,8 @@ PERIOD_S = 1.0
 PATIENCE_S = 5.0
 """What is wrong for so long is worth a line of the log."""
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
+Turn = Callable[[float], None]
+"""Serves the callbacks that are due, waiting so long [s] for one."""
 _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
 
@@ -177,13 +179,17 @@ class ManagedNode(LifecycleNode):
             return response
 
 
-def spin(node: ManagedNode, stop: threading.Event, drain: Callable[[SingleThreadedExecutor], None], *, auto_start: bool) -> None:
-    """Serve callbacks until ``stop`` is set; then take what waits in the queues by ``drain`` and let go of everything."""
+def spin(node: ManagedNode, stop: threading.Event, drain: Callable[[Turn], None], *, auto_start: bool) -> None:
+    """Serve callbacks until ``stop`` is set; then take what waits in the queues by ``drain`` and let go of everything.
+
+    A turn takes its time-out [s] and never raises: rclpy's own callbacks do, at a /clock before zero for instance.
+    """
     if auto_start:
         node.start()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    turn = node.guard(executor.spin_once)
     while not stop.is_set():
-        executor.spin_once(timeout_sec=POLL_S)
-    drain(executor)
+        turn(POLL_S)
+    drain(turn)
     node.end()

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What nodes share: a guard around callbacks, and how one without a life cycle runs."""
 
+import functools
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -18,8 +19,12 @@ LOG_PERIOD_S = 5.0
 
 
 def guarded(node: Node, callback: Callable[..., None], failed: Callable[[], None] = lambda: None) -> Callable[..., None]:
-    """A callback that never raises: whatever a message does, the node stays alive, says so, and calls ``failed``."""
+    """A callback that never raises: whatever a message does, the node stays alive, says so, and calls ``failed``.
 
+    It has the signature of ``callback``, by which rclpy tells whether to hand over the reception's details.
+    """
+
+    @functools.wraps(callback)
     def call(*arguments: Any) -> None:
         try:
             callback(*arguments)
@@ -43,8 +48,9 @@ def run(name: str, example: str, config: type[Any], make: Callable[[], Node]) ->
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+        turn = guarded(node, executor.spin_once)  # rclpy's own callbacks raise too: at a /clock before zero, for instance
         while not stop.is_set():
-            executor.spin_once(timeout_sec=POLL_S)
+            turn(POLL_S)
         node.destroy_node()
     except ConfigError as error:
         return refuse(name, error)

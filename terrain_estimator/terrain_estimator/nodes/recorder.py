@@ -14,7 +14,6 @@ from typing import Any, cast
 
 from rclpy.clock import ROSClock
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -29,7 +28,7 @@ from terrain_estimator.config import RecorderConfig
 from terrain_estimator.diagnostics import UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.nodes.managed import ManagedNode, spin
+from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.ros_types import HEALTH
 from terramechanics.loading import ConfigError
@@ -203,7 +202,7 @@ class RecorderNode(ManagedNode):
             except OSError as error:
                 self._fail(writer, error)
 
-        subscription = self.create_subscription(kind, name, cast("Any", record), qos, raw=True)
+        subscription = self.create_subscription(kind, name, cast("Any", self.guard(record)), qos, raw=True)
         self._sources[name] = Source(topic, subscription, reliable, transient_local, matched=old is not None and old.matched)
         return self._sources[name]
 
@@ -244,7 +243,7 @@ def main() -> int:
     try:
         stop = begin("recorder", "output:=bags/run", RecorderConfig)
         node = RecorderNode(stop)
-        spin(node, stop, lambda executor: _drain(executor, node), auto_start=node.config.auto_start)
+        spin(node, stop, lambda turn: _drain(turn, node), auto_start=node.config.auto_start)
         node.destroy_node()
     except ConfigError as error:
         return refuse("recorder", error)
@@ -253,14 +252,14 @@ def main() -> int:
     return int(node.disk_failed)
 
 
-def _drain(executor: SingleThreadedExecutor, node: RecorderNode) -> None:
+def _drain(turn: Turn, node: RecorderNode) -> None:
     """Take what waits in the queues when the signal comes."""
     deadline = time.monotonic() + DRAIN_S
     before = -1
     while node.received != before and time.monotonic() < deadline:
         before = node.received
         for _ in range(BURST):
-            executor.spin_once(timeout_sec=0)
+            turn(0.0)
 
 
 def _offered(publisher: TopicEndpointInfo) -> Qos:

@@ -41,11 +41,11 @@ class SlipSourceNode(Node):
 
     def _subscribe(self, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
-            try:
-                for slip in self._source.add(topic, message, make):
-                    self._output.publish(slip)
-            except SlipSourceError as error:
-                self.get_logger().error(str(error), throttle_duration_sec=LOG_PERIOD_S)
+            for pair in self._source.pair(topic, message):
+                try:
+                    self._output.publish(self._source.slip_message(pair, make))
+                except SlipSourceError as error:
+                    self.get_logger().error(str(error), throttle_duration_sec=LOG_PERIOD_S)
 
         self.create_subscription(message_class(kind), topic, guarded(self, receive), QOS)
 

@@ -45,7 +45,7 @@ class Watch(Node):
             self._subscribe(topic)
         latched = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         truth = message_class("msg_defs/msg/TerrainTruth")
-        self.create_subscription(truth, TRUTH, lambda message: self._last.update({TRUTH: message}), latched)
+        self.create_subscription(truth, TRUTH, guarded(self, lambda message: self._last.update({TRUTH: message})), latched)
         self.create_timer(self._config.period_s, guarded(self, self._show), clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._say("ready")
 
@@ -82,8 +82,7 @@ class Watch(Node):
 
         events = SubscriptionEventCallbacks(matched=match)
         kind, qos = message_class(TOPICS[topic]), QoSProfile(depth=DEPTH)
-        # rclpy passes the reception's details to a callback of two arguments; its annotation knows only those of one
-        self.create_subscription(kind, topic, receive, qos, event_callbacks=events, raw=topic not in SHOWN)  # type: ignore[arg-type]
+        self.create_subscription(kind, topic, guarded(self, receive), qos, event_callbacks=events, raw=topic not in SHOWN)
 
     def _show(self) -> None:
         """Say what is new; nothing where no estimate came since the last line."""
