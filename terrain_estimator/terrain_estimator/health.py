@@ -87,7 +87,7 @@ class HealthMonitor:
         self._recent[update.decision.outcome] += 1
         self._latencies.append(latency_s)
         self._condition_number = update.condition_number
-        innovation = _normalized_innovation(update)
+        innovation = normalized_innovation(update)
         if math.isfinite(innovation):
             self._innovations.append(innovation)
 
@@ -159,7 +159,7 @@ class HealthMonitor:
         yield LATENCY.judge(max(self._latencies, default=math.nan))
 
 
-def _normalized_innovation(update: Update) -> float:
+def normalized_innovation(update: Update) -> float:
     """Squared innovation over its predicted variance, per degree of freedom; NaN where nothing was predicted."""
     decision, prediction = update.decision, update.prediction
     if math.isfinite(decision.mahalanobis_squared) and decision.degrees_of_freedom > 0:

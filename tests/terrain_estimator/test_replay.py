@@ -17,6 +17,8 @@ from terrain_estimator.bags import BagReader, BagWriter, Types, compare
 from terrain_estimator.cli import replay
 from terrain_estimator.cli.replaying import Replay
 from terrain_estimator.cli.summary import print_table
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.model_file import load_model
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import STEP_NS, drive_messages, write_bag
@@ -156,7 +158,7 @@ def test_a_missing_bag_does_not_stop_the_others(bag: Path, tmp_path: Path, capsy
 def test_results_are_not_replaced_unless_asked_for(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(tmp_path, bag)[0] == 0
     assert run(tmp_path, bag)[0] == replay.WRONG
-    assert "drive_estimates" in capsys.readouterr().err
+    assert "drive_estimates exists from an earlier replay: give --overwrite, or another folder by --out" in capsys.readouterr().err
     assert run(tmp_path, bag, "--overwrite")[0] == 0
 
 
@@ -179,15 +181,26 @@ def test_wrong_arguments_are_named(
     assert all(word in said for word in words)
 
 
-def test_parameters_change_the_estimate_and_are_part_of_its_origin(bag: Path, tmp_path: Path) -> None:
-    path = tmp_path / "p.yaml"
+def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_report(bag: Path, tmp_path: Path) -> None:
+    path, page = tmp_path / "p.yaml", tmp_path / "pages/run.html"
     path.write_text("estimator: {ros__parameters: {use_torque: false, prior: {tan_phi_mean: 0.5, tan_phi_sd: 0.05}}}\n")
     _, plain = run(tmp_path / "plain", bag)
-    code, changed = run(tmp_path / "changed", bag, "--params-file", path)
+    code, changed = run(tmp_path / "changed", bag, "--params-file", path, "--report", page)
     assert code == 0
     assert changed["configuration_sha256"] != plain["configuration_sha256"]
     assert estimates(tmp_path / "changed/drive_estimates")[0].tan_phi == pytest.approx(0.5, abs=0.1)
     assert set(estimates(tmp_path / "changed/drive_estimates")[-1].rows) == {"velocity", "load", "acceleration"}
+    text, result = page.read_text(encoding="utf-8"), changed["bags"][0]
+    for number in (1e-3 * result["estimate"]["cohesion_pa"]["mean"], result["estimate"]["tan_phi"]["sd"], float(result["estimates"])):
+        assert repr(number) in text
+    not_default = "Not at their defaults: use_torque, prior.tan_phi_mean and prior.tan_phi_sd."
+    for words in (changed["model_sha256"], changed["configuration_sha256"], not_default, "Banerjee"):
+        assert words in text
+
+
+def test_a_report_that_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert not replay._report(tmp_path, [], load_model(), EstimatorConfig())
+    assert f"{tmp_path}: the report cannot be written" in capsys.readouterr().err
 
 
 def test_the_comparison_finds_a_live_estimate_that_differs(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -232,13 +245,6 @@ def test_bad_messages_are_counted_and_the_outputs_stay_sound(tmp_path: Path) -> 
     for message in estimates(tmp_path / "out/bad_estimates"):
         assert np.isfinite(message.covariance).all()
         assert np.linalg.eigvalsh(message.covariance.reshape(2, 2))[0] >= 0.0
-
-
-def test_a_second_replay_is_told_how_to_replace_the_first(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(tmp_path, bag)[0] == 0
-    assert run(tmp_path, bag)[0] == 2
-    assert "give --overwrite, or another folder by --out" in capsys.readouterr().err
-    assert run(tmp_path, bag, "--overwrite")[0] == 0
 
 
 def test_many_observations_that_contradict_the_estimate_raise_the_question_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:

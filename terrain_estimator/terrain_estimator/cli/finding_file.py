@@ -6,18 +6,15 @@ import dataclasses
 import hashlib
 import json
 import math
-import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from terrain_estimator.cli.origin import bag_sha256, versions
 from terrain_estimator.pages.finding import finding_page
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
-
-PACKAGES = ("terrain_estimator", "torch", "numpy", "scipy", "rosbags", "mcap")
 
 
 def known(value: Any) -> Any:  # noqa: ANN401 (whatever JSON holds)
@@ -52,34 +49,12 @@ def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]
     """Versions, and SHA-256 of everything that went in."""
     thresholds = (files("terrain_estimator.discovery") / "thresholds.json").read_bytes()
     return {
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
+        "versions": versions(),
         "sha256": {"rover": _of_record(rover), "soil": _of_record(soil), "thresholds": hashlib.sha256(thresholds).hexdigest()},
-        "runs_sha256": [[bag.name, _of_files(sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag])] for bag in bags],
+        "runs_sha256": [[bag.name, bag_sha256(bag)] for bag in bags],
     }
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "from its source, not installed"
 
 
 def _of_record(record: Rover | Soil) -> str:
     """Of the values in force, not of the text of their file."""
     return hashlib.sha256(json.dumps(dataclasses.asdict(record), sort_keys=True).encode()).hexdigest()
-
-
-def _of_files(paths: Sequence[Path]) -> str:
-    """Of the files one after the other; says so where there is none, or one cannot be read."""
-    if not paths:
-        return "holds no .mcap file"
-    digest = hashlib.sha256()
-    try:
-        for path in paths:
-            with path.open("rb") as file:
-                while block := file.read(1 << 20):
-                    digest.update(block)
-    except OSError as error:
-        return f"cannot be read: {error.strerror}"
-    return digest.hexdigest()

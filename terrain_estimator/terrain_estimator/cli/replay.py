@@ -64,6 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic, such as wheel_slip:=/slip"
     )
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page about the runs: one file, for a browser")
     parser.add_argument("--compare", action="store_true", help="compare with the estimates that the bag has from the live node")
     parser.add_argument("--overwrite", action="store_true", help="replace estimates bags of an earlier replay")
     return parser
@@ -94,11 +95,25 @@ def _replay_all(options: argparse.Namespace, model: LoadedModel, config: Estimat
         print_table(replays)
         write_summary(options.out / "summary.json", summary(replays, model, config))
         print(f"summary: {options.out / 'summary.json'}")
+        failed |= bool(options.report) and not _report(options.report, replays, model, config)
     if failed:
         return WRONG
     if any(each.differences and any(each.differences.values()) for each in replays):
         return DIFFERENT
     return NOTHING if any(each.estimates == 0 for each in replays) else 0
+
+
+def _report(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
+    """Write the page about the runs; whether that went well."""
+    from terrain_estimator.cli.run_report import write_report  # noqa: PLC0415 - matplotlib takes half a second, and few want it
+
+    try:
+        write_report(path, replays, model, config)
+    except OSError as error:
+        _refuse(f"{path}: the report cannot be written: {error.strerror}")
+        return False
+    print(f"report: {path}")
+    return True
 
 
 def _output(folder: Path, bag: Path, *, overwrite: bool) -> Path:

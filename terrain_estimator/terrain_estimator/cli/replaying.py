@@ -17,6 +17,7 @@ from terrain_estimator.cli.alongside import Answered, Converted, answering
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import check_inputs
 from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.history import History
 from terrain_estimator.messages import status_of
 from terrain_estimator.model_file import LoadedModel
 from terrain_estimator.outcome import Outcome
@@ -43,13 +44,19 @@ class Replay:
     first: Answer | None = None
     last: Answer | None = None
     status: str = ""
-    truth: Message | None = None
+    truths: list[Message] = field(default_factory=list)  # grows with the changes of the simulated ground alone
+    history: History = field(default_factory=History)
     differences: dict[str, str] | None = None  # by topic, empty where it is identical to live; None where not compared
 
     @property
     def estimates(self) -> int:
         """Number of estimates."""
         return self.outcomes.total()
+
+    @property
+    def truth(self) -> Message | None:
+        """The last true ground, None where the bag has none."""
+        return self.truths[-1] if self.truths else None
 
     @property
     def span_s(self) -> float:
@@ -141,7 +148,7 @@ def _converted(
         decoded = [(raw, ours[raw.topic], reader.decode(raw)) for raw in batch]
         for _, name, message in decoded:
             if name == TRUTH:
-                result.truth = message
+                result.truths.append(message)
         inputs = [(raw, name, message) for raw, name, message in decoded if name != TRUTH]
         sets = [(raw, complete) for raw, name, message in inputs for complete in pipeline.pair(name, message)]
         yield [(raw, pipeline.convert(complete)) for raw, complete in sets]
@@ -154,6 +161,7 @@ def _keep(answers: Answered, output: _Output, result: Replay) -> None:
     output.write(answers)
     for _, answer in answers:
         result.outcomes[answer.update.decision.outcome] += 1
+        result.history.add(answer.update)
     if answers:
         result.first = result.first or answers[0][1]
         result.last = answers[-1][1]

@@ -92,7 +92,7 @@ def print_table(replays: Sequence[Replay]) -> None:
         )
     console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
     console.print(table)
-    for line in (line for each in replays for line in _remarks(each)):
+    for line in (line for each in replays for line in remarks(each)):
         console.print(line, markup=False)
 
 
@@ -112,7 +112,8 @@ def _interval(value: dict[str, Any] | None, scale: float) -> str:
     return f"{mean:.3g} ({lower:.3g} to {upper:.3g}{truth})"
 
 
-def _remarks(replay: Replay) -> list[str]:
+def remarks(replay: Replay) -> list[str]:
+    """What a user should know about a run, line by line."""
     lines = list(replay.notes)
     if replay.missing_s:
         lines.append(f"{replay.bag}: {replay.missing_s:.1f} s are missing at the end")

@@ -23,19 +23,19 @@ _ROW_INCH = 0.27
 _MARGIN_INCH = 0.75
 _COLOURS = {"#010101": "ink", "#020202": "quiet", "#030303": "before", "#040404": "after", "#050505": "accent"}
 """Stand-ins that are drawn with, and the variables of style.css that take their place."""
-INK, _QUIET, BEFORE, AFTER, ACCENT = _COLOURS
-_LOOK: dict[Any, Any] = {
+INK, QUIET, BEFORE, AFTER, ACCENT = _COLOURS
+LOOK: dict[Any, Any] = {
     "svg.hashsalt": "page",  # the same picture has the same bytes
     "svg.fonttype": "none",  # text stays text: found by a search, read aloud, in the reader's font
     "text.parse_math": False,  # names of runs are no formulas
     "font.size": 9.5,
     "text.color": INK,
     "axes.labelcolor": INK,
-    "axes.edgecolor": _QUIET,
+    "axes.edgecolor": QUIET,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": 9.5,
-    "grid.color": _QUIET,
+    "grid.color": QUIET,
     "grid.alpha": 0.35,
     "xtick.color": INK,
     "ytick.color": INK,
@@ -75,10 +75,10 @@ class Series:
 
 def bars(name: str, title: str, labels: Sequence[str], values: Sequence[float], axis: str) -> Picture:
     """A horizontal bar for each label, the first on top."""
-    with mpl.rc_context(_LOOK):
+    with mpl.rc_context(LOOK):
         figure, axes = _rows(labels, axis)
         axes.barh(range(len(labels)), values, color=ACCENT, height=0.6)
-        svg = _inline(figure, name)
+        svg = inline(figure, name)
     largest = labels[max(range(len(values)), key=lambda k: abs(values[k]))]
     words = f"{title}: {len(labels)} bars, the longest is {largest} with {max(values, key=abs):.3g}. {axis}."
     return Picture(name, title, words, svg, Table(("", axis), tuple(zip(labels, values, strict=True))))
@@ -86,7 +86,7 @@ def bars(name: str, title: str, labels: Sequence[str], values: Sequence[float], 
 
 def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series], axis: str, goal: float | None = None) -> Picture:
     """Points with intervals, one row for each label, the series of a row one below the other; a dashed line stands at ``goal``."""
-    with mpl.rc_context(_LOOK):
+    with mpl.rc_context(LOOK):
         figure, axes = _rows(labels, axis)
         for number, each in enumerate(series):
             shown = [k for k, value in enumerate(each.values) if value is not None]
@@ -104,7 +104,7 @@ def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series
         if goal is not None:
             axes.axvline(goal, color=INK, linestyle="--", linewidth=1.0)
         figure.legend(loc="outside upper right", ncols=len(series), frameon=False, handletextpad=0.2, borderpad=0.0)
-        svg = _inline(figure, name)
+        svg = inline(figure, name)
     head = ("", *(column for each in series for column in _columns(each)))
     rows = [(label, *(cell for each in series for cell in _cells(each, k))) for k, label in enumerate(labels)]
     words = f"{title}: {', '.join(each.name for each in series)} for {', '.join(labels)}. {axis}. The numbers are in the table."
@@ -113,7 +113,7 @@ def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series
 
 def lines(name: str, title: str, across: Sequence[float], series: Sequence[Series], axes_words: tuple[str, str]) -> Picture:
     """Curves over ``across``, with a marker every now and then; ``axes_words`` stand below and beside them."""
-    with mpl.rc_context(_LOOK):
+    with mpl.rc_context(LOOK):
         figure = Figure(figsize=(WIDTH_INCH, 0.6 * WIDTH_INCH), layout="constrained")
         axes = figure.subplots()
         for each in series:
@@ -124,7 +124,7 @@ def lines(name: str, title: str, across: Sequence[float], series: Sequence[Serie
         axes.set(xlabel=axes_words[0], ylabel=axes_words[1])
         axes.grid(visible=True)
         figure.legend(loc="outside upper right", ncols=len(series), frameon=False, handletextpad=0.4, borderpad=0.0)
-        svg = _inline(figure, name)
+        svg = inline(figure, name)
     words = (
         f"{title}: curves of {', '.join(each.name for each in series)}, {axes_words[1]} over {axes_words[0]}. The numbers are in the table."
     )
@@ -154,7 +154,7 @@ def _rows(labels: Sequence[str], axis: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _inline(figure: Figure, name: str) -> Markup:
+def inline(figure: Figure, name: str) -> Markup:
     """The figure as an element of the page: no prologue, no size of its own, names that no other picture has."""
     stream = io.StringIO()
     figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})

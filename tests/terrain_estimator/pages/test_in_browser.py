@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report in a real browser: nothing is said on the console, nothing is asked for, and it shows what finding.json holds."""
+"""Reports in a real browser: nothing is said on the console, nothing is asked for, and they show what they were made from."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +10,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 
 from tests.browser import chromium, needs_chromium, opened
+from tests.terrain_estimator.pages import runs
 from tests.terrain_estimator.pages.findings import finding, report
 
 pytestmark = needs_chromium
@@ -24,9 +25,9 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[[str], Path]:
-    def write(verdict: str) -> Path:
-        path = tmp_path / f"{verdict}.html"
-        path.write_text(report(verdict), encoding="utf-8")
+    def write(what: str) -> Path:
+        path = tmp_path / f"{what}.html"
+        path.write_text(runs.report() if what == "runs" else report(what), encoding="utf-8")
         return path
 
     return write
@@ -38,19 +39,20 @@ def values(page: Page, selector: str) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("verdict", "width", "scheme"),
+    ("what", "width", "scheme"),
     [
         ("named", PHONE, "dark"),
         ("named", DESK, "light"),
         ("confusable", PHONE, "light"),
         ("unknown", DESK, "dark"),
         ("none", PHONE, "light"),
+        ("runs", PHONE, "dark"),
     ],
 )
 def test_the_report_opens_quietly_fits_and_is_usable_by_everyone(
-    browser: Browser, written: Callable[[str], Path], verdict: str, width: int, scheme: str
+    browser: Browser, written: Callable[[str], Path], what: str, width: int, scheme: str
 ) -> None:
-    path = written(verdict)
+    path = written(what)
     with opened(browser, path, width, scheme) as it:
         page = it.page
         assert it.said == []
@@ -115,3 +117,18 @@ def test_the_keyboard_reaches_the_content_and_opens_a_table(browser: Browser, wr
         page.locator("figure summary").first.focus()
         page.keyboard.press("Enter")
         assert page.locator("figure table").first.is_visible()
+
+
+def test_a_band_of_a_run_is_drawn_where_its_numbers_say(browser: Browser, written: Callable[[str], Path]) -> None:
+    with opened(browser, written("runs"), DESK) as it:
+        page = it.page
+        rows = page.locator("#run-1-cohesion tbody tr").evaluate_all(
+            "all => all.map(row => [...row.querySelectorAll('data')].map(each => Number(each.value)))"
+        )
+        assert all(low_95 <= low <= mean <= high <= high_95 for mean, low, high, low_95, high_95, _ in rows)
+        truth = [row[-1] for row in rows]
+        assert truth == sorted(truth)
+        assert {round(each, 9) for each in truth} == {0.83, 1.8}
+        assert page.locator("#run-1-change text", has_text="true change").is_visible()
+        page.get_by_role("link", name="rock").click()
+        assert page.evaluate("location.hash") == "#run-2"

@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs as replay hands them to its report; the numbers are invented."""
+
+import dataclasses
+from functools import cache
+
+from terrain_estimator.history import History
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.pages.run import Origin, Run, Truth, run_page
+from terrain_estimator.pairing import Counters
+from tests.terrain_estimator.updates import START_NS, STEP_NS, update
+
+OBSERVATIONS = 1000
+ORIGIN = Origin(
+    rover="mars_rover",
+    identity=[("model", "mars_rover-7"), ("model, SHA-256", "ab" * 32)],
+    parameters=[("use_imu", "true", "true", "use pitch and acceleration"), ("prior.soil", "regolith", "", "name of the soil")],
+    citations=["A. Author: A law of sand. 1967."],
+)
+
+
+def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
+    """A run whose ground changes in its middle, with a second of observations that were refused."""
+    history = History()
+    for number in range(observations):
+        refused = 500 <= number < 510
+        history.add(update(number, Outcome.GATED if refused else Outcome.ACCEPTED, change=0.97 if refused else 0.01))
+    truths = [
+        Truth(START_NS - STEP_NS, (830.0, 0.61), "loose_sand"),
+        Truth(START_NS + 500 * STEP_NS, (1800.0, 0.65), "compact_sand with drive_drag 0.2 N m s/rad"),
+    ]
+    return Run(
+        name="dune",
+        bag="bags/dune",
+        bag_sha256="cd" * 32,
+        span_s=0.1 * max(observations - 1, 0),
+        status="converging" if observations else "",
+        status_text="converging; not identified yet: cohesion" if observations else "",
+        remarks=["dune: 10 x GATED: a sensor failed"],
+        history=history,
+        truths=truths if true else [],
+        inputs={"wheel_slip": Counters(received=observations, lost=3)},
+    )
+
+
+@cache
+def report() -> str:
+    """The page about two runs, of which one is without truth."""
+    return run_page([run(), dataclasses.replace(run(40, true=False), name="rock")], ORIGIN)

@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a replay as text; test_in_browser.py opens it."""
+
+import dataclasses
+import re
+
+import pytest
+
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.pages.run import run_page
+from tests.terrain_estimator.pages.runs import OBSERVATIONS, ORIGIN, report, run
+
+
+def test_the_same_runs_give_the_same_page_which_names_no_outside_address() -> None:
+    text = report()
+    assert text == run_page([run(), dataclasses.replace(run(40, true=False), name="rock")], ORIGIN)
+    assert re.findall(r"""(?:src|href)=["'](?![#"']|data:,)|url\((?!#)|@import|<script|//[a-z]+\.[a-z]""", text) == []
+
+
+def test_the_page_shows_the_last_estimate_beside_the_truth() -> None:
+    text = run_page([run()], ORIGIN)
+    mean, sd = 1e-3 * (900.0 + OBSERVATIONS - 1), 2.0 / OBSERVATIONS**0.5
+    shown = [
+        float(each) for each in re.findall(r"c \[kPa\]</th>.*?</tr>", text, re.DOTALL) for each in re.findall(r'value="([^"]+)"', each)
+    ]
+    assert shown == pytest.approx([mean, sd, mean - 1.96 * sd, mean + 1.96 * sd, 1.8, 100.0 * (mean - 1.8) / 1.8])
+    assert "tan phi is identified, c is not" in text
+    assert "loose_sand then compact_sand with drive_drag 0.2 N m s/rad" in text
+    assert "true change" in text
+
+
+def test_without_truth_none_is_drawn_and_the_page_says_so() -> None:
+    text = run_page([run(true=False)], ORIGIN)
+    assert "The bag does not tell the true ground." in text
+    assert not re.search("true change|True ground|>truth</text>", text)
+
+
+def test_refused_observations_stand_with_their_count_and_what_to_do() -> None:
+    text = run_page([run()], ORIGIN)
+    assert Outcome.GATED.advice in text
+    assert re.search(r'GATED</code></th><td class="figure" data-label="Observations"><data value="10.0">10<', text)
+    assert re.search(r'wheel_slip</th><td class="figure"><data value="1000.0">1000<.*value="3.0">3<', text)
+    assert "50 s to 51 s" in text or "GATED 10 times, from 50 to 51 s" in text
+
+
+def test_a_run_of_one_observation_and_one_of_none_have_their_page() -> None:
+    assert "NaN" not in run_page([run(1)], ORIGIN)
+    assert "No estimate came of this bag" in run_page([run(0)], ORIGIN)
+
+
+def test_configuration_hashes_and_citations_are_on_the_page() -> None:
+    text = run_page([run()], ORIGIN)
+    assert "Not at their defaults: prior.soil." in text
+    for told in ("ab" * 32, "cd" * 32, "A law of sand", "use pitch and acceleration"):
+        assert told in text
+    untouched = dataclasses.replace(ORIGIN, parameters=ORIGIN.parameters[:1])
+    assert "All parameters are at their defaults." in run_page([run(1)], untouched)
+
+
+def test_names_of_bags_are_text_and_never_markup() -> None:
+    hostile = "<script>alert(1)</script>"
+    text = run_page([dataclasses.replace(run(3), name=hostile, bag=hostile)], ORIGIN)
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
