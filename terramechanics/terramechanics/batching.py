@@ -2,26 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decisions that hold for a whole batch, so that code with a branch in it still runs under ``torch.vmap``."""
 
-from typing import Any
-
 import torch
 from torch import Tensor
-
-
-class _Any(torch.autograd.Function):
-    """``any`` over everything, under ``torch.vmap`` over the mapped dimension, too: its result is not mapped."""
-
-    @staticmethod
-    def forward(flags: Tensor) -> Tensor:
-        return flags.any()
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:  # noqa: ANN401 (types of torch)
-        """Nothing is kept: flags have no gradient."""
-
-    @staticmethod
-    def vmap(_info: Any, _in_dims: tuple[Any, ...], flags: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401
-        return _Any.apply(flags), None  # type: ignore[no-untyped-call]
+from torch._C import _functorch
 
 
 def any_of(flags: Tensor) -> bool:
@@ -32,7 +15,7 @@ def any_of(flags: Tensor) -> bool:
 
 
 def _any_of_mapped(flags: Tensor) -> bool:
-    try:
-        return bool(flags.any())
-    except RuntimeError:  # a mapped tensor has no one value; asking first would cost every other call 15 us
-        return bool(_Any.apply(flags))  # type: ignore[no-untyped-call]
+    """A mapped tensor has no one value, so its wrappers come off; torch's public way, a Function with its own vmap, takes 0.3 ms."""
+    while _functorch.is_functorch_wrapped_tensor(flags):
+        flags = _functorch.get_unwrapped(flags)
+    return bool(flags.any())

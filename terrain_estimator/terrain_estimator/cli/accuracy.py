@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``accuracy``: judge the estimator on simulated drives with known truth; a JSON file and a page of tables."""
+"""``accuracy``: judge the estimator on simulated drives with known truth; a JSON file and a page of tables.
+
+Drives are computed in batches, each of which is kept: a run that was ended, or had no more time, goes on where it was.
+"""
 
 import argparse
 import dataclasses
@@ -8,40 +11,53 @@ import itertools
 import json
 import os
 import sys
+import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from datetime import UTC, datetime
 from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 
+from terrain_estimator.cli.accuracy_records import digest, read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
 from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.learning.study import ROVERS, SOILS, Outcome, Setting, settings, study
+from terrain_estimator.learning.study import ROVERS, SOILS, Part, Setting, cells, settings, study
 from terramechanics.schedules import SCHEDULES
 
+BATCH = 100
+"""Drives of a setting that are computed at once."""
 _CONSTANTS = ("exact", "wrong")
 
 
+class _Batch(NamedTuple):
+    """A piece of work and where its result is kept."""
+
+    setting: Setting
+    number: int
+    episodes: int
+    path: Path
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: measured, whatever the figures are; 2: an argument is wrong or a file cannot be written."""
+    """Entry point. 0: measured, whatever the figures are; 1: no time for one batch of each setting; 2: an argument or a file is wrong."""
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     chosen = [setting for setting in settings() if _is_chosen(setting, args)]
     if not chosen:
         sys.stderr.write("accuracy: no such setting: S2, S3 and S4 are driven on loose_sand with exact constants\n")
         return 2
-    outcomes = _in_order(chosen, args)
-    run = Run(
-        date=datetime.now(UTC).date().isoformat(),
-        episodes=args.episodes,
-        seed=args.seed,
-        cells=list(itertools.chain.from_iterable(outcome.cells for outcome in outcomes)),
-        reference=list(itertools.chain.from_iterable(outcome.reference for outcome in outcomes)),
-        net=list(itertools.chain.from_iterable(outcome.net for outcome in outcomes)),
-    )
+    batches = _batches(chosen, args)
     try:
+        _compute([batch for batch in batches if read_part(batch.path) is None], args)
+        rounds = [batches[start : start + len(chosen)] for start in range(0, len(batches), len(chosen))]
+        whole = list(itertools.takewhile(lambda one: all(batch.path.exists() for batch in one), rounds))
+        if not whole:
+            sys.stderr.write("accuracy: not one batch of every setting was done in this time; call it again, it goes on where it was\n")
+            return 1
+        run = _gathered(chosen, whole, args.seed)
         for path, text in ((args.out, json.dumps(dataclasses.asdict(run), indent=1) + "\n"), (args.table, page(run))):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
@@ -50,6 +66,31 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     sys.stdout.write(f"{args.out} and {args.table}: {len(run.cells)} cells of {run.episodes} episodes\n")
     return 0
+
+
+def _batches(chosen: list[Setting], args: argparse.Namespace) -> list[_Batch]:
+    """Every setting's first batch, then every setting's second, and so on."""
+    folder, found = args.records / f"{digest()}-{args.seed}", []
+    for number, start in enumerate(range(0, args.episodes, BATCH)):
+        episodes = min(BATCH, args.episodes - start)
+        for setting in chosen:
+            place = (setting.rover, setting.soil, setting.schedule, _constants(setting), setting.truth, number, episodes)
+            found.append(_Batch(setting, number, episodes, folder / ("-".join(map(str, place)) + ".npz")))
+    return found
+
+
+def _gathered(chosen: list[Setting], rounds: list[list[_Batch]], seed: int) -> Run:
+    """The figures of all batches ``rounds`` [batch][setting]."""
+    parts = [[part for part in map(read_part, (batch.path for batch in same)) if part] for same in zip(*rounds, strict=True)]
+    first = [of_setting[0] for of_setting in parts]
+    return Run(
+        date=datetime.now(UTC).date().isoformat(),
+        episodes=sum(one[0].episodes for one in rounds),
+        seed=seed,
+        cells=[cell for setting, of_setting in zip(chosen, parts, strict=True) for cell in cells(setting, of_setting)],
+        reference=[check for part in first for check in part.reference],
+        net=[share for part in first for share in part.net],
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -63,37 +104,48 @@ def _parser() -> argparse.ArgumentParser:
         "--constants", nargs="+", choices=_CONSTANTS, default=_CONSTANTS, help="soil constants known exactly, or 5 %% wrong"
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
+    parser.add_argument("--minutes", type=float, default=0.0, help="after which no batch is begun; 0: until all is done")
+    parser.add_argument("--records", type=Path, default=Path("out/accuracy"), help="folder of what is kept of every batch")
     parser.add_argument("--out", type=Path, default=Path("out/accuracy.json"), help="file of all figures")
     parser.add_argument("--table", type=Path, default=Path("docs/accuracy.md"), help="page of the tables")
     return parser
 
 
+def _constants(setting: Setting) -> str:
+    return "wrong" if setting.spread else "exact"
+
+
 def _is_chosen(setting: Setting, args: argparse.Namespace) -> bool:
-    constants = "wrong" if setting.spread else "exact"
+    constants = _constants(setting)
     here = (setting.rover in args.rover, setting.soil in args.soil, setting.schedule in args.schedule, constants in args.constants)
     return all(here)
 
 
-def _in_order(chosen: list[Setting], args: argparse.Namespace) -> list[Outcome]:
-    """The outcomes of all settings, in their order, whatever finishes first."""
-    outcomes: dict[int, Outcome] = {}
-    with ProgressReport(f"accuracy: {len(chosen)} settings of {args.episodes} drives") as report:
-        for index, outcome in _finished(chosen, args):
-            outcomes[index] = outcome
-            setting = chosen[index]
-            report.at(len(outcomes) / len(chosen), f"{setting.rover} {setting.soil} {setting.schedule}")
-    return [outcomes[index] for index in range(len(chosen))]
+def _compute(missing: list[_Batch], args: argparse.Namespace) -> None:
+    """Compute and keep these batches, as many as there is time for."""
+    end = time.monotonic() + 60.0 * args.minutes if args.minutes else float("inf")
+    with ProgressReport(f"accuracy: {len(missing)} batches") as report:
+        for done, (batch, part) in enumerate(_finished(missing, args, end), 1):
+            write_part(part, batch.path)
+            report.at(done / len(missing), batch.path.stem)
 
 
-def _finished(chosen: list[Setting], args: argparse.Namespace) -> Iterator[tuple[int, Outcome]]:
+def _finished(missing: list[_Batch], args: argparse.Namespace, end: float) -> Iterator[tuple[_Batch, Part]]:
+    """Results as they come; after ``end`` no batch is begun."""
+    waiting = itertools.takewhile(lambda _: time.monotonic() < end, missing)
     if args.jobs == 1:
-        for index, setting in enumerate(chosen):
-            yield index, study(setting, args.episodes, args.seed)
+        for batch in waiting:
+            yield batch, study(batch.setting, batch.episodes, args.seed, batch.number)
         return
     with ProcessPoolExecutor(args.jobs, get_context("spawn"), torch.set_num_threads, (1,)) as pool:
-        futures = {pool.submit(study, setting, args.episodes, args.seed): index for index, setting in enumerate(chosen)}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+        running: dict[Future[Part], _Batch] = {}
+        while True:
+            for batch in itertools.islice(waiting, args.jobs - len(running)):
+                running[pool.submit(study, batch.setting, batch.episodes, args.seed, batch.number)] = batch
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
 
 
 if __name__ == "__main__":

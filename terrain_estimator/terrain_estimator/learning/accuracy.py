@@ -5,7 +5,10 @@
 An episode ends at its first stuck second and keeps its last estimate, in the bound as well.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -93,7 +96,7 @@ class Score:
     nis: float  # misfit of a block over its degrees of freedom, 1 for a consistent estimator
     nis_above_95: float  # share of blocks above the 95 % quantile of chi-square
     velocity_coverage_95: float  # of the one-step predictive interval
-    velocity_spread: float  # median predicted deviation over that of the sensor [1]
+    velocity_spread: float  # median over drives of the median predicted deviation, over that of the sensor [1]
     velocity_calibration: float  # rms predicted deviation over rms innovation, 1 for a consistent estimator
     velocity_nll: float  # mean negative log predictive density of the velocity [nat]
 
@@ -147,35 +150,74 @@ def observation_times() -> Tensor:
     return torch.tensor([round(time / TIME_STEP) - 1 for time in TIMES_S])
 
 
-def score(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor, velocity_sd: float) -> Score:
-    """Judge a trace at TIMES_S. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2]; ``velocity_sd`` [m/s] of the sensor."""
-    truth = drives.tasks.strength.unsqueeze(1)
-    error = (trace.mean - truth).abs()
-    sd = _deviation(trace.covariance)
-    least = _deviation(bound)
-    parameters = [
-        _score_parameter(error[..., k], sd[..., k], least[..., k], truth[..., k], float(prior_sd[k])) for k in range(len(PARAMETERS))
-    ]
+class Judged(NamedTuple):
+    """What is kept of N drives, so that those of several calls can be put together (:func:`pool`); K are TIMES_S."""
+
+    truth: Tensor  # [N, 2] c [Pa] and tan phi
+    mean: Tensor  # [N, K, 2]
+    covariance: Tensor  # [N, K, 2, 2]
+    least: Tensor  # [N, K, 2] deviation of the Cramer-Rao bound
+    prior_sd: Tensor  # [N, 2] of the model
+    stuck: Tensor  # [N] 1 where the drive ended early
+    blocks: Tensor  # [N, 4] sums over blocks: misfit, degrees of freedom, 1, misfits above the 95 % quantile
+    velocity: Tensor  # [N, 5] sums over predictions: 1, inside the 95 % interval, twice the NLL, variance, squared innovation
+    velocity_sd: Tensor  # [N] median predicted deviation [m/s], NaN where nothing was predicted
+
+
+def judge(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor) -> Judged:
+    """Compare a trace with the truth at TIMES_S. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2] of the model."""
     counted = ~torch.isnan(trace.misfit) & (trace.degrees > 0)
-    misfit, degrees = trace.misfit[counted], trace.degrees[counted]
+    quantile = torch.from_numpy(chi2.ppf(0.95, trace.degrees.numpy()))
+    blocks = [trace.misfit, trace.degrees, torch.ones_like(trace.misfit), (trace.misfit > quantile).double()]
     settled = slice(round(_SETTLED_S / TIME_STEP), None)
     innovation, variance = trace.innovation[:, settled], trace.variance[:, settled]
-    predicted = ~torch.isnan(innovation)
-    innovation, variance = innovation[predicted], variance[predicted]
     scaled = innovation.square() / variance
+    density = scaled + torch.log(2.0 * np.pi * variance)
+    inside = (scaled < norm.ppf(0.975) ** 2).double()
+    velocity = [torch.ones_like(variance), inside, density, variance, innovation.square()]
+    return Judged(
+        truth=drives.tasks.strength,
+        mean=trace.mean,
+        covariance=trace.covariance,
+        least=_deviation(bound),
+        prior_sd=prior_sd.expand_as(drives.tasks.strength),
+        stuck=(drives.ends < trace.innovation.shape[1]).double(),
+        blocks=torch.stack([torch.where(counted, value, 0.0).sum(1) for value in blocks], 1),
+        velocity=torch.stack([torch.where(torch.isnan(innovation), 0.0, value).sum(1) for value in velocity], 1),
+        velocity_sd=variance.sqrt().nanmedian(1).values,
+    )
+
+
+def pool(parts: Sequence[Judged]) -> Judged:
+    """The drives of all parts."""
+    return Judged(*(torch.cat(fields) for fields in zip(*parts, strict=True)))
+
+
+def score(judged: Judged) -> Score:
+    """The figures of these drives."""
+    truth = judged.truth.unsqueeze(1)
+    error = (judged.mean - truth).abs()
+    sd = _deviation(judged.covariance)
+    parameters = [
+        _score_parameter(error[..., k], sd[..., k], judged.least[..., k], truth[..., k], judged.prior_sd[:, k])
+        for k in range(len(PARAMETERS))
+    ]
+    last = judged.mean[:, -1] - judged.truth, judged.covariance[:, -1]
+    misfit, degrees, blocks, surprising = judged.blocks.sum(0).tolist()
+    predictions, inside, density, variance, squared = judged.velocity.sum(0).tolist()
     return Score(
         episodes=truth.shape[0],
-        stuck=float((drives.ends < trace.innovation.shape[1]).double().mean()),
+        stuck=float(judged.stuck.mean()),
         cohesion=parameters[0],
         tan_phi=parameters[1],
-        joint_coverage_95=_joint_coverage(trace.mean[:, -1] - truth[:, 0], trace.covariance[:, -1]),
-        nll=_nll(trace.mean[:, -1] - truth[:, 0], trace.covariance[:, -1]),
-        nis=float(misfit.sum() / degrees.sum()),
-        nis_above_95=float(np.mean(misfit.numpy() > chi2.ppf(0.95, degrees.numpy()))),
-        velocity_coverage_95=float((scaled < norm.ppf(0.975) ** 2).double().mean()),
-        velocity_spread=float(variance.sqrt().median()) / velocity_sd,
-        velocity_calibration=float((variance.mean() / innovation.square().mean()).sqrt()),
-        velocity_nll=float(0.5 * (scaled + torch.log(2.0 * np.pi * variance)).mean()),
+        joint_coverage_95=_joint_coverage(*last),
+        nll=_nll(*last),
+        nis=misfit / degrees,
+        nis_above_95=surprising / blocks,
+        velocity_coverage_95=inside / predictions,
+        velocity_spread=float(judged.velocity_sd.nanmedian()) / Noise().velocity,
+        velocity_calibration=math.sqrt(variance / squared),
+        velocity_nll=0.5 * density / predictions,
     )
 
 
@@ -183,8 +225,8 @@ def _deviation(covariance: Tensor) -> Tensor:
     return covariance.diagonal(dim1=-2, dim2=-1).sqrt()
 
 
-def _score_parameter(error: Tensor, sd: Tensor, least: Tensor, truth: Tensor, prior_sd: float) -> ParameterScore:
-    """``error``, published ``sd`` and bound ``least`` [N, K] of one parameter, ``truth`` [N, 1]."""
+def _score_parameter(error: Tensor, sd: Tensor, least: Tensor, truth: Tensor, prior_sd: Tensor) -> ParameterScore:
+    """``error``, published ``sd`` and bound ``least`` [N, K] of one parameter, ``truth`` [N, 1], ``prior_sd`` [N]."""
     relative = error / truth
 
     def over_time(values: Tensor, quantile: float = 0.5) -> tuple[float, ...]:

@@ -22,9 +22,9 @@ from terrain_estimator.bank import Bank, Solved, join
 from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, gauss_newton
 from terrain_estimator.gaussian import cholesky, log_determinant
 from terrain_estimator.palpaca import PAlpaca, State
-from terrain_estimator.rows import row_names
+from terrain_estimator.rows import LARGEST_ERROR, row_names
 
-CHUNK = 8
+CHUNK = 16
 """Blocks whose rows are computed at once, so that they stay in the processor's cache."""
 
 
@@ -218,6 +218,9 @@ class _SoilRows:
     def __init__(self, model: PAlpaca, soil: int, packed: Tensor, mask: Tensor, expansion: Tensor) -> None:
         self._model, self._soil, self._packed, self._mask, self._expansion = model, soil, packed, mask, expansion
         self._known = torch.zeros(packed.shape[0], dtype=torch.bool)
+        wheels = packed[..., : 2 * model.axles].nan_to_num()
+        slowest = wheels[..., : model.axles] - LARGEST_ERROR * wheels[..., model.axles :]
+        self._slowest = slowest.amin((1, 2))  # braked wheels cost a chunk more: they go together
         self._rows: BlockRows | None = None
         self.noise = packed.new_zeros(1, 1, 1, 1)  # [G, n, E, 3] of the velocity rows, zero where not needed
 
@@ -225,6 +228,7 @@ class _SoilRows:
         """Rows of the ``chosen`` drives."""
         missing = chosen[~self._known[chosen]]
         if missing.numel() > 0:
+            missing = missing[torch.argsort(self._slowest[missing])]
             averaged, noise = self._average(missing)
             if self._rows is None:
                 self._rows = BlockRows(*(field.new_zeros(self._known.shape[0], *field.shape[1:]) for field in averaged))

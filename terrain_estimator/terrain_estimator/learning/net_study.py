@@ -8,12 +8,11 @@ import torch
 from scipy.stats import norm
 from torch import Tensor
 
-from terrain_estimator.learning.accuracy import CONFIDENCE, Drives, Score, draw_drives, observation_times, row_mask, score
+from terrain_estimator.learning.accuracy import CONFIDENCE, Drives, Score, draw_drives, judge, observation_times, row_mask, score
 from terrain_estimator.learning.batched import Trace, run
 from terrain_estimator.learning.departures import Family
 from terrain_estimator.palpaca import PAlpaca
 from terramechanics.rover import Rover
-from terramechanics.sensors import Noise
 from terramechanics.soil import Soil
 
 PLANTS: dict[str, Family | None] = {"no hidden effect": None, "effects as in training": Family.LEARNT, "other effects": Family.FOREIGN}
@@ -71,4 +70,4 @@ def _trace(model: PAlpaca, drives: Drives) -> Trace:
 
 def _score(model: PAlpaca, trace: Trace, drives: Drives) -> Score:
     nothing = torch.eye(2, dtype=torch.float64).expand(trace.mean.shape[0], trace.mean.shape[1], 2, 2)  # no bound is known here
-    return score(trace, drives, nothing, model.prior_sd, Noise().velocity)
+    return score(judge(trace, drives, nothing, model.prior_sd))

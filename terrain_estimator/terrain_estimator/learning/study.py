@@ -4,12 +4,14 @@
 
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from terrain_estimator.learning.accuracy import PAPER_BAND, Drives, Score, draw_drives, observation_times, row_mask, score
+from terrain_estimator.learning import accuracy
+from terrain_estimator.learning.accuracy import PAPER_BAND, Drives, Judged, Score, draw_drives, judge, observation_times, row_mask
 from terrain_estimator.learning.batched import Trace, run
 from terrain_estimator.learning.bound import Known, cramer_rao_at
 from terrain_estimator.learning.reference import grid_posterior
@@ -18,7 +20,6 @@ from terrain_estimator.model_file import load_model, model_names
 from terrain_estimator.palpaca import PAlpaca
 from terrain_estimator.rows import regression_rows
 from terramechanics.rover import load_rover
-from terramechanics.sensors import Noise
 from terramechanics.soil import load_soil
 
 ROVERS = ("paper_rover", "mars_rover")
@@ -83,10 +84,10 @@ class NetShare:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """All that one setting gives."""
+class Part:
+    """What some of the drives of a setting give."""
 
-    cells: list[Cell]
+    judged: dict[tuple[str, str], Judged]  # by rows and model
     reference: list[ReferenceCheck]
     net: list[NetShare]
 
@@ -101,33 +102,45 @@ def settings() -> list[Setting]:
     return cells
 
 
-def seed_of(setting: Setting, seed: int) -> int:
-    """A seed of its own for each setting, so that settings can be run in any order and number."""
-    return seed + zlib.crc32(repr(setting).encode()) % 1_000_000
+def seed_of(setting: Setting, seed: int, batch: int) -> int:
+    """A seed of its own for each batch of each setting, so that they can be run in any order and number."""
+    return seed + zlib.crc32(repr((setting, batch)).encode()) % 1_000_000
 
 
-def study(setting: Setting, episodes: int, seed: int) -> Outcome:
-    """Simulate the drives of a setting and judge every row set and model on them."""
+def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
+    """Simulate a batch of drives of a setting and judge every row set and model on them.
+
+    The first batch is compared with the grid, too, and says what the net contributes.
+    """
     rover, soil = load_rover(setting.rover), load_soil(setting.soil)
     band = PAPER_BAND if setting.truth == "paper" else None
-    drives = draw_drives(rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed), band)
+    drives = draw_drives(rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed, batch), band)
     physics = physics_alone(rover, soil, exact=not setting.spread)
-    shipped = rover.name
-    outcome = Outcome([], [], [])
+    part = Part({}, [], [])
     for rows in setting.rows:
         bound = _bound(physics, drives, rows, setting)
-        trace = _judge(physics, "physics", drives, rows, setting, bound, outcome)
+        trace = _run(physics, drives, rows)
+        part.judged[rows, "physics"] = judge(trace, drives, bound, physics.prior_sd)
         if (rows, setting.schedule, setting.truth) != (EVERY_ROW, "S1", "prior"):
             continue
-        if not setting.spread:
-            outcome.reference.append(_check(physics, drives, trace, setting))
-        if shipped in model_names():
-            loaded = load_model(shipped)
-            _judge(restore(loaded, net=False), "without net", drives, rows, setting, bound, outcome)
-            model = restore(loaded)
-            trace = _judge(model, "shipped", drives, rows, setting, bound, outcome)
-            outcome.net.append(_share(model, drives, trace, setting))
-    return outcome
+        if not setting.spread and batch == 0:
+            part.reference.append(_check(physics, drives, trace, setting))
+        if rover.name not in model_names():
+            continue
+        loaded = load_model(rover.name)
+        for name, model in (("without net", restore(loaded, net=False)), ("shipped", restore(loaded))):
+            trace = _run(model, drives, rows)
+            part.judged[rows, name] = judge(trace, drives, bound, model.prior_sd)
+        if batch == 0:
+            part.net.append(_share(model, drives, trace, setting))
+    return part
+
+
+def cells(setting: Setting, parts: Sequence[Part]) -> list[Cell]:
+    """The lines of the tables that all parts of a setting give together."""
+    place = (setting.rover, setting.soil, setting.schedule, setting.spread, setting.truth)
+    every = parts[0].judged
+    return [Cell(*place, rows, model, accuracy.score(accuracy.pool([part.judged[rows, model] for part in parts]))) for rows, model in every]
 
 
 def _bound(model: PAlpaca, drives: Drives, rows: str, setting: Setting) -> Tensor:
@@ -135,13 +148,8 @@ def _bound(model: PAlpaca, drives: Drives, rows: str, setting: Setting) -> Tenso
     return cramer_rao_at(model, drives.tasks, observation_times(), known)
 
 
-def _judge(model: PAlpaca, name: str, drives: Drives, rows: str, setting: Setting, bound: Tensor, outcome: Outcome) -> Trace:
-    """Run a model and append its cell."""
-    trace = run(model, drives.tasks.measured, observation_times(), drives.ends, row_mask(rows, model.axles))
-    judged = score(trace, drives, bound, model.prior_sd, Noise().velocity)
-    place = (setting.rover, setting.soil, setting.schedule, setting.spread, setting.truth, rows)
-    outcome.cells.append(Cell(*place, name, judged))
-    return trace
+def _run(model: PAlpaca, drives: Drives, rows: str) -> Trace:
+    return run(model, drives.tasks.measured, observation_times(), drives.ends, row_mask(rows, model.axles))
 
 
 def _check(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> ReferenceCheck:
