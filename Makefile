@@ -50,7 +50,7 @@ hidden-full: workspace  ## the same with many more cases, on a dask scheduler by
 bench: workspace  ## time update, replay, simulation and training
 	ros2_ws/with python -m benchmarks $(ARGS)
 
-pages: workspace  ## write the pages that follow from the code: docs/parameters.md
+pages: workspace  ## write the pages and parameter files that follow from the code
 	ros2_ws/with python -m docs.pages
 
 workspace: environment

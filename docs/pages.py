@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the pages that follow from the code:  make pages. A test compares them."""
 
+from functools import partial
 from pathlib import Path
 
+from docs.advice import WHEN
 from rover_sim_node.config import SimulatorConfig
 from terrain_estimator.config import EstimatorNodeConfig, MapConfig, PlannerConfig, RecorderConfig, SlipSourceConfig, WatchConfig
 from terrain_estimator.diagnostics import table as checks
-from terramechanics.parameters import table
+from terramechanics.parameters import table, template
 
 FOLDER = Path(__file__).parent
 _HEAD = """<!--
@@ -33,10 +35,20 @@ All are read when a node starts, and stay as they are. They are given one by one
     ros2 run terrain_estimator estimator --dump-config > estimator.yaml      # a template: all values in force, with their meanings
     ros2 run terrain_estimator estimator --ros-args --params-file estimator.yaml
 
+`terrain_estimator/config` has such a file of each node, with when to change what; it is installed in `share/terrain_estimator/config`.
+
 An unknown or misspelt name is an error that says which is the nearest known one, at every level of a file; so are a value of another type
 or out of its range, and a file that has no section for the node (in a namespace the section is `/rover1/estimator`, or `/**`). An int is
 taken where a float is meant. `replay` takes the estimator's by `-p NAME:=VALUE` and from the same files. The sha256 of the values in force
 is in every estimate, in the health, and in the metadata of recordings and replays.
+"""
+_FILE = """# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+#
+# All parameters of {node} at their defaults, for nodes of that name in any namespace. Copy it and keep the lines that you change:
+#   ros2 run terrain_estimator {node} --ros-args --params-file {node}.yaml
+#   ros2 launch terrain_estimator rover.launch.py config:=FOLDER        (of such files)
+# Written by `make pages`: change the code, not this file.
 """
 _DIAGNOSTICS = """# Diagnostics
 
@@ -60,7 +72,15 @@ def diagnostics_page() -> str:
     return f"{_HEAD}{_DIAGNOSTICS}\n{checks()}\n"
 
 
-PAGES = {"parameters.md": parameters_page, "diagnostics.md": diagnostics_page}
+def parameter_file(node: str) -> str:
+    """The parameter file of a node that a launch file starts."""
+    return f"{_FILE.format(node=node)}{template(f'/**/{node}', NODES[node](), WHEN[node])}\n"
+
+
+FILES = "../terrain_estimator/config"
+PAGES = {"parameters.md": parameters_page, "diagnostics.md": diagnostics_page} | {
+    f"{FILES}/{node}.yaml": partial(parameter_file, node) for node in WHEN
+}
 
 if __name__ == "__main__":
     for name, page in PAGES.items():

@@ -17,6 +17,7 @@ from markdown_it.token import Token
 from docs.pages import NODES
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from terramechanics.parameters import parameters
+from tests.launch_stand_in import declared
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -143,3 +144,10 @@ def test_the_policy_allows_the_estimator_its_topics_and_no_more() -> None:
         for verb in ("publish", "subscribe")
     }
     assert allowed == {"publish": {*OUTPUT_TYPES, "estimator_health"}, "subscribe": set(INPUT_TYPES)}
+
+
+@every_page
+def test_launch_files_exist_and_know_their_arguments(page: Path) -> None:
+    for package, name, arguments in re.findall(r"ros2 launch (\w+) (\w+\.launch\.py)([^`\n]*)", "\n".join(code(page))):
+        known = set(declared(ROOT / package / "launch" / name))
+        assert set(re.findall(r"(\w+):=", arguments)) <= known, f"{name}: {arguments}"

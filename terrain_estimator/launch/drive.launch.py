@@ -1,47 +1,67 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated drive with estimator and recorder:  ros2 launch terrain_estimator drive.launch.py schedule:=S4 namespace:=rover1.
+"""A simulated drive with the nodes of one rover:  ros2 launch terrain_estimator drive.launch.py schedule:=S4 planner:=true.
 
-Ends when the simulator ends. For an installed ROS 2; without one start the three executables by `ros2 run`.
+Ends when the simulator ends; where several drives are included, when all have ended.
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent, GroupAction, IncludeLaunchDescription, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
-ARGUMENTS = {
-    "namespace": ("", "of all topics and nodes"),
-    "rover": ("mars_rover", "preset or YAML file"),
+SWITCH = ["true", "false"]
+SIMULATOR = {
+    "rover": ("mars_rover", "preset or YAML file; another one needs its model, too"),
     "soil": ("loose_sand", "preset or YAML file"),
-    "schedule": ("S1", "how the wheels are driven"),
-    "duration": ("60.0", "[s] of the drive"),
+    "schedule": ("S1", "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands"),
+    "duration": ("60.0", "[s] of the drive; 0: until Ctrl-C"),
     "seed": ("0", "of the sensor noise"),
-    "model": ("", "name of an installed model or path of a file; empty: mars_rover"),
-    "output": ("", "folder of the bag; empty: bags/<UTC time>"),
 }
+ROVER = {
+    "namespace": ("", "of all topics and nodes"),
+    "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
+    "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
+    "map": ("false", "publish the estimate along the track, on terrain_map"),
+    "record": ("true", "record inputs and outputs to a bag"),
+    "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
+    "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),
+}
+ARGUMENTS = SIMULATOR | ROVER
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Starts simulator, estimator and recorder; stops the other two when the simulator has ended."""
-    value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    chosen = {name: value[name] for name in ("rover", "soil", "schedule", "duration", "seed")}
-    # The drive waits until the estimator and the recorder have matched, so that neither misses its beginning.
-    simulator = _node("rover_sim_node", "simulator", chosen, {"wait_for_subscribers": 2})
-    others = [
-        _node("terrain_estimator", "estimator", {"model": value["model"]}),
-        _node("terrain_estimator", "recorder", {"output": value["output"]}),
+    """Starts the simulator and the nodes of a rover; stops these when the simulator has ended."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text, choices=SWITCH if default in SWITCH else None)
+        for name, (default, text) in ARGUMENTS.items()
     ]
-    end = RegisterEventHandler(OnProcessExit(target_action=simulator, on_exit=[EmitEvent(event=Shutdown(reason="the drive has ended"))]))
-    declared = [DeclareLaunchArgument(name, default_value=default, description=text) for name, (default, text) in ARGUMENTS.items()]
-    return LaunchDescription([*declared, *others, simulator, end])
+    # In a group, so that what it is given does not become ours; without a rover its nodes go by that of the model.
+    given = [("rover", ""), *((name, LaunchConfiguration(name)) for name in ROVER)]
+    rover = GroupAction([IncludeLaunchDescription([ThisLaunchFileDir(), "/rover.launch.py"], launch_arguments=given)])
+    return LaunchDescription([*declared, rover, OpaqueFunction(function=_simulator)])
 
 
-def _node(package: str, executable: str, chosen: dict[str, LaunchConfiguration], fixed: dict[str, int] | None = None) -> Node:
-    kinds = {"duration": float, "seed": int}
-    typed = {name: ParameterValue(value, value_type=kinds.get(name, str)) for name, value in chosen.items()}
-    parameters = [typed | (fixed or {})]
-    return Node(package=package, executable=executable, namespace=LaunchConfiguration("namespace"), parameters=parameters, output="screen")
+def _simulator(context: LaunchContext) -> list[Node | RegisterEventHandler]:
+    value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    chosen = {
+        "rover": value["rover"],
+        "soil": value["soil"],
+        "schedule": value["schedule"],
+        "duration": float(value["duration"]),
+        "seed": int(value["seed"]),
+        # The drive waits until the nodes that read all of its topics have matched, so that none misses its beginning.
+        "wait_for_subscribers": 1 + (value["record"] == "true") + (value["planner"] == "true"),
+    }
+    simulator = Node(package="rover_sim_node", executable="simulator", namespace=value["namespace"], parameters=[chosen], output="screen")
+    running: set[Node] = getattr(context.locals, "drives", set())
+    running.add(simulator)
+    context.extend_globals({"drives": running})
+
+    def ended(*_: object) -> list[EmitEvent]:
+        running.discard(simulator)
+        return [] if running else [EmitEvent(event=Shutdown(reason="the drive has ended"))]
+
+    return [simulator, RegisterEventHandler(OnProcessExit(target_action=simulator, on_exit=ended))]

@@ -13,6 +13,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, TypeVar, cast, get_type_hints
 
 import yaml
@@ -120,14 +121,15 @@ def usage(program: str, example: str, record: type[Any]) -> str:
     return "\n".join(lines)
 
 
-def template(node: str, config: object) -> str:
-    """A parameter file with all values in force, their meanings, units and ranges as comments."""
+def template(node: str, config: object, advice: Mapping[str, str] = MappingProxyType({})) -> str:
+    """A parameter file with all values in force; their meanings, units, ranges and defaults as comments, and ``advice`` by name."""
     values = effective(config)
     lines = [f"{node}:", "  ros__parameters:"]
     for each in parameters(type(config)):
         shown = yaml.safe_dump({each.name: values[each.name]}, width=math.inf).strip()
-        limits = f"; {each.limits}" if each.limits else ""
-        lines += [f"    # {each.meaning}{limits}", f"    {shown}"]
+        remarks = [each.meaning, each.limits, f"default {each.shown_default or 'empty'}"]
+        told = [f"    # Change it {advice[each.name]}."] if each.name in advice else []
+        lines += [f"    # {'; '.join(filter(None, remarks))}", *told, f"    {shown}"]
     return "\n".join(lines)
 
 

@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Two simulated rovers, each in its namespace and on its ground:  ros2 launch terrain_estimator two_rovers.launch.py duration:=30.0.
+
+For real rovers start rover.launch.py once in each namespace. Ends when both drives have ended.
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
+from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
+
+ROVERS = ("first", "second")
+BOTH = {
+    "schedule": ("S1", "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands"),
+    "duration": ("60.0", "[s] of the drives; 0: until Ctrl-C"),
+    "planner": ("false", "advise how fast to go and when to stop, on traction_advice of each"),
+    "map": ("false", "publish the estimates along the tracks, on terrain_map of each"),
+    "record": ("true", "record inputs and outputs of each to a bag of its own, bags/<namespace>"),
+    "config": ("", "folder of parameter files, as of rover.launch.py, for the nodes of both; empty: none"),
+}
+ARGUMENTS = {
+    "first": ("rover1", "namespace of the first rover"),
+    "second": ("rover2", "namespace of the second rover"),
+    "first_soil": ("loose_sand", "preset or YAML file of the first rover's ground"),
+    "second_soil": ("regolith", "preset or YAML file of the second rover's ground"),
+    "output": ("bags", "folder that holds the two bags"),
+    **BOTH,
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Includes the drive of one rover twice, each with a seed of its own."""
+    declared = [
+        DeclareLaunchArgument(
+            name, default_value=default, description=text, choices=["true", "false"] if default in {"true", "false"} else None
+        )
+        for name, (default, text) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, *(_drive(which, seed) for seed, which in enumerate(ROVERS))])
+
+
+def _drive(which: str, seed: int) -> GroupAction:
+    """In a group, so that the arguments of one rover do not become the other's."""
+    namespace = LaunchConfiguration(which)
+    given = {
+        "namespace": namespace,
+        "soil": LaunchConfiguration(f"{which}_soil"),
+        "seed": str(seed),
+        "output": [LaunchConfiguration("output"), "/", namespace],
+        **{name: LaunchConfiguration(name) for name in BOTH},
+    }
+    return GroupAction([IncludeLaunchDescription([ThisLaunchFileDir(), "/drive.launch.py"], launch_arguments=given.items())])

@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""As much of ROS's launch library as our launch files use, to see what they would start where it is not installed (it has no wheel).
+
+It keeps what they say and resolves it: arguments with their defaults and choices, scopes of groups, included files.
+"""
+
+import runpy
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+MODULES = ("launch", "launch.actions", "launch.event_handlers", "launch.events", "launch.substitutions", "launch_ros", "launch_ros.actions")
+NAMES = (
+    "LaunchContext", "LaunchDescription", "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "GroupAction", "IncludeLaunchDescription",
+    "OpaqueFunction", "RegisterEventHandler", "OnProcessExit", "Shutdown", "Node", "ThisLaunchFileDir",
+)  # fmt: skip
+
+
+class Kept:
+    """An entity with what it was made of."""
+
+    def __init__(self, *positional: Any, **named: Any) -> None:
+        self.positional, self.named = positional, named
+
+
+class LaunchConfiguration(Kept):
+    def perform(self, context: "Context") -> str:
+        return context.values[self.positional[0]]
+
+
+class Context:
+    """Values of the arguments that hold, and what was started."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.values, self.started = folder, dict[str, str](), list[Kept]()
+        self.locals = SimpleNamespace()
+
+    def extend_globals(self, values: dict[str, Any]) -> None:
+        vars(self.locals).update(values)
+
+    def text(self, value: Any) -> str:
+        """A text, a substitution, or a list of such."""
+        if isinstance(value, list | tuple):
+            return "".join(map(self.text, value))
+        if isinstance(value, LaunchConfiguration):
+            return value.perform(self)
+        return str(self.folder) if isinstance(value, Kept) else str(value)
+
+    def include(self, path: Path, given: dict[str, str]) -> None:
+        """Start what a file declares; an argument that it does not declare would be passed over in silence."""
+        entities = description(path)
+        known = {entity.positional[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
+        assert set(given) <= known, f"{path.name} has no argument {set(given) - known}"
+        self.values |= given
+        for entity in entities:
+            self.visit(entity)
+
+    def visit(self, entity: Kept) -> None:
+        kind = type(entity).__name__
+        if kind == "DeclareLaunchArgument":
+            self._declare(entity)
+        elif kind == "OpaqueFunction":
+            self._all(entity.named["function"](self))
+        elif kind == "GroupAction":
+            before = dict(self.values)
+            self._all(entity.positional[0])
+            self.values = before
+        elif kind == "IncludeLaunchDescription":
+            self.include(
+                Path(self.text(entity.positional[0])), {name: self.text(value) for name, value in entity.named["launch_arguments"]}
+            )
+        elif kind in {"Node", "ExecuteProcess"}:
+            self.started.append(entity)
+
+    def _all(self, entities: list[Kept]) -> None:
+        for entity in entities:
+            self.visit(entity)
+
+    def _declare(self, argument: Kept) -> None:
+        name = argument.positional[0]
+        if name not in self.values:
+            assert argument.named["default_value"] is not None, f"{name} has no default"
+            self.values[name] = argument.named["default_value"]
+        choices = argument.named.get("choices")
+        assert not choices or self.values[name] in choices, f"{name}: {self.values[name]}"
+
+
+@contextmanager
+def library() -> Iterator[None]:
+    """The stand-in takes the place of the library's modules."""
+    classes = {name: type(name, (Kept,), {}) for name in NAMES} | {"LaunchConfiguration": LaunchConfiguration}
+    with pytest.MonkeyPatch.context() as patch:
+        for name in MODULES:
+            module = ModuleType(name)
+            vars(module).update(classes)
+            patch.setitem(sys.modules, name, module)
+        yield
+
+
+def description(path: Path) -> list[Kept]:
+    """The entities that a launch file declares."""
+    entities: list[Kept] = runpy.run_path(str(path))["generate_launch_description"]().positional[0]
+    return entities
+
+
+def started(path: Path, **arguments: str) -> list[Kept]:
+    """The nodes and processes that a launch file starts with these arguments."""
+    with library():
+        context = Context(path.parent)
+        context.include(path, arguments)
+    return context.started
+
+
+def declared(path: Path) -> dict[str, str]:
+    """Description by argument."""
+    with library():
+        return {
+            entity.positional[0]: entity.named["description"]
+            for entity in description(path)
+            if type(entity).__name__ == "DeclareLaunchArgument"
+        }
