@@ -10,12 +10,14 @@ from typing import Any, Self, TypeVar
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from tests.system.waiting import wait_until
 
 T = TypeVar("T")
+NodeT = TypeVar("NodeT", bound=Node)
 RELIABLE = QoSProfile(depth=1000)
 _numbers = itertools.count()
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -47,6 +49,17 @@ class Listener:
             return condition()
 
         return wait_until(spin, what, timeout, seen)
+
+    def host(self, make: Callable[..., NodeT], **options: Any) -> NodeT:
+        """Makes another node in this process, in the same executor."""
+        node = make(context=self._context, **options)
+        self._executor.add_node(node)
+        return node
+
+    def leave(self, node: Node) -> None:
+        """Ends a node that :meth:`host` made."""
+        self._executor.remove_node(node)
+        node.destroy_node()
 
     def collect(self, kind: type, topic: str, qos: QoSProfile = RELIABLE) -> list[Any]:
         """Subscribes; the list grows with every message that arrives while waiting."""

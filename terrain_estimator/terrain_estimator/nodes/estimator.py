@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import rclpy
 import torch
@@ -24,7 +25,7 @@ from terrain_estimator.messages import health_message
 from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.nodes.keeping import StateKeeper
+from terrain_estimator.nodes.keeping import StateKeeper, go_on
 from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.nodes.watchdog import unheard_publishers
@@ -43,9 +44,9 @@ class EstimatorNode(ManagedNode):
 
     config: EstimatorNodeConfig
 
-    def __init__(self, stop: threading.Event) -> None:
-        """Read the parameters. Raises ConfigError where one is unknown or wrong."""
-        super().__init__("estimator", EstimatorNodeConfig, stop)
+    def __init__(self, stop: threading.Event, **options: Any) -> None:
+        """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is unknown or wrong."""
+        super().__init__("estimator", EstimatorNodeConfig, stop, **options)
         self._pipeline: Pipeline | None = None
         self._keeper: StateKeeper | None = None
         self._health = HealthMonitor()
@@ -64,9 +65,8 @@ class EstimatorNode(ManagedNode):
         model = load_model(self.config.estimator.model)
         pipeline = Pipeline(model, self.config.estimator)
         path = self._state_path
-        if path is not None and path.exists():
-            pipeline.restore(read_state(path, model.sha256))
-            self.get_logger().info(f"going on from the state in {path}")
+        if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
+            pipeline = Pipeline(model, self.config.estimator)  # of the refused one it is not known what it took
         self._pipeline, self._health = pipeline, HealthMonitor()
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would stall an update
@@ -75,7 +75,7 @@ class EstimatorNode(ManagedNode):
         """Subscribe and begin to report."""
         pipeline = self._configured
         self._heard_s.clear()
-        self._ticking = [self.create_timer(HEALTH_PERIOD_S, self.guard(self._publish_health), clock=self.steady)]
+        self._ticking.append(self.create_timer(HEALTH_PERIOD_S, self.guard(self._publish_health), clock=self.steady))
         if path := self._state_path:
             self._keeper = StateKeeper(path, self.get_logger().error)
             self._ticking.append(self.create_timer(self.config.autosave_period_s, self.guard(self._autosave), clock=self.steady))
@@ -87,8 +87,8 @@ class EstimatorNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Answer the sets that still wait for an optional message, and take no more; what is known of the ground stays."""
-        for answer in self._configured.flush():
-            self._publish(answer, 0.0)
+        self.guard(self._answer_the_rest)()
+        self.guard(self._autosave)()
         for subscription in self._listening:
             self.destroy_subscription(subscription)
         for timer in self._ticking:
@@ -96,7 +96,6 @@ class EstimatorNode(ManagedNode):
         self._listening, self._ticking, self._judged = [], [], ()
         self._matched.clear()
         if self._keeper:
-            self._autosave()
             self._keeper.end()
             self._keeper = None
 
@@ -123,6 +122,10 @@ class EstimatorNode(ManagedNode):
     @property
     def _state_path(self) -> Path | None:
         return Path(self.config.state_file).expanduser() if self.config.state_file else None
+
+    def _answer_the_rest(self) -> None:
+        for answer in self._configured.flush():
+            self._publish(answer, 0.0)
 
     def _subscribe(self, topic: str) -> None:
         """Subscribe to one input; say once when all inputs have a publisher."""

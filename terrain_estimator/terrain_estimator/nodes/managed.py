@@ -33,9 +33,19 @@ class ManagedNode(LifecycleNode):
     A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and judges itself in ``findings``.
     """
 
-    def __init__(self, name: str, config: type[Any], stop: threading.Event) -> None:
-        """Declare the parameters; ``stop`` is set when the node is shut down. Raises ConfigError for a wrong parameter."""
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+    def __init__(self, name: str, config: type[Any], stop: threading.Event, **options: Any) -> None:
+        """Declare the parameters.
+
+        Args:
+            name: of the node.
+            config: of its parameters.
+            stop: is set when the node is shut down.
+            options: of rclpy's Node: a namespace or a context, where several nodes are in one process.
+
+        Raises:
+            ConfigError: a parameter is wrong.
+        """
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
         self.config = declare(self, config)
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.wrong = ""  # why the last transition failed
@@ -57,7 +67,7 @@ class ManagedNode(LifecycleNode):
 
     @abstractmethod
     def deactivate(self) -> None:
-        """Pause: answer what came, take nothing new."""
+        """Pause: answer what came, take nothing new. Never raises, and undoes an ``activate`` that raised half-way, too."""
 
     @abstractmethod
     def cleanup(self) -> None:
@@ -97,7 +107,10 @@ class ManagedNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """See rclpy."""
-        return self._attempt("activate", self.activate)
+        result = self._attempt("activate", self.activate)
+        if result is not TransitionCallbackReturn.SUCCESS:
+            self.deactivate()
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """See rclpy."""
