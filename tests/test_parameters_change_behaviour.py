@@ -250,6 +250,8 @@ ELSEWHERE = {
     "estimator rover": "test_parameters_change_behaviour.py::test_the_rover_file_names_the_wheels",
     "recorder fsync_interval": "test_parameters_change_behaviour.py::test_a_shorter_interval_syncs_the_recording_more_often",
     "recorder output": "system/test_recorder.py::record",
+    "recorder split.size": "system/test_hosted_recorder.py::test_a_long_recording_goes_on_in_the_next_file",
+    "recorder split.duration": "system/test_hosted_recorder.py::test_a_long_recording_goes_on_in_the_next_file",
     "recorder topics": "system/test_recorder.py::record",
     "planner slip_limit": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
     "planner sinkage_limit": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",

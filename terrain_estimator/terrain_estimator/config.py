@@ -151,6 +151,17 @@ class RecorderConfig:
     output: str = entry("folder of the bag, must not exist; empty: bags/<UTC time>", "")
     topics: str = entry("names, as a list or separated by spaces; a relative name follows the namespace", " ".join(RECORDED_TOPICS))
     fsync_interval_s: float = number("what a power cut may cost; a kill costs nothing", "s", 0.01, 60.0, default=1.0, key="fsync_interval")
+    split_size_mb: float = number(
+        "size of a file before it is compressed, beyond which the next one begins; 0: no limit",
+        "MB",
+        0.0,
+        1e6,
+        default=0.0,
+        key="split.size",
+    )
+    split_duration_s: float = number(
+        "span of log times in a file, beyond which the next one begins; 0: no limit", "s", 0.0, 1e6, default=0.0, key="split.duration"
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,6 +105,14 @@ CONDITION = Check("condition", "condition number of the scaled covariance", "1",
 LATENCY = Check("latency", "longest update since the last report, from message to estimate", "s", "the machine is too busy", 0.05, 0.1)
 SAVING = Check("saved state", "attempts to write the state that failed since the last one that did not", "", "see the log", 0.0)
 UNRECORDED = Check("recording", "topics of the recorder that have no publisher yet", "", "start their publishers, or leave them out", 0.0)
+DISK = Check(
+    "disk",
+    "time by which the recording's last fsync is late: a power cut costs so much more than fsync_interval",
+    "s",
+    "use a faster disk",
+    1.0,
+    10.0,
+)
 CHECKS = (
     STATE,
     CLOCK,
@@ -120,6 +128,7 @@ CHECKS = (
     LATENCY,
     SAVING,
     UNRECORDED,
+    DISK,
 )
 """In the order of the page."""
 

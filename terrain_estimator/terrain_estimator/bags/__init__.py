@@ -5,10 +5,11 @@
 from terrain_estimator.bags.compare import Difference, compare
 from terrain_estimator.bags.definitions import Definition, installed_definition
 from terrain_estimator.bags.errors import BagError
+from terrain_estimator.bags.part import Topic
 from terrain_estimator.bags.qos import STATE, Qos
 from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo
 from terrain_estimator.bags.types import Message, Types
-from terrain_estimator.bags.writer import BagWriter, Topic
+from terrain_estimator.bags.writer import BagWriter, Split
 
 __all__ = [
     "STATE",
@@ -20,6 +21,7 @@ __all__ = [
     "Message",
     "Qos",
     "RawMessage",
+    "Split",
     "Topic",
     "TopicInfo",
     "Types",

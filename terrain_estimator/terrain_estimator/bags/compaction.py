@@ -10,7 +10,8 @@ from mcap.records import Channel, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from terrain_estimator.bags.metadata import ROSBAG2_RECORD, sync_folder
+from terrain_estimator.bags.metadata import ROSBAG2_RECORD
+from terrain_estimator.bags.syncing import sync_folder
 
 TEMPORARY_SUFFIX = ".compacting"
 

@@ -3,7 +3,7 @@
 """metadata.yaml of a bag folder, version 9 of rosbag2 (ROS 2 Jazzy)."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import yaml
 
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.qos import Qos
+from terrain_estimator.bags.syncing import sync_folder
 
 VERSION = 9
 METADATA_FILE = "metadata.yaml"
@@ -49,6 +50,14 @@ class Span:
         """Return the time between the first and the last message [ns]."""
         return self.last_ns - self.first_ns if self.count else 0
 
+    @classmethod
+    def of(cls, parts: Iterable["Span"]) -> "Span":
+        """Return the span of several files."""
+        spans = [part for part in parts if part.count]
+        if not spans:
+            return cls()
+        return cls(min(span.first_ns for span in spans), max(span.last_ns for span in spans), sum(span.count for span in spans))
+
 
 @dataclass(frozen=True, slots=True)
 class StoredMetadata:
@@ -59,23 +68,31 @@ class StoredMetadata:
     custom: dict[str, str] = field(default_factory=dict)
 
 
-def information(topics: Sequence[TopicCount], span: Span, file: str, custom: dict[str, str]) -> dict[str, Any]:
-    """Return the fields of ``rosbag2_bagfile_information`` for a bag of one file.
+def information(topics: Sequence[TopicCount], files: Mapping[str, Span], custom: dict[str, str]) -> dict[str, Any]:
+    """Return the fields of ``rosbag2_bagfile_information`` for a bag of files, named in their order.
 
     Source: rosbag2_storage, ``yaml.hpp``, ``convert<BagMetadata>``.
     """
-    times = {"starting_time": {"nanoseconds_since_epoch": span.first_ns}, "duration": {"nanoseconds": span.duration_ns}}
+    whole = Span.of(files.values())
     return {
         "version": VERSION,
         "storage_identifier": "mcap",
-        "duration": {"nanoseconds": span.duration_ns},
-        "starting_time": {"nanoseconds_since_epoch": span.first_ns},
-        "message_count": span.count,
+        "duration": {"nanoseconds": whole.duration_ns},
+        "starting_time": {"nanoseconds_since_epoch": whole.first_ns},
+        "message_count": whole.count,
         "topics_with_message_count": [_topic(topic) for topic in topics],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file],
-        "files": [{"path": file, **times, "message_count": span.count}],
+        "relative_file_paths": list(files),
+        "files": [
+            {
+                "path": name,
+                "starting_time": {"nanoseconds_since_epoch": span.first_ns},
+                "duration": {"nanoseconds": span.duration_ns},
+                "message_count": span.count,
+            }
+            for name, span in files.items()
+        ],
         "custom_data": custom or None,
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
     }
@@ -118,15 +135,6 @@ def read_metadata(path: Path) -> StoredMetadata:
         msg = f"{path}: {what} is not supported; convert it to uncompressed mcap with `ros2 bag convert` or `rosbags-convert`"
         raise BagError(msg)
     return StoredMetadata(files, span, dict(fields.get("custom_data") or {}))
-
-
-def sync_folder(folder: Path) -> None:
-    """Make renames in a folder durable."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _topic(topic: TopicCount) -> dict[str, Any]:

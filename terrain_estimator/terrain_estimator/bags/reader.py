@@ -56,11 +56,11 @@ class BagReader:
         self.path = Path(path)
         paths, self._stored = _find_files(self.path)
         self._files: list[McapFile] = []
+        self._left_out: list[str] = []
         self._prepared: set[str] = set()
         self.types = Types()
         try:
-            for file in paths:
-                self._files.append(McapFile(file))
+            self._open(paths)
             self.topics: Mapping[str, TopicInfo] = _merge_topics(self._files)
         except BaseException:
             self.close()
@@ -69,15 +69,12 @@ class BagReader:
     @property
     def span(self) -> Span:
         """Return first and last log time [ns] and the number of messages."""
-        spans = [file.span for file in self._files if file.span.count]
-        if not spans:
-            return Span()
-        return Span(min(span.first_ns for span in spans), max(span.last_ns for span in spans), sum(span.count for span in spans))
+        return Span.of(file.span for file in self._files)
 
     @property
     def finished(self) -> bool:
         """Return whether every file was closed cleanly."""
-        return all(file.finished for file in self._files)
+        return all(file.finished for file in self._files) and not self._left_out
 
     @property
     def missing_s(self) -> float | None:
@@ -92,7 +89,7 @@ class BagReader:
     @property
     def notes(self) -> list[str]:
         """Return what a user should know about the state of the bag, one sentence each."""
-        return [self._unfinished_note(file) for file in self._files if not file.finished] + self.schema_differences()
+        return [self._unfinished_note(file) for file in self._files if not file.finished] + self._left_out + self.schema_differences()
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
@@ -184,6 +181,15 @@ class BagReader:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Close all files."""
         self.close()
+
+    def _open(self, paths: list[Path]) -> None:
+        for path in paths:
+            try:
+                self._files.append(McapFile(path))
+            except BagError as error:
+                if self._stored or not self._files or path != paths[-1]:
+                    raise
+                self._left_out.append(f"{error}; this last file of an unfinished bag is left out")  # a power cut came as it was begun
 
     def _unfinished_note(self, file: McapFile) -> str:
         start = f"{file.path} ends without a footer (the recorder was killed, or the copy is incomplete)"

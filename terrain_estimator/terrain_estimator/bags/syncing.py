@@ -4,25 +4,36 @@
 
 import os
 import threading
+import time
+from errno import ENOENT
+from pathlib import Path
 from typing import BinaryIO
 
 
 class Syncer:
-    """A thread that calls fsync about every ``interval_s``; fsync can take long, so the writer does not wait for it."""
+    """A thread that begins an fsync every ``interval_s``; fsync can take long, so the writer does not wait for it."""
 
-    def __init__(self, file: BinaryIO, interval_s: float) -> None:
+    def __init__(self, file: BinaryIO, folder: Path, interval_s: float) -> None:
         """Start.
 
         Args:
             file: open until after :meth:`stop`.
+            folder: holds the file's name, which is not on the disk before the first interval is over either.
             interval_s: [s] what a power cut may cost.
         """
         self._descriptor = file.fileno()
+        self._folder = folder
         self._interval_s = interval_s
+        self._began_s = time.monotonic()  # what was written before is on the disk
         self._stopped = threading.Event()
         self._error: OSError | None = None
         self._thread = threading.Thread(target=self._run, name="fsync", daemon=True)
         self._thread.start()
+
+    @property
+    def late_s(self) -> float:
+        """By how much [s] a power cut would cost more than the interval now, because the disk is slow."""
+        return max(0.0, time.monotonic() - self._began_s - self._interval_s)
 
     def check(self) -> None:
         """Raise the OSError that the disk reported, if it did."""
@@ -35,9 +46,27 @@ class Syncer:
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._stopped.wait(self._interval_s):
+        named, began_s = False, self._began_s
+        while not self._stopped.wait(max(0.0, began_s + self._interval_s - time.monotonic())):
+            began_s = time.monotonic()
             try:
                 os.fsync(self._descriptor)
+                if not named:
+                    sync_folder(self._folder)
+                    named = True
             except OSError as error:
                 self._error = error
                 return
+            self._began_s = began_s
+            if not os.fstat(self._descriptor).st_nlink:
+                self._error = FileNotFoundError(ENOENT, "the file was deleted while it was written")
+                return
+
+
+def sync_folder(folder: Path) -> None:
+    """Make new and renamed entries of a folder durable."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

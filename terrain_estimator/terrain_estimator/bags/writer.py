@@ -2,41 +2,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write a bag: a folder ``NAME/`` with ``NAME_0.mcap`` and ``metadata.yaml``, as rosbag2 and Foxglove open it."""
 
+import math
 import os
+import shutil
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
-
-from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from typing import Self
 
 from terrain_estimator.bags.compaction import compact
 from terrain_estimator.bags.definitions import Definition, installed_definition
 from terrain_estimator.bags.errors import BagError
-from terrain_estimator.bags.metadata import ROSBAG2_RECORD, Span, TopicCount, dump, information, sync_folder, write_metadata
-from terrain_estimator.bags.qos import Qos, qos_text
-from terrain_estimator.bags.syncing import Syncer
+from terrain_estimator.bags.metadata import Span, TopicCount, information, write_metadata
+from terrain_estimator.bags.part import Part, Topic
+from terrain_estimator.bags.qos import Qos
+from terrain_estimator.bags.syncing import sync_folder
 from terrain_estimator.bags.types import Message, Types
-
-CHUNK_BYTES = 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
-    """Handle of a topic in a bag that is being written."""
+class Split:
+    """When the next file of a bag begins."""
 
-    channel_id: int
-    count: TopicCount
+    size: float = math.inf  # [bytes] of a file, before it is compressed
+    duration_s: float = math.inf  # [s] of log time
+
+    def due(self, part: Part, log_time_ns: int) -> bool:
+        """Tell whether a message of that time belongs into the next file; one that is empty is never left."""
+        if not part.span.count:
+            return False
+        return part.size >= self.size or log_time_ns - part.span.first_ns >= self.duration_s * 1e9
 
 
 class BagWriter:
     """Write messages to a new bag folder; use as a context manager.
 
     Offline (the default) it writes zstd chunks. With ``recording=True`` it writes every message to the operating system
-    at once, without chunks, so that a kill loses nothing, and compacts to zstd chunks on a clean close. Leaving the
-    context by an exception leaves an unfinished file, which :class:`BagReader` reads, and no metadata.yaml.
+    at once, without chunks, so that a kill loses nothing, and compacts a file to zstd chunks when it is complete: those that
+    a split leaves behind in a thread, the last one on a clean close. Leaving the context by an exception leaves an unfinished
+    file, which :class:`BagReader` reads, and no metadata.yaml.
 
     Raises:
         BagError: the folder exists already or cannot be made.
@@ -48,7 +54,9 @@ class BagWriter:
         *,
         recording: bool = False,
         sync_interval_s: float = 1.0,
+        split: Split | None = None,
         custom: Mapping[str, str] | None = None,
+        metadata: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
         """Make the folder and start its file.
 
@@ -56,29 +64,53 @@ class BagWriter:
             folder: the bag; must not exist.
             recording: survive a kill.
             sync_interval_s: [s] when recording, what a power cut may cost (time between two fsync).
+            split: by default all goes to one file.
             custom: goes to ``custom_data`` of metadata.yaml.
+            metadata: records for every file, as by :meth:`add_metadata`.
         """
         self.folder = Path(folder).absolute()
-        self.path = self.folder / f"{self.folder.name}_0.mcap"
         self.types = Types()
-        self.span = Span()
-        self.compaction_error = ""
-        self._recording = recording
+        self._sync_interval_s = sync_interval_s if recording else None
+        self._split = split or Split()
         self._custom = dict(custom or {})
         self._topics: dict[str, Topic] = {}
-        self._schemas: dict[str, int] = {}
-        self._file = self._open()
-        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, use_chunking=not recording)
-        self._writer.start(profile=Profile.ROS2)
-        if recording:
-            self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": dump(self._information())})
-            self._file.flush()
-        self._syncer = Syncer(self._file, sync_interval_s) if recording else None
+        self._metadata = list((metadata or {}).items())
+        self._spans: dict[str, Span] = {}  # of all files, by name
+        self._uncompressed: list[str] = []
+        self._settler = ThreadPoolExecutor(1, thread_name_prefix="settle")
+        self._settling: list[tuple[Part, Future[None]]] = []
+        self._closed = False
+        self._make_folder()
+        try:
+            self._part = self._new_part()
+        except OSError as error:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise _cannot_write(self.folder, error) from error
+
+    @property
+    def path(self) -> Path:
+        """Return the file that is being written."""
+        return self._part.path
+
+    @property
+    def span(self) -> Span:
+        """Return first and last log time [ns] and the number of messages so far."""
+        return Span.of(self._spans.values())
 
     @property
     def topics(self) -> Mapping[str, TopicCount]:
         """Return what was written so far, by topic."""
         return {name: topic.count for name, topic in self._topics.items()}
+
+    @property
+    def late_s(self) -> float:
+        """By how much [s] a power cut would cost more than ``sync_interval_s`` now, because the disk is slow."""
+        return max(part.late_s for part in (self._part, *(part for part, _ in self._settling)))
+
+    @property
+    def compaction_error(self) -> str:
+        """Say which files could not be compressed and why; empty where all are."""
+        return "; ".join(self._uncompressed)
 
     def add_topic(self, name: str, type_name: str, *, definition: Definition | None = None, qos: tuple[Qos, ...] = (Qos(),)) -> Topic:
         """Register a topic.
@@ -96,9 +128,8 @@ class BagWriter:
             msg = f"{self.path}: topic {name} was added twice"
             raise BagError(msg)
         definition = definition or installed_definition(type_name)
-        metadata = {"offered_qos_profiles": qos_text(qos), "topic_type_hash": definition.type_hash}
-        channel = self._writer.register_channel(name, MessageEncoding.CDR, self._schema(definition), metadata)
-        topic = Topic(channel, TopicCount(name, type_name, definition.type_hash, qos))
+        topic = Topic(TopicCount(name, type_name, definition.type_hash, qos), definition)
+        self._part.add_topic(topic)
         self._topics[name] = topic
         return topic
 
@@ -114,49 +145,44 @@ class BagWriter:
         Raises:
             OSError: the disk is full or broken.
         """
-        published = log_time_ns if publish_time_ns is None else publish_time_ns
-        self._writer.add_message(topic.channel_id, log_time_ns, data, published, topic.count.count)
+        if self._split.due(self._part, log_time_ns):
+            self._next_part()
+        self._part.write(topic, data, log_time_ns, log_time_ns if publish_time_ns is None else publish_time_ns)
         topic.count.count += 1
-        self.span.add(log_time_ns)
-        if self._syncer:
-            self._file.flush()
-            self._syncer.check()
+        while self._settling and self._settling[0][1].done():
+            self._settling.pop(0)[1].result()
 
     def write_message(self, topic: Topic, message: Message, log_time_ns: int, publish_time_ns: int | None = None) -> None:
         """Serialise and append a message made by ``types.make``."""
         self.write(topic, self.types.serialize(message), log_time_ns, publish_time_ns)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add a metadata record to the file, for example the hash of a configuration or model."""
-        self._writer.add_metadata(name, dict(values))
-        if self._recording:
-            self._file.flush()
+        """Add a metadata record to this file and those that follow, for example the hash of a configuration or model."""
+        self._part.add_metadata(name, values)
+        self._metadata.append((name, values))
 
     def close(self) -> None:
-        """Finish the file, write metadata.yaml and, when recording, compact.
+        """Finish the last file, write metadata.yaml and, when recording, compact.
 
-        The bag is complete before compaction starts, so nothing is lost if that fails (``compaction_error`` says why).
+        The bag is complete before that compaction starts, so nothing is lost if it fails (``compaction_error`` says why).
         """
-        if self._file.closed:
+        if self._closed:
             return
-        fields = self._information()
-        self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": dump(fields)})
-        self._writer.finish()
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self.abandon()
-        write_metadata(self.folder, fields)
-        if self._recording:  # the bag is whole already
-            try:
-                compact(self.path)
-            except OSError as error:
-                self.compaction_error = f"{self.path} stays uncompressed: {error}"
+        self._part.finish()
+        self._part.settle()
+        for _, settled in self._settling:
+            settled.result()
+        write_metadata(self.folder, information([topic.count for topic in self._topics.values()], self._spans, self._custom))
+        self._compact(self._part)  # the bag is whole already
+        self._settler.shutdown()
+        self._closed = True
 
     def abandon(self) -> None:
-        """Close the file as it is, without footer and metadata.yaml, as a kill would leave it."""
-        if self._syncer:
-            self._syncer.stop()
-        self._file.close()
+        """Close the files as they are, without metadata.yaml, as a kill would leave them; raises OSError where even that fails."""
+        self._closed = True
+        self._settler.shutdown(cancel_futures=True)
+        for part in (self._part, *(part for part, _ in self._settling)):
+            part.abandon()
 
     def __enter__(self) -> Self:
         """Return the writer itself."""
@@ -169,24 +195,51 @@ class BagWriter:
         else:
             self.abandon()
 
-    def _open(self) -> BinaryIO:
+    def _new_part(self) -> Part:
+        """A file that can be read without those before it, but for messages that came once."""
+        path = self.folder / f"{self.folder.name}_{len(self._spans)}.mcap"
+        part = Part(path, self._custom, self._sync_interval_s)
+        try:
+            for topic in self._topics.values():
+                part.add_topic(topic)
+            for name, values in self._metadata:
+                part.add_metadata(name, values)
+        except BaseException:
+            part.discard()
+            raise
+        self._spans[path.name] = part.span
+        return part
+
+    def _next_part(self) -> None:
+        """An fsync and a compaction can take long, so they are left to a thread; until then the file is synced as before."""
+        self._part.finish()
+        done, self._part = self._part, self._new_part()
+        self._settling.append((done, self._settler.submit(self._settle, done)))
+
+    def _settle(self, part: Part) -> None:
+        part.settle()
+        self._compact(part)
+
+    def _compact(self, part: Part) -> None:
+        if self._sync_interval_s is None:
+            return
+        try:
+            compact(part.path)
+        except OSError as error:
+            self._uncompressed.append(f"{part.path} stays uncompressed: {error}")
+
+    def _make_folder(self) -> None:
+        made = [folder for folder in (self.folder, *self.folder.parents) if not folder.exists()]
         try:
             self.folder.mkdir(parents=True)
-            file = self.path.open("xb")
+            for folder in made:
+                sync_folder(folder.parent)
         except FileExistsError as error:
             msg = f"{self.folder} exists already: choose another name, bags are never overwritten"
             raise BagError(msg) from error
         except OSError as error:
-            msg = f"cannot write a bag to {self.folder}: {error.strerror}; choose a folder that you may write"
-            raise BagError(msg) from error
-        sync_folder(self.folder)
-        return file
+            raise _cannot_write(self.folder, error) from error
 
-    def _schema(self, definition: Definition) -> int:
-        name = definition.type_name
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(name, SchemaEncoding.ROS2, definition.text.encode())
-        return self._schemas[name]
 
-    def _information(self) -> dict[str, object]:
-        return information([topic.count for topic in self._topics.values()], self.span, self.path.name, self._custom)
+def _cannot_write(folder: Path, error: OSError) -> BagError:
+    return BagError(f"cannot write a bag to {folder}: {error.strerror}; choose a folder that you may write, on a disk with room")

@@ -22,13 +22,13 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
-from terrain_estimator.bags import BagError, BagWriter, Qos, Topic
-from terrain_estimator.bags.qos import INFINITE_NS
+from terrain_estimator.bags import BagError, BagWriter, Split, Topic
 from terrain_estimator.config import RecorderConfig
-from terrain_estimator.diagnostics import UNRECORDED, Finding
+from terrain_estimator.diagnostics import DISK, UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import message_class
 from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
+from terrain_estimator.nodes.offers import of_other_types, offered
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.ros_types import HEALTH
 from terramechanics.loading import ConfigError
@@ -63,9 +63,9 @@ class RecorderNode(ManagedNode):
 
     config: RecorderConfig
 
-    def __init__(self, stop: threading.Event) -> None:
-        """Read the parameters. Raises ConfigError where one is unknown or wrong."""
-        super().__init__("recorder", RecorderConfig, stop)
+    def __init__(self, stop: threading.Event, **options: Any) -> None:
+        """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is unknown or wrong."""
+        super().__init__("recorder", RecorderConfig, stop, **options)
         self._log = self.get_logger()
         self._topics = self._resolve(self.config.topics)
         self._writer: BagWriter | None = None
@@ -81,9 +81,14 @@ class RecorderNode(ManagedNode):
     def configure(self) -> None:
         """Open the bag."""
         output = self.config.output or f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
-        self._writer = BagWriter(output, recording=True, sync_interval_s=self.config.fsync_interval_s)
         values = {name: str(value) for name, value in effective(self.config).items()}
-        self._writer.add_metadata("recorder", values | {"configuration_sha256": fingerprint(effective(self.config))})
+        self._writer = BagWriter(
+            output,
+            recording=True,
+            sync_interval_s=self.config.fsync_interval_s,
+            split=Split(self.config.split_size_mb * 1e6 or math.inf, self.config.split_duration_s or math.inf),
+            metadata={"recorder": values | {"configuration_sha256": fingerprint(effective(self.config))}},
+        )
         self._sources, self._identities, self._complaints, self._waiting = {}, set(), set(), list(self._topics)
 
     def activate(self) -> None:
@@ -96,6 +101,7 @@ class RecorderNode(ManagedNode):
         """Record no more; the bag stays open."""
         if self._looking:
             self.destroy_timer(self._looking)
+            self._looking = None
         for source in self._sources.values():
             self.destroy_subscription(source.subscription)
             source.gone = True
@@ -115,7 +121,9 @@ class RecorderNode(ManagedNode):
         self._log.info(f"recorded {span.count} messages in {span.duration_ns / 1e9:.1f} s to {writer.folder}")
 
     def findings(self) -> Iterator[Finding]:
-        """Topics that have no publisher yet."""
+        """Topics that have no publisher yet, and a disk that is behind."""
+        if self._writer:
+            yield DISK.judge(self._writer.late_s)
         yield UNRECORDED.judge(len(self._waiting), text=f"without a publisher: {', '.join(self._waiting) or 'none'}")
 
     @property
@@ -161,11 +169,16 @@ class RecorderNode(ManagedNode):
     def _follow(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
         """Subscribe to a topic that has appeared, again where its publishers now offer something else; note the match."""
         source = self._sources.get(name)
-        if publishers:
-            reliable = all(end.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE for end in publishers)
-            transient_local = all(end.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for end in publishers)
+        type_name = source.topic.count.type_name if source else publishers[0].topic_type if publishers else ""
+        ours = [end for end in publishers if end.topic_type == type_name]
+        if ours:
+            reliable = all(end.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE for end in ours)
+            transient_local = all(end.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for end in ours)
             if source is None or source.gone or (source.reliable, source.transient_local) != (reliable, transient_local):
-                source = self._subscribe(name, publishers, source, reliable=reliable, transient_local=transient_local)
+                source = self._subscribe(name, ours, source, reliable=reliable, transient_local=transient_local)
+        if source:
+            for words in of_other_types(publishers, type_name, source.topic.count.type_hash):
+                self._complain(f"{name}: {words}")
         if source and not source.matched and source.subscription.get_publisher_count():
             source.matched = True
             self._report_match(name, source)
@@ -176,12 +189,10 @@ class RecorderNode(ManagedNode):
         type_name = old.topic.count.type_name if old else publishers[0].topic_type
         try:
             kind = message_class(type_name)
-            topic = old.topic if old else self._bag.add_topic(name, type_name, qos=tuple(_offered(end) for end in publishers))
+            topic = old.topic if old else self._bag.add_topic(name, type_name, qos=tuple(offered(end) for end in publishers))
         except (BagError, ImportError, AttributeError) as error:
             self._complain(f"cannot record {name}: {error}")
             return None
-        if any(end.topic_type != topic.count.type_name for end in publishers):
-            self._complain(f"{name} has publishers of several types, only {topic.count.type_name} is recorded")
         qos = QoSProfile(
             depth=QUEUE,
             reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
@@ -260,26 +271,6 @@ def _drain(turn: Turn, node: RecorderNode) -> None:
         before = node.received
         for _ in range(BURST):
             turn(0.0)
-
-
-def _offered(publisher: TopicEndpointInfo) -> Qos:
-    profile = publisher.qos_profile
-    return Qos(
-        history=profile.history.short_key,
-        depth=profile.depth,
-        reliability=profile.reliability.short_key,
-        durability=profile.durability.short_key,
-        deadline_ns=_duration_ns(profile.deadline.nanoseconds),
-        lifespan_ns=_duration_ns(profile.lifespan.nanoseconds),
-        liveliness=profile.liveliness.short_key,
-        liveliness_lease_ns=_duration_ns(profile.liveliness_lease_duration.nanoseconds),
-        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
-    )
-
-
-def _duration_ns(nanoseconds: int) -> int:
-    """Give "not set" as infinite, which is what DDS does with it."""
-    return nanoseconds or INFINITE_NS
 
 
 if __name__ == "__main__":

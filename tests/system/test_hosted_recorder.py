@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder's node in the test's own process: long recordings, and topics that change under it."""
+
+import threading
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.type_hash import TypeHash
+
+from msg_defs.msg import WheelSinkage, WheelSlip
+from terrain_estimator.bags import BagReader
+from terrain_estimator.nodes.offers import of_other_types
+from terrain_estimator.nodes.recorder import RecorderNode
+from tests.system.listening import Listener
+
+SLIP = "msg_defs/msg/WheelSlip"
+
+
+def recorder(listener: Listener, folder: Path, parameters: dict[str, float] | None = None) -> RecorderNode:
+    values = {"output": str(folder), "topics": "wheel_slip"} | (parameters or {})
+    given = [Parameter(name, value=value) for name, value in values.items()]
+    node = listener.host(partial(RecorderNode, threading.Event()), parameter_overrides=given)
+    node.start()
+    return node
+
+
+def record(listener: Listener, node: RecorderNode, count: int) -> None:
+    """Publish some messages, and wait until they are recorded."""
+    publisher = listener.publisher(WheelSlip, "wheel_slip")
+    before = node.received
+    for number in range(count):
+        publisher.publish(WheelSlip(sequence=number))
+        listener.spin_until(lambda number=number: node.received == before + number + 1, "the message is recorded")  # type: ignore[misc]
+    listener.node.destroy_publisher(publisher)
+
+
+def test_a_long_recording_goes_on_in_the_next_file(listener: Listener, tmp_path: Path) -> None:
+    for name, value in {"split.size": 0.001, "split.duration": 0.002}.items():
+        folder = tmp_path / name
+        node = recorder(listener, folder, {name: value})
+        record(listener, node, 10)
+        node.end()
+        listener.leave(node)
+        with BagReader(folder) as reader:
+            assert [reader.decode(message).sequence for message in reader.messages()] == list(range(10))
+            assert reader.finished
+        assert len(list(folder.glob("*.mcap"))) > 1
+
+
+def test_a_publisher_of_another_type_is_said_and_nothing_is_lost(
+    listener: Listener, domain_id: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    node = recorder(listener, tmp_path / "run")
+    record(listener, node, 3)
+    said = ""
+
+    def warned() -> str:
+        nonlocal said
+        said += capfd.readouterr().err
+        return said if "is left out" in said else ""
+
+    with Listener(domain_id, namespace="changed") as other:
+        publisher = other.node.create_publisher(WheelSinkage, "/wheel_slip", 1)
+        listener.spin_until(warned, "the other type is noticed")
+        assert f"/wheel_slip: a publisher of msg_defs/msg/WheelSinkage is left out, only {SLIP} is recorded" in said
+        publisher.publish(WheelSinkage())
+        record(listener, node, 2)
+    node.end()
+    with BagReader(tmp_path / "run") as reader:
+        assert [(raw.type_name, reader.decode(raw).sequence) for raw in reader.messages()] == [(SLIP, n) for n in (0, 1, 2, 0, 1)]
+
+
+def test_a_publisher_of_another_definition_of_the_type_is_said() -> None:
+    def publisher(version: int, value: int) -> SimpleNamespace:
+        kind = TypeHash(version, bytes([value]) * 32)
+        return SimpleNamespace(topic_type=SLIP, topic_type_hash=kind)
+
+    def said(end: SimpleNamespace) -> list[str]:
+        return list(of_other_types([end], SLIP, f"RIHS01_{'07' * 32}"))  # type: ignore[list-item]
+
+    assert said(publisher(1, 7)) == []
+    assert said(publisher(-1, 0)) == []  # a DDS that does not tell
+    [words] = said(publisher(1, 8))
+    assert words.startswith(f"a publisher has another definition of {SLIP}")
