@@ -8,6 +8,7 @@ from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.part import Topic
 from terrain_estimator.bags.qos import STATE, Qos
 from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo
+from terrain_estimator.bags.recovery import Recovery, recover
 from terrain_estimator.bags.types import Message, Types
 from terrain_estimator.bags.writer import BagWriter, Split
 
@@ -21,10 +22,12 @@ __all__ = [
     "Message",
     "Qos",
     "RawMessage",
+    "Recovery",
     "Split",
     "Topic",
     "TopicInfo",
     "Types",
     "compare",
     "installed_definition",
+    "recover",
 ]

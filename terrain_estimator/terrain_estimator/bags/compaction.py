@@ -4,13 +4,10 @@
 
 import os
 from pathlib import Path
-from typing import BinaryIO
 
-from mcap.records import Channel, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
 
-from terrain_estimator.bags.metadata import ROSBAG2_RECORD
+from terrain_estimator.bags.copying import Copier
 from terrain_estimator.bags.syncing import sync_folder
 
 TEMPORARY_SUFFIX = ".compacting"
@@ -27,7 +24,10 @@ def compact(path: Path) -> None:
     temporary = path.with_name(path.name + TEMPORARY_SUFFIX)
     try:
         with path.open("rb") as source, temporary.open("wb") as target:
-            _copy(source, target)
+            copier = Copier(target)
+            for record in StreamReader(source).records:
+                copier.take(record)
+            copier.finish()
             target.flush()
             os.fsync(target.fileno())
         temporary.replace(path)
@@ -35,28 +35,3 @@ def compact(path: Path) -> None:
         temporary.unlink(missing_ok=True)
         raise
     sync_folder(path.parent)
-
-
-def _copy(source: BinaryIO, target: BinaryIO) -> None:
-    writer = Writer(target, compression=CompressionType.ZSTD)
-    schemas: dict[int, int] = {}
-    channels: dict[int, int] = {}
-    own_metadata: dict[str, str] = {}
-    for record in StreamReader(source).records:
-        match record:
-            case Header():
-                writer.start(profile=record.profile)
-            case Schema() if record.id not in schemas:
-                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-            case Channel() if record.id not in channels:
-                schema = schemas[record.schema_id]
-                channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schema, record.metadata)
-            case Message():
-                channel = channels[record.channel_id]
-                writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
-            case Metadata() if record.name == ROSBAG2_RECORD:
-                own_metadata = record.metadata  # a recording has two, the last one is complete
-            case Metadata():
-                writer.add_metadata(record.name, record.metadata)
-    writer.add_metadata(ROSBAG2_RECORD, own_metadata)
-    writer.finish()

@@ -18,7 +18,18 @@ from mcap.well_known import Profile
 
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.metadata import Span
-from terrain_estimator.bags.records import HEAD, MAGIC, Record, StoredMessage, chunk_contents, message_of, messages_in, parse, scan
+from terrain_estimator.bags.records import (
+    HEAD,
+    MAGIC,
+    Record,
+    StoredMessage,
+    chunk_contents,
+    message_of,
+    messages_in,
+    parse,
+    records_in,
+    scan,
+)
 
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 WINDOW = 1024  # messages within which those of a file without chunk index are put in order
@@ -153,7 +164,8 @@ class McapFile:
         """Take note of a record of the data section: schemas, channels, metadata, counts of messages."""
         match record.opcode:
             case Opcode.CHUNK:
-                self._note_chunk(record)
+                for inner in records_in(chunk_contents(record, self.path), record.offset):
+                    self._note(inner)
             case _ if not record.whole:
                 return
             case Opcode.SCHEMA:
@@ -166,15 +178,6 @@ class McapFile:
                 self.metadata.append(parse(Metadata, record.payload))
             case Opcode.MESSAGE:
                 self._count(message_of(record.payload))
-
-    def _note_chunk(self, record: Record) -> None:
-        data = chunk_contents(record, self.path)
-        position = 0
-        while position + HEAD.size <= len(data):
-            opcode, length = HEAD.unpack_from(data, position)
-            payload = data[position + HEAD.size : position + HEAD.size + length]
-            self._note(Record(opcode, payload, record.offset, len(payload) == length))
-            position += HEAD.size + length
 
     def _count(self, message: StoredMessage) -> None:
         if message.channel_id not in self.channels:

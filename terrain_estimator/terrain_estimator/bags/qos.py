@@ -47,6 +47,32 @@ def qos_text(profiles: tuple[Qos, ...]) -> str:
     return yaml.safe_dump([profile.as_dict() for profile in profiles], sort_keys=False) if profiles else ""
 
 
+def parse_qos(text: str) -> tuple[Qos, ...]:
+    """The profiles in a channel's ``offered_qos_profiles``; none where it is not of version 9."""
+    try:
+        return tuple(_of_dict(fields) for fields in yaml.safe_load(text) or ())
+    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        return ()
+
+
+def _of_dict(fields: dict[str, Any]) -> Qos:
+    return Qos(
+        history=str(fields["history"]),
+        depth=int(fields["depth"]),
+        reliability=str(fields["reliability"]),
+        durability=str(fields["durability"]),
+        deadline_ns=_nanoseconds(fields["deadline"]),
+        lifespan_ns=_nanoseconds(fields["lifespan"]),
+        liveliness=str(fields["liveliness"]),
+        liveliness_lease_ns=_nanoseconds(fields["liveliness_lease_duration"]),
+        avoid_ros_namespace_conventions=bool(fields["avoid_ros_namespace_conventions"]),
+    )
+
+
+def _nanoseconds(fields: dict[str, Any]) -> int:
+    return int(fields["sec"]) * 1_000_000_000 + int(fields["nsec"])
+
+
 def _duration(nanoseconds: int) -> dict[str, int]:
     sec, nsec = divmod(nanoseconds, 1_000_000_000)
     return {"sec": sec, "nsec": nsec}

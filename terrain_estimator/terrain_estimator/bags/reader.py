@@ -219,11 +219,16 @@ def _files_of_folder(folder: Path) -> tuple[list[Path], StoredMetadata | None]:
             msg = f"{folder}: {METADATA_FILE} lists {', '.join(missing)}, which is not there; copy it again, or read the other files singly"
             raise BagError(msg)
         return [folder / name for name in stored.files], stored
+    return numbered_files(folder), None
+
+
+def numbered_files(folder: Path) -> list[Path]:
+    """Return the MCAP files of a folder in the order of their numbers. Raises BagError where there is none."""
     files = sorted(folder.glob("*.mcap"), key=lambda file: (int((re.findall(r"_(\d+)\.mcap$", file.name) or ["0"])[0]), file.name))
     if not files:
         msg = f"{folder} is not a bag: it has neither {METADATA_FILE} nor an .mcap file"
         raise BagError(msg)
-    return files, None
+    return files
 
 
 def _merge_topics(files: list[McapFile]) -> dict[str, TopicInfo]:

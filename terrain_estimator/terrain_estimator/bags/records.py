@@ -100,6 +100,16 @@ def chunk_contents(record: Record, path: Path) -> bytes:
     return data
 
 
+def records_in(data: bytes, offset: int = 0) -> Iterator[Record]:
+    """Yield the records in the contents of a chunk that begins at ``offset`` of its file; the last one may not be whole."""
+    position = 0
+    while position + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, position)
+        payload = data[position + HEAD.size : position + HEAD.size + length]
+        yield Record(opcode, payload, offset, len(payload) == length)
+        position += HEAD.size + length
+
+
 def messages_in(data: bytes, wanted: frozenset[int]) -> Iterator[StoredMessage]:
     """Yield the whole messages of wanted channels in the contents of a chunk."""
     position, end, size = 0, len(data), HEAD.size + MESSAGE_HEAD.size

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""recover_bag BAG: makes a whole bag of what is left of one that was cut off or damaged, and says what is lost.
+
+Exit codes: 0 all that is left is in the new bag; 1 nothing is left; 2 wrong arguments, or the new bag cannot be written.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from terrain_estimator.bags import BagError, Recovery, recover
+
+NOTHING, WRONG = 1, 2
+DAMAGED = "_damaged"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Recover the bag that the command line names; returns the exit code."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    bag: Path = options.bag if options.bag.name not in {"", ".."} else options.bag.resolve()
+    aside = bag.with_name(bag.name + DAMAGED)
+    target = options.out or bag.with_name(f"{bag.stem}_recovered")
+    if options.replace and not bag.is_dir():
+        parser.error(f"--replace: {options.bag} is no folder: give the bag's folder")
+    if options.replace and aside.exists():
+        parser.error(f"--replace: {aside} exists already: move it away")
+    try:
+        recovery = recover(bag, target)
+        if options.replace and recovery.span.count:
+            bag.rename(aside)
+            target.rename(bag)
+            target = bag
+    except (BagError, OSError) as error:
+        print(f"recover_bag: {error}", file=sys.stderr)
+        return WRONG
+    print(f"{target}: {report(recovery)}")
+    if options.replace and recovery.span.count:
+        print(f"the damaged one is {aside}")
+    return 0 if recovery.span.count else NOTHING
+
+
+def report(recovery: Recovery) -> str:
+    """What was recovered and what was not, in words."""
+    damage, span = recovery.damage, recovery.span
+    if not span.count:
+        return "; ".join(["no message is left", *recovery.notes])
+    parts = [f"{span.count} messages in {span.duration_ns / 1e9:.3f} s recovered"]
+    if recovery.expected is None:
+        parts.append(f"{recovery.lost or 'none'} lost before the last one; nothing tells whether any came after it")
+    else:
+        parts.append(f"{recovery.lost or 'none'} of {recovery.expected} lost")
+    if damage.torn:
+        parts.append(f"{damage.torn} cut within")
+    if damage.chunks:
+        parts.append(f"{damage.chunks} chunks damaged")
+    if damage.passed_over:
+        parts.append(f"{damage.passed_over} bytes not readable")
+    return "; ".join([", ".join(parts), *recovery.notes])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="recover_bag", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file; it is not touched")
+    parser.add_argument("--out", type=Path, help="folder of the new bag, must not exist (default: BAG_recovered)")
+    parser.add_argument(
+        "--replace", action="store_true", help=f"give the new bag the name of the damaged one, which is kept as BAG{DAMAGED}"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
