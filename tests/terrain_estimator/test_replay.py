@@ -3,7 +3,9 @@
 """replay: recordings in, estimates out, the same every time; what is wrong with a bag is said in words."""
 
 import dataclasses
+import hashlib
 import json
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -20,7 +22,9 @@ from terrain_estimator.cli.summary import print_table
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import load_model
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.saved_state import pack_state, read_state, write_state
 from tests.drives import STEP_NS, drive_messages, write_bag
 
 SECONDS = 8.0
@@ -219,6 +223,47 @@ def test_the_comparison_finds_a_live_estimate_that_differs(bag: Path, tmp_path: 
         assert code == (replay.DIFFERENT if spoil else 0)
         assert summary["bags"][0]["identical_to_live"] is not spoil
     assert "terrain_estimate differs from live: message 40, cohesion" in capsys.readouterr().out
+
+
+def test_what_a_node_estimated_that_went_on_from_a_saved_state_is_replayed_from_it(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, types = load_model(), Types()
+    events = list(drive_messages(types.make, 4.0))
+    before, live = Pipeline(model, EstimatorConfig()), Pipeline(model, EstimatorConfig())
+    for name, _, message in events[:115]:
+        before.add(name, message)
+    state = tmp_path / "ground.state"
+    write_state(state, pack_state(before.save(), model.sha256))
+    live.restore(read_state(state, model.sha256))
+    with BagWriter(tmp_path / "recorded") as writer:
+        topics = {name: writer.add_topic(f"/{name}", type_name) for name, type_name in (INPUT_TYPES | OUTPUT_TYPES).items()}
+        for name, stamp, message in events[115:]:
+            writer.write(topics[name], types.serialize(message), stamp)
+            for answer in live.add(name, message):
+                for output, said in answer.messages(types.make, live.meta).items():
+                    writer.write(topics[output], types.serialize(said), stamp)
+    assert run(tmp_path / "prior", tmp_path / "recorded", "--compare")[0] == replay.DIFFERENT
+    assert run(tmp_path / "state", tmp_path / "recorded", "--compare", "--state", state)[0] == 0
+    with BagReader(tmp_path / "state/recorded_estimates") as reader:
+        assert reader.metadata["terrain_estimator"]["state_sha256"] == hashlib.sha256(state.read_bytes()).hexdigest()
+    state.write_bytes(state.read_bytes()[:-1])
+    capsys.readouterr()
+    assert run(tmp_path / "damaged", bag, "--state", state)[0] == replay.WRONG
+    assert "ground.state: is damaged" in capsys.readouterr().err
+
+
+def test_messages_that_were_lost_on_the_way_are_counted_by_their_sequence_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    types = Types()
+    events = list(drive_messages(types.make, 3.0))
+    gone = {("wheel_slip", 7), ("wheel_slip", 8), ("wheel_sinkage", 20)}
+    left = [(name, stamp, message) for name, stamp, message in events if (name, getattr(message, "sequence", -1)) not in gone]
+    _, summary = run(tmp_path / "out", write_bag(tmp_path / "gaps", left, types))
+    counters = summary["bags"][0]["inputs"]
+    assert {name: counters[name]["lost"] for name in counters if counters[name]["lost"]} == {"wheel_slip": 2, "wheel_sinkage": 1}
+    assert re.search("gaps: wheel_slip: .*2 lost", capsys.readouterr().out)
 
 
 def test_a_comparison_without_live_estimates_is_refused(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,12 +14,13 @@ from typing import Any
 import torch
 
 from terrain_estimator.bags import BagError
-from terrain_estimator.cli.replaying import Replay, compare_with_live, replay
+from terrain_estimator.cli.replaying import Replay, Start, compare_with_live, replay
 from terrain_estimator.cli.summary import print_table, summary, write_summary
 from terrain_estimator.cli.topics import TopicError, absolute, bag_topics
 from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
 from terrain_estimator.pipeline import rover_of
+from terrain_estimator.saved_state import StateFileError
 from terrain_estimator.summary import Beliefs
 from terramechanics.loading import ConfigError
 from terramechanics.parameter_files import parse_assignment, read_parameters
@@ -45,9 +46,10 @@ def main(arguments: list[str] | None = None) -> int:
         names = bag_topics(options.remap, options.namespace)
         rover_of(model, config.rover)
         Beliefs.of(model.metadata, config.core)
-    except (ModelFileError, ConfigError, TopicError) as error:
+        start = Start.read(options.state, model.sha256) if options.state else None
+    except (ModelFileError, ConfigError, TopicError, StateFileError) as error:
         return _refuse(str(error))
-    return _replay_all(options, model, config, names)
+    return _replay_all(options, model, config, names, start)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -65,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic, such as wheel_slip:=/slip"
     )
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page about the runs: one file, for a browser")
+    parser.add_argument("--state", type=Path, metavar="FILE", help="start from this saved state, as a node did that went on from it")
     parser.add_argument("--compare", action="store_true", help="compare with the estimates that the bag has from the live node")
     parser.add_argument("--overwrite", action="store_true", help="replace estimates bags of an earlier replay")
     return parser
@@ -78,17 +81,19 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
     return values | ({"model": options.model} if options.model else {})
 
 
-def _replay_all(options: argparse.Namespace, model: LoadedModel, config: EstimatorConfig, names: dict[str, str]) -> int:
-    """Replay one bag after the other, each from the prior; a bag that fails does not stop the others."""
+def _replay_all(
+    options: argparse.Namespace, model: LoadedModel, config: EstimatorConfig, names: dict[str, str], start: Start | None
+) -> int:
+    """Replay one bag after the other, each from the same start; a bag that fails does not stop the others."""
     replays: list[Replay] = []
     failed = False
     for bag in options.bags:
         try:
             output = _output(options.out, bag, overwrite=options.overwrite)
-            replays.append(replay(bag, output, model, config, names))
+            replays.append(replay(bag, output, model, config, names, start))
             if options.compare:
                 compare_with_live(replays[-1], names)
-        except (BagError, TopicError, OSError) as error:
+        except (BagError, TopicError, StateFileError, OSError) as error:
             failed = True
             _refuse(str(error))
     if replays:

@@ -3,6 +3,7 @@
 """Runs one bag through the estimator, as fast as it goes: the node's pipeline without the node."""
 
 import gc
+import hashlib
 import itertools
 import json
 import math
@@ -11,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple, Self
 
 from terrain_estimator.bags import BagReader, BagWriter, Message, RawMessage, Types, compare
 from terrain_estimator.cli.alongside import Answered, Converted, answering
@@ -24,10 +26,24 @@ from terrain_estimator.outcome import Outcome
 from terrain_estimator.pairing import Counters
 from terrain_estimator.pipeline import Answer, Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.saved_state import Arrays, read_state
 from terramechanics.parameters import effective
 
 TRUTH = "ground_truth/terrain"
 BATCH = 500  # messages
+
+
+class Start(NamedTuple):
+    """A saved state that a replay starts from."""
+
+    arrays: Arrays
+    sha256: str  # of its file
+
+    @classmethod
+    def read(cls, path: Path, model_sha256: str) -> Self:
+        """Read a state file. Raises StateFileError."""
+        arrays = read_state(path, model_sha256)
+        return cls(arrays, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 @dataclass(slots=True)
@@ -86,12 +102,15 @@ class _Output:
                 self._writer.write(self._topics[name], self._types.serialize(message), cause.log_time_ns, cause.publish_time_ns)
 
 
-def replay(bag: Path, output: Path, model: LoadedModel, config: EstimatorConfig, names: Mapping[str, str]) -> Replay:
+def replay(
+    bag: Path, output: Path, model: LoadedModel, config: EstimatorConfig, names: Mapping[str, str], start: Start | None = None
+) -> Replay:
     """Estimate from the messages of ``bag`` and write the estimates to the new bag ``output``.
 
-    ``names`` are the topics' names in the bag, by the estimator's names.
+    ``names`` are the topics' names in the bag, by the estimator's names. Without ``start`` it starts from the prior.
 
     Raises:
+        StateFileError: ``start`` is no state of this model.
         BagError: the bag cannot be read, a type is another, or the output cannot be written.
         TopicError: a required topic is missing.
     """
@@ -101,11 +120,13 @@ def replay(bag: Path, output: Path, model: LoadedModel, config: EstimatorConfig,
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
         result.missing_s, result.notes = reader.missing_s, reader.notes
         pipeline = Pipeline(model, config)
+        if start:
+            pipeline.restore(start.arrays)
         for name in names.values():
             if name in reader.topics:
                 reader.prepare(name)
         with BagWriter(output) as writer:
-            writer.add_metadata("terrain_estimator", identity(pipeline, config))
+            writer.add_metadata("terrain_estimator", identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {}))
             outgoing = _Output(writer, pipeline, names)
             gc.collect()
             gc.freeze()  # collections over torch's modules would take a tenth of the time
