@@ -65,5 +65,7 @@ WHEN = {
         "auto_start": "to false under a manager of life cycles",
         "topics": "to record /diagnostics, /clock, traction_advice or terrain_map, too",
         "fsync_interval": "to spare a flash memory, or to lose less",
+        "split.size": "for recordings of hours, so that a finished file can be copied away while the next one is written",
+        "split.duration": "as split.size",
     },
 }
