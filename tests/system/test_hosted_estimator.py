@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator's node in the test's own process: transitions in which something raises, and states that are refused."""
+"""The estimator's node in the test's own process: transitions in which something raises, states that are refused, several rovers."""
 
 import threading
 from functools import partial
@@ -9,11 +9,20 @@ from typing import Any
 
 import pytest
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
+from msg_defs.msg import EstimatorHealth, TerrainEstimate
+from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel, load_model
+from terrain_estimator.nodes import factory
 from terrain_estimator.nodes.estimator import EstimatorNode
 from terrain_estimator.pipeline import Pipeline
+from terrain_estimator.ros_types import INPUT_TYPES
+from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
+from tests.system.processes import Starter
+
+STEPS, RESET_AFTER = 20, 10
 
 
 @pytest.fixture
@@ -26,9 +35,14 @@ def model() -> LoadedModel:
     return load_model()
 
 
+@pytest.fixture(autouse=True)
+def _loaded_once(model: LoadedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All nodes of this process share a model."""
+    monkeypatch.setattr("terrain_estimator.nodes.estimator.load_model", lambda _: model)
+
+
 @pytest.fixture
-def node(listener: Listener, path: Path, model: LoadedModel, monkeypatch: pytest.MonkeyPatch) -> EstimatorNode:
-    monkeypatch.setattr("terrain_estimator.nodes.estimator.load_model", lambda _: model)  # once for all transitions
+def node(listener: Listener, path: Path) -> EstimatorNode:
     return listener.host(partial(EstimatorNode, threading.Event()), parameter_overrides=[Parameter("state.file", value=str(path))])
 
 
@@ -89,3 +103,72 @@ def test_a_state_that_is_refused_is_put_aside_and_the_node_estimates(
     node.start()
     assert path.with_name("ground.state.loaded").read_bytes() == good
     node.end()
+
+
+class Rover:
+    """A namespace: what is published there, and what is heard from its estimator."""
+
+    def __init__(self, listener: Listener, name: str, events: list[Event]) -> None:
+        self._listener = listener
+        self.name, self.events = name, events
+        self.estimates = listener.collect(TerrainEstimate, f"/{name}/terrain_estimate")
+        self.health = listener.collect(EstimatorHealth, f"/{name}/estimator_health")
+        self._publishers = {
+            topic: listener.publisher(factory.message_class(kind), f"/{name}/{topic}") for topic, kind in INPUT_TYPES.items()
+        }
+        listener.spin_until(lambda: listener.node.count_publishers(f"/{name}/terrain_estimate"), f"{name} estimates")
+
+    def publish(self, step: int) -> None:
+        for topic, _, message in self.events[step * len(INPUT_TYPES) : (step + 1) * len(INPUT_TYPES)]:
+            self._publishers[topic].publish(message)
+
+    def reset(self) -> None:
+        assert self._listener.call(Trigger, f"/{self.name}/estimator/reset", Trigger.Request()).success
+
+    def said(self) -> list[tuple[float, ...]]:
+        return [(each.sequence, each.cohesion, each.tan_phi, *each.covariance) for each in self.estimates]
+
+    def counted(self) -> bool:
+        """Whether it has counted as many messages as were meant for it, on every topic."""
+        return bool(self.health) and set(self.health[-1].input_received) == {STEPS}
+
+
+def alone(model: LoadedModel, events: list[Event], *, reset: bool) -> list[tuple[float, ...]]:
+    """What an estimator says that is the only one in the world."""
+    pipeline = Pipeline(model, EstimatorConfig())
+    said = []
+    for index, (topic, _, message) in enumerate(events):
+        if reset and index == RESET_AFTER * len(INPUT_TYPES):
+            pipeline.reset()
+        updates = [answer.update for answer in pipeline.add(topic, message)]
+        said += [(each.sequence, *each.estimate.mean.tolist(), *each.estimate.covariance.ravel().tolist()) for each in updates]
+    return said
+
+
+def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone(
+    start: Starter, listener: Listener, model: LoadedModel
+) -> None:
+    other = start("terrain_estimator", "estimator", "--ros-args", "-r", "__ns:=/rover3")
+    nodes = [listener.host(partial(EstimatorNode, threading.Event()), namespace=f"/rover{number}") for number in (1, 2)]
+    for node in nodes:
+        node.start()
+    other.wait_for_output("ready", timeout=60.0)
+    events = list(drive_messages(factory.make, 6.0))
+    parts = [events[at : at + len(events) // 3] for at in range(0, len(events), len(events) // 3)]
+    rovers = [Rover(listener, f"rover{number}", part) for number, part in enumerate(parts, start=1)]
+    without_namespace = listener.collect(TerrainEstimate, "/terrain_estimate")
+    for step in range(STEPS):
+        if step == RESET_AFTER:
+            rovers[0].reset()
+        for rover in rovers:
+            rover.publish(step)
+        for rover in rovers:
+            listener.wait_for_messages(rover.estimates, step + 1)
+    assert [rover.said() for rover in rovers] == [alone(model, rover.events, reset=rover is rovers[0]) for rover in rovers]
+    assert len({rover.said()[-1] for rover in rovers}) == len(rovers), "the drives differ"
+    assert without_namespace == []
+    for rover in rovers:
+        listener.spin_until(rover.counted, f"{rover.name} counts its own messages alone")
+    assert [rover.health[-1].resets for rover in rovers] == [1, 0, 0]
+    for node in nodes:
+        node.end()

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import TerrainTruth, WheelSlip
-from terrain_estimator.bags import BagReader
+from terrain_estimator.bags import BagReader, recover
 from tests.system.listening import LATCHED, Listener
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
@@ -53,6 +53,8 @@ def test_a_kill_loses_no_message_that_was_received(start: Starter, listener: Lis
     with BagReader(folder) as reader:
         assert not reader.finished
         assert "ends without a footer" in reader.notes[0]
+    recovery = recover(folder, tmp_path / "mended")
+    assert (recovery.span.count, recovery.lost) == (240, 0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
