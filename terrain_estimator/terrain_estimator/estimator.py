@@ -135,7 +135,7 @@ class Estimator:
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
         if report.closed and math.isfinite(report.changed):
-            self._change = report.changed
+            self._change = min(report.changed, 1.0)  # rounding
         refusal = self._refuse(observation, state, report) or (self._refuse_block(report) if report.closed else None)
         if refusal is not None:
             return self._answer(observation.stamp_ns, refusal)
@@ -222,7 +222,8 @@ class Estimator:
             sizes = self._module.effects(self._state).tolist() if self._effects else ()
         mean, covariance = doubted(values[0], values[1:], self._beliefs, self._doubt)
         self._condition = _condition(covariance)
-        estimate = summarise(mean, covariance, self._beliefs, tuple(self._state["soils"].tolist()))
+        soils = tuple(min(probability, 1.0) for probability in self._state["soils"].tolist())
+        estimate = summarise(mean, covariance, self._beliefs, soils)
         effects = [
             NamedEffect(effect.name, effect.unit, mean, math.sqrt(variance))
             for effect, (mean, variance) in zip(self._effects, sizes, strict=True)

@@ -21,6 +21,11 @@ from terrain_estimator.outcome import Outcome
 NOISE_BOUND = 4.0
 """[standard deviations] what noise explains: further outside the possible range a value is a sensor error."""
 
+FASTEST = 100.0  # [m/s] no rover and no rim is faster: a broken sensor or a wrong unit, as with the other limits
+STRONGEST_TORQUE = 1e6  # [N m]
+STRONGEST_ACCELERATION = 1e3  # [m/s^2]
+DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
+_STEEPEST_GROUND = math.pi / 2.0  # [rad]
 _STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
 _STANDSTILL_BOUND = 3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
 
@@ -78,6 +83,8 @@ def _refuse_scalars(observation: Observation) -> _Refusal:
     for name, value, _ in required:
         if not math.isfinite(value):
             return Outcome.NOT_FINITE, f"{name} is {value}"
+    if not abs(observation.velocity) <= FASTEST:
+        return Outcome.OUT_OF_RANGE, f"velocity {observation.velocity:g} m/s is not within +-{FASTEST:g}"
     for name, _, deviation in required:
         if not _is_deviation(deviation):
             return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
@@ -85,7 +92,7 @@ def _refuse_scalars(observation: Observation) -> _Refusal:
 
 
 def _is_deviation(value: float) -> bool:
-    return 0.0 < value < math.inf
+    return DEVIATIONS[0] <= value <= DEVIATIONS[1]
 
 
 def _mask(observation: Observation, radius: float, config: CoreConfig) -> Screening:
@@ -97,6 +104,7 @@ def _mask(observation: Observation, radius: float, config: CoreConfig) -> Screen
         for name in ("slip", "sinkage", "contact_angle", "torque"):
             changes[name] = np.where(kept, getattr(observation, name), np.nan)
     details = [f"axle {axle}: {fault[1]}" for axle, fault in enumerate(faults) if fault is not None]
+    details += _mask_rates(observation, radius, changes)
     details += _mask_optional(observation, changes)
     if not details:
         return Screening(Outcome.ACCEPTED, observation)
@@ -129,12 +137,29 @@ def _wheel_fault(wheel: tuple[float, ...], radius: float, config: CoreConfig) ->
             return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
     if not config.slip_minimum <= slip < config.slip_maximum:
         return Outcome.OUT_OF_RANGE, f"slip {slip:.3g} is outside {config.slip_minimum:g} to {config.slip_maximum:g}"
-    if 0.0 < sinkage < radius:
-        return None
+    if not abs(angle) < _STEEPEST_GROUND:
+        return Outcome.OUT_OF_RANGE, f"contact angle {angle:.3g} rad is not within +-{_STEEPEST_GROUND:.3g}"
+    return None if 0.0 < sinkage < radius else (Outcome.OUT_OF_RANGE, _sinkage_fault(sinkage, sinkage_sd, radius))
+
+
+def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
     if sinkage >= radius:
-        return Outcome.OUT_OF_RANGE, f"sinkage {sinkage:.3g} m is not below the wheel radius {radius:g} m"
-    explained = "within its noise" if sinkage > -NOISE_BOUND * sinkage_sd else "a sensor error"
-    return Outcome.OUT_OF_RANGE, f"sinkage {sinkage:.3g} m is not above zero, {explained}"
+        return f"sinkage {sinkage:.3g} m is not below the wheel radius {radius:g} m"
+    explained = "within its noise" if sinkage > -NOISE_BOUND * deviation else "a sensor error"
+    return f"sinkage {sinkage:.3g} m is not above zero, {explained}"
+
+
+def _mask_rates(observation: Observation, radius: float, changes: dict[str, Floats | float]) -> list[str]:
+    """Mask wheel rates that no wheel has; what turns the wheel's own inertia is not known then, and the torque no use."""
+    rates = observation.wheel_rate
+    absurd = [not math.isnan(rate) and not abs(rate) * radius <= FASTEST for rate in rates.tolist()]
+    if not any(absurd):
+        return []
+    changes["wheel_rate"] = np.where(absurd, np.nan, rates)
+    changes["torque"] = np.where(absurd, np.nan, changes.get("torque", observation.torque))
+    return [
+        f"axle {axle}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than {FASTEST:g} m/s" for axle in np.flatnonzero(absurd)
+    ]
 
 
 def _mask_optional(observation: Observation, changes: dict[str, Floats | float]) -> list[str]:
@@ -144,11 +169,11 @@ def _mask_optional(observation: Observation, changes: dict[str, Floats | float])
     if not math.isnan(bogie) and not abs(bogie) < _STEEPEST_BOGIE:
         changes["bogie_angle"] = math.nan
         details.append(f"bogie angle {bogie:g} rad is not within +-{_STEEPEST_BOGIE:g}")
-    if not math.isnan(acceleration) and not (math.isfinite(acceleration) and _is_deviation(observation.acceleration_sd)):
+    if not math.isnan(acceleration) and not (abs(acceleration) <= STRONGEST_ACCELERATION and _is_deviation(observation.acceleration_sd)):
         changes["acceleration"] = math.nan
         details.append(f"acceleration {acceleration:g} m/s^2 with standard deviation {observation.acceleration_sd:g}")
     pairs = zip(torque.tolist(), observation.torque_sd.tolist(), strict=True)
-    faulty = [not math.isnan(value) and not (math.isfinite(value) and _is_deviation(deviation)) for value, deviation in pairs]
+    faulty = [not math.isnan(value) and not (abs(value) <= STRONGEST_TORQUE and _is_deviation(deviation)) for value, deviation in pairs]
     if any(faulty):
         changes["torque"] = np.where(faulty, np.nan, changes.get("torque", torque))
         words = "axle {}: torque {:g} N m with standard deviation {:g}"

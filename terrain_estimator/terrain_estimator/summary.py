@@ -48,7 +48,8 @@ class Beliefs:
 def doubted(mean: Floats, covariance: Floats, beliefs: Beliefs, doubt: float) -> tuple[Floats, Floats]:
     """Moments of (c, tan phi) where with probability ``doubt`` the ground is another, of which only the prior is known."""
     shift = beliefs.prior_mean - mean
-    between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
+    symmetric = 0.5 * (covariance + covariance.T)  # the model's is up to rounding
+    between = (1.0 - doubt) * symmetric + doubt * np.diag(beliefs.prior_sd**2)
     return mean + doubt * shift, between + doubt * (1.0 - doubt) * np.outer(shift, shift)
 
 

@@ -166,3 +166,28 @@ def test_the_mean_sd_of_a_bad_optional_deviation_masks_it() -> None:
     result = verdict(torque_sd=at(2, 0.0, 0.4), acceleration_sd=-1.0)
     assert np.isnan(result.observation.torque).tolist() == [False, False, True]
     assert math.isnan(result.observation.acceleration)
+
+
+def test_a_velocity_that_no_rover_has_is_refused_and_named() -> None:
+    result = verdict(velocity=1e308)
+    assert result.outcome is Outcome.OUT_OF_RANGE
+    assert "velocity 1e+308 m/s is not within +-100" in result.detail
+
+
+@pytest.mark.parametrize(
+    ("changes", "masked", "words"),
+    [
+        ({"torque": at(1, -1e7, 12.0)}, ["torque"], "axle 1: torque -1e+07 N m"),
+        ({"acceleration": 1e300}, ["acceleration"], "acceleration 1e+300 m/s^2"),
+        ({"wheel_rate": at(1, 1e300, 1.5)}, ["wheel_rate", "torque"], "axle 1: wheel rate 1e+300 rad/s"),
+        ({"contact_angle": at(1, 1.6, 0.0)}, ["slip", "sinkage", "contact_angle", "torque"], "axle 1: contact angle 1.6 rad"),
+        ({"slip_sd": at(1, 1e-160, 0.01)}, ["slip", "torque"], "axle 1: the standard deviation of slip is 1e-160"),
+        ({"torque_sd": at(1, 1e150, 0.4)}, ["torque"], "with standard deviation 1e+150"),
+    ],
+)
+def test_what_no_sensor_can_measure_is_masked_and_named(changes: dict[str, Any], masked: list[str], words: str) -> None:
+    result = verdict(**changes)
+    assert result.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert words in result.detail
+    for name in masked:
+        assert np.isnan(getattr(result.observation, name)).tolist() in ([False, True, False], True)
