@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full bench pages workspace environment clean
+.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full million bench pages workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -46,6 +46,9 @@ hidden: workspace  ## how often verdicts about hidden effects are right, at most
 
 hidden-full: workspace  ## the same with many more cases, on a dask scheduler by ARGS="--scheduler HOST:PORT"
 	ros2_ws/with python -m tests.hidden.judge --full --minutes 0 $(ARGS)
+
+million: workspace  ## a million updates with mad sensors and clocks, about an hour on one core: docs/faults.md
+	ros2_ws/with python -m tests.faults.million $(ARGS)
 
 bench: workspace  ## time update, replay, simulation and training
 	ros2_ws/with python -m benchmarks $(ARGS)

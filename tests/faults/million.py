@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A million updates with mad sensors and clocks through estimator and outgoing messages: `make million`.
+
+Every published covariance has to be symmetric and positive definite, every number finite or NaN where its message says so. Exit
+code 1 where one is not. The seeds are 1, 2, 3 and so on, one for each estimator.
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+import torch
+
+from terrain_estimator.bags import Types
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.conversion import Conversion
+from terrain_estimator.model_file import LoadedModel, load_model
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.pipeline import Pipeline
+from tests.faults.hostile import Madness
+from tests.faults.page import PAGE, machine, replace_section
+from tests.soundness import unsound
+
+HEADING = "A million updates"
+
+
+@dataclass(slots=True)
+class Result:
+    """What came of the updates of one estimator, or of several."""
+
+    updates: int = 0
+    outcomes: Counter[Outcome] = field(default_factory=Counter)
+    clock_resets: int = 0
+    least: float = 1.0  # smallest 1 - |correlation| of a published covariance
+    unsound: list[str] = field(default_factory=list)
+    seconds: float = 0.0  # of processor time
+
+    def __add__(self, other: "Result") -> "Result":
+        return Result(
+            self.updates + other.updates,
+            self.outcomes + other.outcomes,
+            self.clock_resets + other.clock_resets,
+            min(self.least, other.least),
+            self.unsound + other.unsound,
+            self.seconds + other.seconds,
+        )
+
+
+def run(model: LoadedModel, updates: int, seed: int, longest: int = 200) -> Result:
+    """So many updates of one estimator, and of what a node publishes of them."""
+    pipeline, types, result = Pipeline(model, EstimatorConfig()), Types(), Result()
+    begin = time.process_time()
+    for observation in islice(Madness(model.rover, model.metadata.soils[0], seed, longest).observations(), updates):
+        answer = pipeline.answer(Conversion(observation.stamp_ns, observation))
+        outgoing = answer.messages(types.make, pipeline.meta)
+        result.updates += 1
+        result.outcomes[answer.update.decision.outcome] += 1
+        result.clock_resets += bool(answer.update.warnings)
+        estimate = outgoing["terrain_estimate"]
+        result.least = min(result.least, 1.0 - abs(estimate.covariance[1]) / (estimate.cohesion_stddev * estimate.tan_phi_stddev))
+        result.unsound += [f"update {result.updates}: {text}" for message in outgoing.values() for text in unsound(message)]
+    result.seconds = time.process_time() - begin
+    return result
+
+
+def main() -> int:
+    """Run all estimators one after the other, say what came of each, and write the section of the page."""
+    options = _parser().parse_args()
+    torch.set_num_threads(1)
+    model, total = load_model(), Result()
+    for seed in range(1, options.estimators + 1):
+        total += run(model, options.updates // options.estimators, seed)
+        sys.stdout.write(f"{total.updates} updates, {total.seconds:.0f} s, unsound: {len(total.unsound)}\n")
+        sys.stdout.flush()
+    sys.stdout.writelines(f"{line}\n" for line in total.unsound[:20])
+    replace_section(options.page, HEADING, section(total, options.estimators))
+    return int(bool(total.unsound))
+
+
+def section(total: Result, estimators: int) -> str:
+    """The measured result in words."""
+    outcomes = ", ".join(f"{count} {outcome.name}" for outcome, count in sorted(total.outcomes.items()))
+    return f"""`make million`: {total.updates} updates of {estimators} estimators, on simulated drives whose values are replaced by
+random ones, scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest and smallest numbers, and whose stamps jump;
+each is turned into the messages that the node publishes. {machine()}, {total.seconds / 60.0:.0f} min of processor time.
+
+- Published numbers that were not finite (or NaN where the message does not say so), covariances that were not symmetric and positive
+  definite, intervals or probabilities out of order: **{len(total.unsound)}**.
+- Smallest 1 - |correlation| of a published covariance: {total.least:.1e}.
+- Outcomes: {outcomes}. The clock was set back for good {total.clock_resets} times.
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="million", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--updates", type=int, default=1_000_000, help="of all estimators together (default: %(default)s)")
+    parser.add_argument("--estimators", type=int, default=10, help="one after the other (default: %(default)s)")
+    parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
