@@ -28,6 +28,7 @@ _PUBLISHED = ("moments", "expected", "covariance")  # parts of the state that al
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
 ground while it crosses a border passes within that time."""
+_ROUNDING = 1.0  # [1] a squared distance below zero by more is the difference of huge terms, and its posterior is none
 
 
 class Estimator:
@@ -146,9 +147,9 @@ class Estimator:
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""
-        if not _finite(state, report):
+        if not _finite(state, report) or report.misfit < -_ROUNDING:
             self._discard_block()
-            detail = "a number became infinite or NaN: the posterior is kept, the last second is left out"
+            detail = "a number became infinite or NaN, or rounding ate the last second: the posterior is kept, that second is left out"
             return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
         if not any(report.usable):
             return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, "no axle has slip and sinkage in the model's range")

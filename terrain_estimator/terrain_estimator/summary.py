@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.model_file import Metadata
@@ -59,16 +59,17 @@ def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, soil_probabili
     What a caller has counted is left for it to fill in.
     """
     sd = np.sqrt(np.diagonal(covariance))
-    above = ndtr(mean / sd)
+    lower = np.maximum(mean - HALF_WIDTH_95 * sd, 0.0)
+    # With little mass above zero, 95 % of what lies there; by logarithms, since far below zero that mass is no number any more.
+    cut = mean - sd * ndtri_exp(np.log(0.05) + log_ndtr(mean / sd))
     cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
     return Estimate(
         mean=mean,
         covariance=covariance,
-        lower_95=np.maximum(mean - HALF_WIDTH_95 * sd, 0.0),
-        # with little mass above zero, 95 % of what lies there
-        upper_95=np.maximum(mean + HALF_WIDTH_95 * sd, mean - sd * ndtri(np.maximum(0.05 * above, 1e-300))),
+        lower_95=lower,
+        upper_95=np.maximum.reduce([mean + HALF_WIDTH_95 * sd, cut, lower]),
         identified=(cohesion_known, friction_known),
-        mass_below_zero=min(float((1.0 - above).sum()), 1.0),
+        mass_below_zero=min(float(ndtr(-mean / sd).sum()), 1.0),
         change_probability=0.0,
         soils=beliefs.soils,
         soil_probability=soil_probability,

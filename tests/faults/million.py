@@ -86,8 +86,8 @@ def section(total: Result, estimators: int) -> str:
     """The measured result in words."""
     outcomes = ", ".join(f"{count} {outcome.name}" for outcome, count in sorted(total.outcomes.items()))
     return f"""`make million`: {total.updates} updates of {estimators} estimators, on simulated drives whose values are replaced by
-random ones, scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest and smallest numbers, and whose stamps jump;
-each is turned into the messages that the node publishes. {machine()}, {total.seconds / 60.0:.0f} min of processor time.
+random ones, scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest and smallest numbers, and whose
+stamps jump; each is turned into the messages that the node publishes. {machine()}, {total.seconds / 60.0:.0f} min of processor time.
 
 - Published numbers that were not finite (or NaN where the message does not say so), covariances that were not symmetric and positive
   definite, intervals or probabilities out of order: **{len(total.unsound)}**.

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from terrain_estimator.config import CoreConfig
-from terrain_estimator.estimator import Estimator
+from terrain_estimator.estimator import Estimator, Report
 from terrain_estimator.learning.change import Change, drive_over, places_of
 from terrain_estimator.learning.observations import STEP_NS, observations_of
 from terrain_estimator.model_file import LoadedModel, load_model
@@ -85,6 +85,17 @@ def test_reset_starts_over_but_counts_on(model: LoadedModel, drive: list[Observa
     after = [estimator.update(observation) for observation in drive[:60]]
     assert after[0].sequence == 60
     np.testing.assert_array_equal(before[-1].estimate.mean, after[-1].estimate.mean)
+
+
+def test_a_block_whose_squared_distance_is_below_zero_is_a_numerical_failure(
+    model: LoadedModel, drive: list[Observation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimator, of = Estimator(model, CoreConfig()), Report.of
+    known = [estimator.update(observation) for observation in drive[:50]][-1]
+    monkeypatch.setattr(Report, "of", lambda state: of(state)._replace(misfit=-2.0))
+    failed = estimator.update(drive[50])
+    assert failed.decision.outcome is Outcome.NUMERICAL_FAILURE
+    np.testing.assert_array_equal(failed.estimate.covariance, known.estimate.covariance)
 
 
 BROKEN: dict[str, tuple[dict[str, object], set[Outcome]]] = {

@@ -20,13 +20,20 @@ def test_far_from_zero_the_interval_is_that_of_the_gaussian() -> None:
     assert estimate_of(1000.0, 100.0) == pytest.approx((804.0, 1196.0), abs=0.1)
 
 
-@pytest.mark.parametrize("cohesion", [100.0, 0.0, -300.0, -3000.0])
+@pytest.mark.parametrize("cohesion", [100.0, 0.0, -300.0, -3000.0, -3600.0])
 def test_an_interval_cut_at_zero_still_holds_95_percent_of_what_is_above(cohesion: float) -> None:
     lower, upper = estimate_of(cohesion, 100.0)
     assert lower == 0.0
     assert upper > 0.0
     physical = truncnorm(-cohesion / 100.0, np.inf, loc=cohesion, scale=100.0)
     assert physical.cdf(upper) >= 0.95 - 1e-6
+
+
+@pytest.mark.parametrize("cohesion", [-4e3, -1e5, -1e12])
+def test_far_below_zero_the_interval_is_short_but_in_order(cohesion: float) -> None:
+    lower, upper = estimate_of(cohesion, 100.0)
+    assert lower == 0.0
+    assert 0.0 <= upper < 10.0
 
 
 def test_a_parameter_is_identified_when_the_data_left_a_tenth_of_its_prior_variance() -> None:
