@@ -180,7 +180,10 @@ class Simulator:
         while not self._stop.is_set() and (missing := self._node.unmatched()):
             if time.monotonic() > deadline:
                 wanted = self._node.config.wait_for_subscribers
-                raise SimulatorError(f"after {self._node.config.wait_timeout:g} s {', '.join(missing)} had fewer than {wanted} subscribers")
+                raise SimulatorError(
+                    f"after {self._node.config.wait_timeout:g} s {', '.join(missing)} had fewer than {wanted} subscribers: "
+                    "start those nodes in the same namespace and ROS_DOMAIN_ID, or leave wait_for_subscribers out"
+                )
             self._executor.spin_once(timeout_sec=0.02)
 
     def _spin_until(self, deadline: float) -> None:

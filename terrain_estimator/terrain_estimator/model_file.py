@@ -129,7 +129,8 @@ def model_path(name: str) -> Path:
     installed = MODELS / f"{name or DEFAULT_MODEL}.pt"
     path = installed if installed.is_file() else Path(name)
     if not path.is_file():
-        raise ModelFileError(f"model {name!r}: no such file, and the installed models are {', '.join(model_names()) or 'none'}")
+        names = ", ".join(model_names()) or "there is none"
+        raise ModelFileError(f"model {name!r}: no such file; give the path of a .pt file, or an installed model: {names}")
     return path
 
 

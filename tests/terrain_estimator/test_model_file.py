@@ -100,7 +100,7 @@ def test_a_missing_sidecar_and_an_unknown_name_are_refused(copied: Path) -> None
     copied.with_suffix(".json").unlink()
     with pytest.raises(ModelFileError, match=r"model\.json: cannot be read"):
         load_model(str(copied))
-    with pytest.raises(ModelFileError, match=r"no such file, and the installed models are mars_rover, paper_rover"):
+    with pytest.raises(ModelFileError, match=r"no such file; give the path of a .pt file, or an installed model: mars_rover, paper_rover"):
         load_model("moon_rover")
 
 

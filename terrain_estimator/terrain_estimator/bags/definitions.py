@@ -105,8 +105,8 @@ def _source(type_name: str) -> str:
             raise BagError(msg)
     try:
         path = Path(get_package_share_directory(package)) / "msg" / f"{short}.msg"
-    except (PackageNotFoundError, LookupError, ValueError) as error:
-        msg = f"{type_name}: package {package} is not installed; source the workspace's install/setup.bash first"
+    except (PackageNotFoundError, LookupError, OSError, ValueError) as error:  # OSError: no workspace at all is sourced
+        msg = f"{type_name}: package {package} is not installed; source the workspace first: . ros2_ws/setup.bash"
         raise BagError(msg) from error
     if not path.is_file():
         msg = f"{type_name}: {path} does not exist; build the workspace again or correct the type's name"

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from ament_index_python.packages import get_package_prefix
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 POLL_S = 0.02
 _LIBC = ctypes.CDLL(None)
@@ -25,8 +25,11 @@ class FleetError(RuntimeError):
 
 
 def executable(package: str, name: str) -> str:
-    """Path of a package's executable, as ``ros2 run`` finds it."""
-    return str(Path(get_package_prefix(package), "lib", package, name))
+    """Path of a package's executable, as ``ros2 run`` finds it. Raises FleetError where the package is not in this environment."""
+    try:
+        return str(Path(get_package_prefix(package), "lib", package, name))
+    except (PackageNotFoundError, OSError) as error:  # OSError: no workspace at all is sourced
+        raise FleetError(f"package {package} is not installed; source the workspace first: . ros2_ws/setup.bash") from error
 
 
 class Program:

@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     if not (options.bags or options.dump_config):
-        parser.error("no bag is named")
+        parser.error("no bag is named: give the folder of a recording")
     torch.set_num_threads(1)  # the live node has one, and a sum's order is part of its result
     try:
         node_config = configure(EstimatorNodeConfig, _parameters(options))

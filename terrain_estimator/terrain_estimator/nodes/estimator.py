@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimator as a managed node: wiring only. Messages in, the pipeline, messages out."""
 
+import dataclasses
 import gc
+import math
 import sys
 import threading
 import time
@@ -19,7 +21,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from terrain_estimator.config import EstimatorNodeConfig
-from terrain_estimator.diagnostics import SAVING, Finding
+from terrain_estimator.diagnostics import REQUIRED, SAVING, Finding
 from terrain_estimator.health import HealthMonitor
 from terrain_estimator.messages import health_message
 from terrain_estimator.model_file import load_model
@@ -28,6 +30,7 @@ from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.keeping import StateKeeper, go_on
 from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
 from terrain_estimator.nodes.plain import refuse
+from terrain_estimator.nodes.silence import why_silent
 from terrain_estimator.nodes.watchdog import unheard_publishers
 from terrain_estimator.pipeline import Answer, Pipeline
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
@@ -107,11 +110,18 @@ class EstimatorNode(ManagedNode):
 
     def findings(self) -> Iterator[Finding]:
         """Inputs and updates as of the last report of health, publishers that are not heard, and the saved state."""
-        yield from self._judged
+        yield from map(self._explained, self._judged)
         for topic in self._pipeline.inputs if self._pipeline else ():
             yield unheard_publishers(self, topic, INPUT_TYPES[topic], QOS)
         if self._keeper:
             yield SAVING.judge(self._keeper.failures)
+
+    def _explained(self, finding: Finding) -> Finding:
+        """With the reason, where a required input was never heard."""
+        if finding.check is not REQUIRED or not finding.level or math.isfinite(finding.value):
+            return finding
+        reason = why_silent(self, finding.subject, INPUT_TYPES[finding.subject], QOS)
+        return dataclasses.replace(finding, text=f"{finding.text}: {reason}")
 
     @property
     def _configured(self) -> Pipeline:

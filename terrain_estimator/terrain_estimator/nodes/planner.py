@@ -14,12 +14,13 @@ from terrain_estimator.model_file import ModelFileError, load_model
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
+from terrain_estimator.nodes.silence import Patience
 from terrain_estimator.pipeline import rover_of
 from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, Message, stamp_ns
+from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, REQUIRED_INPUTS, Message, stamp_ns
 from terramechanics.loading import ConfigError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
@@ -48,6 +49,8 @@ class PlannerNode(Node):
         self._soils = [soil.name for soil in model.metadata.soils]
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)
         self.create_service(Trigger, "~/resume", self._resume)
+        awaited = {"terrain_estimate": ESTIMATE} | {topic: INPUT_TYPES[topic] for topic in REQUIRED_INPUTS}
+        self._patience = Patience(self, awaited, QOS)
         for topic in INPUT_TYPES:
             self._subscribe(topic)
         self.create_subscription(message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS)
@@ -55,6 +58,7 @@ class PlannerNode(Node):
 
     def _subscribe(self, topic: str) -> None:
         def receive(message: Message) -> None:
+            self._patience.heard(topic)
             for observation in self._inputs.add(topic, message):
                 self._planner.observe(observation)
 
@@ -62,6 +66,7 @@ class PlannerNode(Node):
 
     def _take_estimate(self, message: Message) -> None:
         """Advise once a period; stamps that went back (a bag loops, the simulation starts anew) start a new period."""
+        self._patience.heard("terrain_estimate")
         try:
             self._planner.believe(belief_of_message(message, self._soils))
         except ValueError as error:

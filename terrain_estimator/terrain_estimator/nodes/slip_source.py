@@ -12,6 +12,7 @@ from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
+from terrain_estimator.nodes.silence import Patience
 from terrain_estimator.ros_types import INPUT_TYPES, Message
 from terrain_estimator.slip_source import JOINTS, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
 from terramechanics.rover import load_rover
@@ -33,7 +34,9 @@ class SlipSourceNode(Node):
         rover = load_rover(config.rover)
         self._source = SlipSource(rover, config)
         self._output = self.create_publisher(message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS)
-        for topic, kind in ((JOINTS, INPUT_TYPES[JOINTS]), (VELOCITY, VELOCITY_TYPES[config.velocity_type])):
+        topics = {JOINTS: INPUT_TYPES[JOINTS], VELOCITY: VELOCITY_TYPES[config.velocity_type]}
+        self._patience = Patience(self, topics, QOS)
+        for topic, kind in topics.items():
             self._subscribe(topic, kind)
         if self.resolve_topic_name(VELOCITY) == self.resolve_topic_name("odom"):
             self.get_logger().warning(_TWICE)
@@ -41,6 +44,7 @@ class SlipSourceNode(Node):
 
     def _subscribe(self, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
+            self._patience.heard(topic)
             for pair in self._source.pair(topic, message):
                 try:
                     self._output.publish(self._source.slip_message(pair, make))

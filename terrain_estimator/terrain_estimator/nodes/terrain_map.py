@@ -11,6 +11,7 @@ from terrain_estimator.config import MapConfig
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import guarded, run
+from terrain_estimator.nodes.silence import Patience
 from terrain_estimator.pairing import Synchronizer, Topic
 from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message, stamp_ns
 from terrain_estimator.track import Track, cloud_message
@@ -32,12 +33,14 @@ class MapNode(Node):
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._period_ns, self._published_ns, self._grown = round(config.period_s * 1e9), 0, False
         self._output = self.create_publisher(message_class("sensor_msgs/msg/PointCloud2"), "terrain_map", LATCHED)
+        self._patience = Patience(self, TOPICS, QOS)
         for index, (topic, kind) in enumerate(TOPICS.items()):
             self._subscribe(index, topic, kind)
         self.get_logger().info("ready")
 
     def _subscribe(self, index: int, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
+            self._patience.heard(topic)
             for complete in self._synchronizer.add(index, stamp_ns(message), message):
                 self._take(*complete.messages)
 

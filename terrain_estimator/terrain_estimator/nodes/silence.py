@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Says why nothing comes on a topic: a newcomer's first question, which ROS leaves open."""
+
+from collections.abc import Mapping
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from terrain_estimator.nodes.plain import guarded
+from terrain_estimator.nodes.watchdog import unheard_publishers
+
+PATIENCE_S = 5.0
+SHOWN = 3
+"""Topics of the same type that are named."""
+
+
+def why_silent(node: Node, topic: str, type_name: str, qos: QoSProfile) -> str:
+    """What the graph of this domain tells about a topic on which nothing came, and what to do."""
+    finding = unheard_publishers(node, topic, type_name, qos)
+    if finding.level:
+        return finding.text
+    name = node.resolve_topic_name(topic)
+    if node.count_publishers(name):
+        return f"{name} has a publisher, which says nothing: check it"
+    graph = node.get_topic_names_and_types()
+    others = [other for other, kinds in graph if type_name in kinds and other != name and node.count_publishers(other)]
+    if not others:
+        return f"nobody publishes {name} in ROS domain {node.context.get_domain_id()}: start its publisher, or compare ROS_DOMAIN_ID"
+    others.sort(key=lambda other: not other.endswith(f"/{topic}"))  # of the same name first
+    listed, namespace = ", ".join(others[:SHOWN]), others[0].removesuffix(f"/{topic}")
+    rule = f"__ns:={namespace}" if namespace not in {"", others[0]} else f"{topic}:=NAME"
+    return f"nobody publishes {name}; of its type there is {listed}: start its publisher, or this node with --ros-args -r {rule}"
+
+
+class Patience:
+    """Waits for the first message of each topic, and says once of which none came, and why."""
+
+    def __init__(self, node: Node, topics: Mapping[str, str], qos: QoSProfile, patience_s: float = PATIENCE_S) -> None:
+        """``topics`` gives the type by name."""
+        self._node, self._qos = node, qos
+        self._silent, self._said = dict(topics), set[str]()
+        self._timer = node.create_timer(patience_s, guarded(node, self._say), clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def heard(self, topic: str) -> None:
+        """A message came."""
+        if self._silent.pop(topic, None) and topic in self._said:
+            self._node.get_logger().info(f"{topic}: messages come now")
+
+    def _say(self) -> None:
+        self._node.destroy_timer(self._timer)
+        for topic, kind in self._silent.items():
+            self._said.add(topic)
+            self._node.get_logger().warning(f"no data on {topic} since the start: {why_silent(self._node, topic, kind, self._qos)}")

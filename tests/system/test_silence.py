@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where nothing comes, a node says why, and what to do."""
+
+import re
+
+import pytest
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+from terrain_estimator.nodes.silence import Patience, why_silent
+from tests.system.listening import Listener
+
+QOS = QoSProfile(depth=5)
+SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+KIND = "nav_msgs/msg/Odometry"
+
+
+def test_the_reason_names_what_is_there_instead_and_how_to_hear_it(listener: Listener) -> None:
+    node, name = listener.node, listener.node.get_fully_qualified_name()
+    assert re.fullmatch(r"nobody publishes /a in ROS domain \d+: .*ROS_DOMAIN_ID", why_silent(node, "a", KIND, QOS))
+    for topic, kind, qos in (("elsewhere", Odometry, QOS), ("/rover1/b", Odometry, QOS), ("c", String, QOS), ("d", Odometry, SENSOR)):
+        node.create_publisher(kind, topic, qos)
+    node.create_publisher(Odometry, "e", QOS)
+    assert "/elsewhere" in why_silent(node, "a", KIND, QOS)
+    assert why_silent(node, "b", KIND, QOS).startswith("nobody publishes /b; of its type there is /rover1/b, ")
+    assert why_silent(node, "b", KIND, QOS).endswith("or this node with --ros-args -r __ns:=/rover1")
+    assert why_silent(node, "a", KIND, QOS).endswith("-r a:=NAME")
+    assert why_silent(node, "c", KIND, QOS) == f"c: {name} publishes std_msgs/msg/String, not {KIND}"
+    assert f"incompatible quality of service with {name}" in why_silent(node, "d", KIND, QOS)
+    assert why_silent(node, "e", KIND, QOS) == "/e has a publisher, which says nothing: check it"
+
+
+def test_it_is_said_once_for_each_topic_without_a_message(listener: Listener, capfd: pytest.CaptureFixture[str]) -> None:
+    said: list[str] = []
+
+    def more() -> str:
+        said.append(capfd.readouterr().err)
+        return "".join(said)
+
+    patience = Patience(listener.node, {"heard": KIND, "silent": KIND}, QOS, patience_s=0.1)
+    patience.heard("heard")
+    listener.node.create_publisher(Odometry, "/rover1/silent", QOS)
+    listener.spin_until(lambda: "no data" in more(), "it is said")
+    patience.heard("silent")
+    listener.spin_until(lambda: "come now" in more(), "it is taken back")
+    text = more()
+    assert "no data on silent since the start: nobody publishes /silent; of its type there is /rover1/silent: start its publisher" in text
+    assert "--ros-args -r __ns:=/rover1" in text
+    assert text.count("no data") == 1
+    assert "silent: messages come now" in text
