@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from terrain_estimator.bags import BagReader, BagWriter, Types, compare
+from terrain_estimator.bags import BagReader, BagWriter, Split, Types, compare
 from terrain_estimator.cli import replay
 from terrain_estimator.cli.replaying import Replay
 from terrain_estimator.cli.summary import print_table
@@ -237,7 +237,7 @@ def test_a_node_that_went_on_from_a_saved_state_is_repeated_from_it_and_lost_mes
     write_state(state, pack_state(before.save(), model.sha256))
     live.restore(read_state(state, model.sha256))
     lost = {("wheel_slip", 30), ("wheel_slip", 31), ("wheel_sinkage", 35)}
-    with BagWriter(tmp_path / "recorded") as writer:
+    with BagWriter(tmp_path / "recorded", recording=True, split=Split(duration_s=0.5)) as writer:
         topics = {name: writer.add_topic(f"/{name}", type_name) for name, type_name in (INPUT_TYPES | OUTPUT_TYPES).items()}
         for name, stamp, message in events[115:]:
             if (name, getattr(message, "sequence", 0)) in lost:
@@ -246,6 +246,7 @@ def test_a_node_that_went_on_from_a_saved_state_is_repeated_from_it_and_lost_mes
             for answer in live.add(name, message):
                 for output, said in answer.messages(types.make, live.meta).items():
                     writer.write(topics[output], types.serialize(said), stamp)
+    assert len(list((tmp_path / "recorded").glob("*.mcap"))) == 4
     code, summary = run(tmp_path / "out", tmp_path / "recorded", "--compare", "--state", state)
     assert code == 0
     assert summary["bags"][0]["identical_to_live"]

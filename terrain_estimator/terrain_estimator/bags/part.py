@@ -32,7 +32,7 @@ class Part:
     """A new file: in zstd chunks, or, recorded, without chunks and brought to the disk at intervals.
 
     Raises:
-        OSError: here and in every method, the disk is full or broken.
+        OSError: here and in every method that does not say otherwise, the disk is full or broken.
     """
 
     def __init__(self, path: Path, custom: Mapping[str, str], sync_interval_s: float | None) -> None:
@@ -107,11 +107,12 @@ class Part:
             self._syncer.check()  # an error that one fsync reports is forgotten by the next
 
     def abandon(self) -> None:
-        """Close the file as it is, with what the disk takes of it."""
+        """Close the file as it is, with what the disk takes of it; never raises."""
         if not self._file.closed:
             with suppress(OSError):
                 os.fsync(self._file.fileno())
-            self._close()
+            with suppress(OSError):
+                self._close()
 
     def discard(self) -> None:
         """Take back a file that could not be begun."""

@@ -178,7 +178,7 @@ class BagWriter:
         self._closed = True
 
     def abandon(self) -> None:
-        """Close the files as they are, without metadata.yaml, as a kill would leave them; raises OSError where even that fails."""
+        """Close the files as they are, without metadata.yaml, as a kill would leave them; never raises."""
         self._closed = True
         self._settler.shutdown(cancel_futures=True)
         for part in (self._part, *(part for part, _ in self._settling)):

@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, cast
@@ -135,8 +134,7 @@ class RecorderNode(ManagedNode):
     def _fail(self, writer: BagWriter, error: OSError) -> None:
         """The disk fails: leave the bag as it is, and end."""
         self.disk_failed = True
-        with suppress(OSError):
-            writer.abandon()
+        writer.abandon()
         self._log.fatal(f"the disk fails, what was written before is kept: {error}")
         self._stop.set()
 
