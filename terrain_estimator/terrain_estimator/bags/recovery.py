@@ -41,12 +41,13 @@ class Recovery:
     gaps: int = 0  # messages that are missing between others, by the sequence numbers of their topics
     expected: int | None = None  # messages that there were, where metadata.yaml or the files say so
     damage: Damage = field(default_factory=Damage)
+    cut: int = 0  # messages that the end of the last file cuts; what follows a cut elsewhere is a gap
     notes: list[str] = field(default_factory=list)
 
     @property
     def lost(self) -> int:
         """Number of messages that are known to be lost; where ``expected`` is None there may be more at the end."""
-        return max(self.gaps + self.damage.torn, (self.expected or 0) - self.span.count)
+        return max(self.gaps + self.cut, (self.expected or 0) - self.span.count)
 
 
 def recover(source: Path, target: Path) -> Recovery:
@@ -88,15 +89,17 @@ class _Recovering:
         spans: dict[str, Span] = {}
         expected: list[int | None] = []
         for path in files:
+            torn = self._result.damage.torn
             span, said = self._recover(path)
-            if span.count or len(files) == 1:
+            expected.append(said)
+            if span.count:
                 spans[path.name] = span
-                expected.append(said)
+                self._result.cut = self._result.damage.torn - torn
         custom = self._stored.custom if self._stored else {}
         write_metadata(self._target, information(list(self._topics.values()), spans, custom))
         if self._stored:
             self._result.expected = self._stored.span.count
-        elif expected and None not in expected:
+        elif None not in expected:
             self._result.expected = sum(count or 0 for count in expected)
         self._result.span = Span.of(spans.values())
 
@@ -134,9 +137,9 @@ class _Recovering:
             content = self._take(record, copier)
             match content:
                 case Schema():
-                    schemas[content.id] = content.name
+                    schemas.setdefault(content.id, content.name)
                 case Channel():
-                    channels[content.id] = content
+                    channels.setdefault(content.id, content)
                     self._note_topic(content, schemas.get(content.schema_id, ""))
                 case Message():
                     topic = channels[content.channel_id].topic
@@ -157,7 +160,7 @@ class _Recovering:
             content = parsed(record)
             if content is not None:
                 copier.take(content)
-        except (McapError, struct.error, UnicodeDecodeError, KeyError):
+        except (McapError, struct.error, ValueError, KeyError):
             self._result.damage.passed_over += len(record.payload)
             return None
         return content

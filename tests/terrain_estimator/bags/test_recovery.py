@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
+from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from terrain_estimator.bags import BagError, BagReader, BagWriter, RawMessage, Recovery, Split, recover
@@ -126,6 +127,33 @@ def test_the_parts_of_a_recording_that_a_power_cut_ended_are_recovered(tmp_path:
     assert (recovery.span.count, recovery.lost, recovery.damage.torn) == (TOTAL - 1, 1, 1)
     assert "run_4.mcap is no MCAP file, or nothing is left of it" in recovery.notes[0]
     assert len(read(tmp_path / "new")) == TOTAL - 1
+
+
+def test_a_cut_file_that_others_follow_is_counted_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("terrain_estimator.bags.writer.compact", lambda _: None)  # as a power cut before it leaves the file
+    writer = BagWriter(tmp_path / "run", recording=True, split=Split(duration_s=1.0))
+    fill(writer, STEPS)
+    writer.abandon()
+    first = tmp_path / "run/run_0.mcap"
+    last_message = [record for record in records(first) if record.opcode == Opcode.MESSAGE][-1]
+    first.write_bytes(first.read_bytes()[: last_message.offset + 20])
+    recovery = recover(tmp_path / "run", tmp_path / "new")
+    assert (recovery.span.count, recovery.damage.torn, recovery.gaps, recovery.lost, recovery.expected) == (TOTAL - 1, 1, 1, 1, None)
+
+
+def test_garbage_in_a_chunk_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/x", "cdr", writer.register_schema("x/msg/X", "ros2msg", b"uint8 x"))
+        for number in range(10):
+            writer.add_message(channel, number, b"\x07" * 30, number, number)
+        writer.finish()
+    data = path.read_bytes()
+    at = data.index(b"\x07" * 30)
+    recovery = recovered(path, data[: at + 30] + b"\xc8" + data[at + 31 :], tmp_path / "new")[0]  # an opcode that there is not
+    assert (recovery.span.count, recovery.lost) == (9, 1)
 
 
 @settings(max_examples=50, deadline=None)
