@@ -7,8 +7,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from terrain_estimator.health import normalized_innovation
+from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.summary import HALF_WIDTH_95
 from terrain_estimator.update import Estimate, Update
 
 

@@ -5,16 +5,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr, ndtri_exp
+from scipy.special import ndtr
 
 from terrain_estimator.config import CoreConfig
+from terrain_estimator.intervals import credible_interval
 from terrain_estimator.model_file import Metadata
 from terrain_estimator.observation import Floats
 from terrain_estimator.update import Estimate
 from terramechanics.loading import ConfigError
 
-HALF_WIDTH_95 = 1.959963984540054
-"""[standard deviations] half width of the 95 % interval of a Gaussian."""
 IDENTIFIED_VARIANCE = 0.1
 """[1] A parameter counts as identified when the data left this share of its prior variance, or less."""
 
@@ -59,15 +58,13 @@ def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, soil_probabili
     What a caller has counted is left for it to fill in.
     """
     sd = np.sqrt(np.diagonal(covariance))
-    lower = np.maximum(mean - HALF_WIDTH_95 * sd, 0.0)
-    # With little mass above zero, 95 % of what lies there; by logarithms, since far below zero that mass is no number any more.
-    cut = mean - sd * ndtri_exp(np.log(0.05) + log_ndtr(mean / sd))
+    lower, upper = credible_interval(mean, sd, 0.05)
     cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
     return Estimate(
         mean=mean,
         covariance=covariance,
         lower_95=lower,
-        upper_95=np.maximum.reduce([mean + HALF_WIDTH_95 * sd, cut, lower]),
+        upper_95=upper,
         identified=(cohesion_known, friction_known),
         mass_below_zero=min(float(ndtr(-mean / sd).sum()), 1.0),
         change_probability=0.0,

@@ -18,12 +18,12 @@ import torch
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator import Estimator
+from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.learning.observations import observations_of
 from terrain_estimator.model_file import LoadedModel, load_model
 from terrain_estimator.named_effects import LAWS
 from terrain_estimator.observation import Observation
-from terrain_estimator.summary import HALF_WIDTH_95
 from terrain_estimator.update import Estimate
 from terramechanics.effects import describe, make_effect
 from terramechanics.plant import Plant
