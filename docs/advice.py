@@ -61,6 +61,13 @@ WHEN = {
         "spacing": "to the resolution that your map wants",
         "points": "where a long track is to stay fine; a cloud has 36 bytes for each",
     },
+    "dashboard": {
+        "port": "where another program has it, or to one a rover where several rovers share a machine",
+        "address": "rarely: a tunnel (ssh -L) shows the page elsewhere and protects it",
+        "rate": "to 1 or 2 where every per cent of a core counts",
+        "window": "to the time in which your rover crosses a patch of ground",
+        "points": "to window times 10 for every single sample; pages then have more to draw",
+    },
     "recorder": {
         "auto_start": "to false under a manager of life cycles",
         "topics": "to record /diagnostics, /clock, traction_advice or terrain_map, too",

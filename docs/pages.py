@@ -7,7 +7,15 @@ from pathlib import Path
 
 from docs.advice import WHEN
 from rover_sim_node.config import SimulatorConfig
-from terrain_estimator.config import EstimatorNodeConfig, MapConfig, PlannerConfig, RecorderConfig, SlipSourceConfig, WatchConfig
+from terrain_estimator.config import (
+    DashboardConfig,
+    EstimatorNodeConfig,
+    MapConfig,
+    PlannerConfig,
+    RecorderConfig,
+    SlipSourceConfig,
+    WatchConfig,
+)
 from terrain_estimator.diagnostics import table as checks
 from terramechanics.parameters import table, template
 
@@ -20,6 +28,7 @@ Written by `make pages`: change the code, not this page.
 -->
 """
 NODES = {
+    "dashboard": DashboardConfig,
     "estimator": EstimatorNodeConfig,
     "planner": PlannerConfig,
     "recorder": RecorderConfig,

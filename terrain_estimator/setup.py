@@ -17,7 +17,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(),
-    package_data={NAME: ["py.typed", "models/*", "discovery/*.json", "pages/templates/*"]},
+    package_data={NAME: ["py.typed", "models/*", "discovery/*.json", "pages/templates/*", "dashboard/static/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -45,6 +45,7 @@ setup(
             "demo = terrain_estimator.cli.demo:main",
             "rate_check = terrain_estimator.cli.rate_check:main",
             "watch = terrain_estimator.nodes.watch:main",
+            "dashboard = terrain_estimator.nodes.dashboard:main",
             "planner = terrain_estimator.nodes.planner:main",
             "slip_source = terrain_estimator.nodes.slip_source:main",
             "terrain_map = terrain_estimator.nodes.terrain_map:main",

@@ -37,15 +37,18 @@ class Opened:
 
 
 @contextmanager
-def opened(browser: Browser, path: Path, width: int, scheme: str = "light") -> Iterator[Opened]:
-    """The file in a window of that width, without a network."""
+def opened(browser: Browser, source: Path | str, width: int, scheme: str = "light") -> Iterator[Opened]:
+    """The file, without a network, or the address in a window of that width."""
     context = browser.new_context(
-        viewport={"width": width, "height": 800}, offline=True, color_scheme="dark" if scheme == "dark" else "light"
+        viewport={"width": width, "height": 800},
+        offline=isinstance(source, Path),
+        color_scheme="dark" if scheme == "dark" else "light",
     )
     result = Opened(context.new_page())
     result.page.on("console", lambda message: result.said.append(message.text))
     result.page.on("pageerror", lambda error: result.said.append(str(error)))
     result.page.on("request", lambda request: result.asked_for.append(request.url))
-    result.page.goto(path.as_uri())
+    result.page.on("websocket", lambda socket: result.asked_for.append(socket.url))
+    result.page.goto(source.as_uri() if isinstance(source, Path) else source)
     yield result
     context.close()

@@ -243,6 +243,11 @@ def test_a_shorter_interval_syncs_the_recording_more_often(tmp_path: Path, monke
 
 
 ELSEWHERE = {
+    "dashboard port": "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken",
+    "dashboard address": "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken",
+    "dashboard rate": "terrain_estimator/dashboard/test_web.py::test_it_takes_and_answers_at_its_rate",
+    "dashboard window": "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is",
+    "dashboard points": "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is",
     "estimator auto_start": "system/test_lifecycle.py::test_a_service_that_cannot_do_it_says_why",
     "estimator state.file": "system/test_lifecycle.py::with_state",
     "estimator state.autosave_period": "system/test_lifecycle.py::with_state",

@@ -25,6 +25,7 @@ ARGUMENTS = {
     "velocity": ("", "topic of a velocity that slip_source makes wheel_slip of (not odom); empty: the rover publishes wheel_slip itself"),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
+    "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
     "record": ("true", "record inputs and outputs to a bag"),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
     "config": (
@@ -52,6 +53,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         "slip_source": {"rover": value["rover"]} if value["velocity"] else None,
         "planner": {"model": value["model"], "rover": value["rover"]} if value["planner"] == "true" else None,
         "terrain_map": {} if value["map"] == "true" else None,
+        "dashboard": {} if value["dashboard"] == "true" else None,
         "recorder": {"output": value["output"], "topics": _topics(value)} if value["record"] == "true" else None,
     }
     return [_node(name, value, given) for name, given in wanted.items() if given is not None]

@@ -247,3 +247,21 @@ class MapConfig:
         default=0.0,
         key="pairing_tolerance",
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ShownConfig:
+    """What :class:`terrain_estimator.dashboard.model.LiveModel` takes."""
+
+    window_s: float = number("length of the recent history that the page shows in full", "s", 1.0, 3600.0, default=120.0, key="window")
+    points: int = number("most rows of the recent history, and of that of the whole drive, each", "1", 10, 5000, default=600)
+
+
+@dataclass(frozen=True, slots=True)
+class DashboardConfig:
+    """All parameters of the dashboard node."""
+
+    port: int = number("TCP port of the page; 0 takes a free one, which the log names", "1", 0, 65535, default=8090)
+    address: str = entry("address to listen on; 127.0.0.1: this machine alone, 0.0.0.0: whoever reaches it, unprotected", "127.0.0.1")
+    rate: float = number("at which the page is brought up to date, at most", "Hz", 1.0, 20.0, default=5.0)
+    shown: ShownConfig = field(default_factory=ShownConfig, metadata=INLINE)

@@ -4,8 +4,9 @@
 
 import functools
 import sys
+import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -14,6 +15,7 @@ from rclpy.node import Node
 from terrain_estimator.nodes.command_line import begin
 from terramechanics.loading import ConfigError
 
+NodeT = TypeVar("NodeT", bound=Node)
 POLL_S = 0.1
 LOG_PERIOD_S = 5.0
 
@@ -37,8 +39,23 @@ def guarded(node: Node, callback: Callable[..., None], failed: Callable[[], None
     return call
 
 
-def run(name: str, example: str, config: type[Any], make: Callable[[], Node]) -> int:
-    """Serve the callbacks of a node until SIGINT or SIGTERM; ``example`` as in :func:`begin`.
+def spin(node: Node, stop: threading.Event) -> None:
+    """Serve the callbacks of a node until ``stop`` is set."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    turn = guarded(node, executor.spin_once)  # rclpy's own callbacks raise too: at a /clock before zero, for instance
+    while not stop.is_set():
+        turn(POLL_S)
+
+
+def run(
+    name: str,
+    example: str,
+    config: type[Any],
+    make: Callable[[], NodeT],
+    serve: Callable[[NodeT, threading.Event], None] = spin,
+) -> int:
+    """Let a node ``serve`` until SIGINT or SIGTERM; ``example`` as in :func:`begin`.
 
     Returns:
         0 after a signal or ``--help``, 2 where the node raises ConfigError.
@@ -46,11 +63,7 @@ def run(name: str, example: str, config: type[Any], make: Callable[[], Node]) ->
     try:
         stop = begin(name, example, config)
         node = make()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        turn = guarded(node, executor.spin_once)  # rclpy's own callbacks raise too: at a /clock before zero, for instance
-        while not stop.is_set():
-            turn(POLL_S)
+        serve(node, stop)
         node.destroy_node()
     except ConfigError as error:
         return refuse(name, error)

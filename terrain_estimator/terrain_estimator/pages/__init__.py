@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages for people: one look, and the few functions that every page is built from.
 
+    from terrain_estimator.pages import page
+    from terrain_estimator.pages.pictures import bars
+
     picture = bars("gains", "What each effect gains", ("drive_drag", "payload"), (41.0, 3.0), "log evidence [nat]")
     text = page("my_page.html", title="A page", picture=picture)
 
@@ -16,6 +19,5 @@ function of its values.
 """
 
 from terrain_estimator.pages.page import page
-from terrain_estimator.pages.pictures import Picture, Series, Table, bars, lines, points
 
-__all__ = ["Picture", "Series", "Table", "bars", "lines", "page", "points"]
+__all__ = ["page"]

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rows over time in constant memory: the newest of them, or the whole drive ever more coarsely."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+Row = tuple[float | None, ...]
+"""Time [s] and the values of the columns; None where one was not known."""
+_ROUNDING = 1e-3  # of a period
+
+
+@dataclass(slots=True)
+class History:
+    """At most ``capacity`` rows, at least ``period_s`` apart.
+
+    When they are too many the oldest goes; or, to keep the whole drive, every two become one and the period doubles. A row stands for all
+    samples of its period: the last value of each column, the largest where ``worst`` has the column.
+    """
+
+    period_s: float
+    capacity: int
+    whole: bool
+    worst: frozenset[int] = frozenset()
+    generation: int = 0  # of the rows: grows when those that were given out are no longer what they were
+    _rows: list[Row] = field(default_factory=list)
+    _first: int = 0  # number of the oldest row
+    _open: Row | None = None  # the row of the present period
+
+    @property
+    def end(self) -> int:
+        """Number of the next row."""
+        return self._first + len(self._rows)
+
+    def add(self, sample: Row) -> None:
+        """Take the values of a time that is not before the last one's."""
+        if self._open is not None and self._period_of(sample) == self._period_of(self._open):
+            self._open = self._merged(self._open, sample)
+            return
+        if self._open is not None:
+            self._append(self._open)
+        self._open = sample
+
+    def since(self, number: int) -> Sequence[Row]:
+        """The rows from this number on; those that are gone are left out."""
+        return self._rows[max(number - self._first, 0) :]
+
+    def _period_of(self, row: Row) -> int:
+        """Number of the period in which a row lies; stamps at its very end may be rounded down."""
+        return math.floor((row[0] or 0.0) / self.period_s + _ROUNDING)
+
+    def _append(self, row: Row) -> None:
+        self._rows.append(row)
+        if len(self._rows) <= self.capacity:
+            return
+        if self.whole:
+            self._halve()
+        else:
+            del self._rows[0]
+            self._first += 1
+
+    def _halve(self) -> None:
+        pairs = zip(self._rows[::2], self._rows[1::2], strict=False)
+        odd = self._rows[-1:] if len(self._rows) % 2 else []
+        self._rows = [self._merged(*pair) for pair in pairs] + odd
+        self.period_s *= 2.0
+        self.generation += 1
+
+    def _merged(self, earlier: Row, later: Row) -> Row:
+        return tuple(
+            (max((each for each in pair if each is not None), default=None) if column in self.worst else pair[1])
+            for column, pair in enumerate(zip(earlier, later, strict=True))
+        )

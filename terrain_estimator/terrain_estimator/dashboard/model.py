@@ -1,0 +1,169 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""All that the page shows, from the messages: the values of now, their history, and what changed. Constant memory, no clock, no ROS."""
+
+import json
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from terrain_estimator.config import ShownConfig
+from terrain_estimator.dashboard.history import History, Row
+from terrain_estimator.dashboard.journal import Journal
+from terrain_estimator.dashboard.reading import TOPICS, Values
+from terrain_estimator.diagnostics import Level
+from terrain_estimator.messages import Status
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.pairing import RESTART_AFTER
+from terrain_estimator.ros_types import Message, stamp_ns
+
+STALE_S = 2.5
+"""A value that is older by the steady clock is no value of a row."""
+JUMP_S = 10.0
+"""A stamp that is further away is believed when several in a row are."""
+LIKELY = 0.5
+"""Probability from which a change of the ground is an event."""
+TIMED = ("terrain_estimate", "wheel_slip", "wheel_sinkage", "odom")
+"""Topics whose stamps are times of measurements."""
+
+_BOUNDS = ("", "_lower_95", "_lower_68", "_upper_68", "_upper_95")
+_ESTIMATED = tuple(f"{name}{bound}" for name in ("cohesion", "tan_phi") for bound in _BOUNDS)
+_PLACE = ("x", "y", "z", "velocity")
+_WORST = ("change_probability", "outcome", "health")
+_EVENT_LEVELS = {"OK": "ok", "WARN": "warn"}
+
+
+@dataclass(frozen=True, slots=True)
+class Cursor:
+    """What a viewer has: rows and events up to these numbers, of the histories that are named."""
+
+    of: str = ""
+    recent: int = 0
+    whole: int = 0
+    journal: int = 0
+
+
+class LiveModel:
+    """Takes messages, gives each viewer what it lacks."""
+
+    def __init__(self, session: str, config: ShownConfig) -> None:
+        """``session`` tells this run of the node from the one before."""
+        self._session, self._config = session, config
+        self.revision = 0  # grows with every message
+        self._now: dict[str, Values] = {}
+        self._heard_s: dict[str, float] = {}
+        self._wheels: tuple[str, ...] = ()
+        self._generation = -1
+        self._begin()
+
+    def _begin(self) -> None:
+        """Empty histories, of columns for the wheels that are known."""
+        wheels = [f"{name}_{k}" for name in ("slip", "sinkage") for k in range(len(self._wheels))]
+        self.columns = ("time", *_ESTIMATED, *_WORST, "status", *_PLACE, "truth_cohesion", "truth_tan_phi", *wheels)
+        worst = frozenset(self.columns.index(name) for name in _WORST)
+        period_s, points = self._config.window_s / self._config.points, self._config.points
+        self._recent, self._whole = (History(period_s, points, whole, worst) for whole in (False, True))
+        self._journal = Journal()
+        self._stamp_s = self._origin_s = math.nan
+        self._jumps = 0
+        self._generation += 1
+
+    def take(self, topic: str, message: Message, now_s: float) -> None:
+        """One message of one of ``TOPICS``; ``now_s`` by the steady clock. Raises ValueError, IndexError for a malformed one."""
+        values = TOPICS[topic][1](message)
+        if topic in TIMED:
+            self._advance(stamp_ns(message) * 1e-9, now_s)
+        if topic == "wheel_slip" and tuple(values["wheel"]) != self._wheels:
+            self._wheels = tuple(values["wheel"])
+            self._begin()
+            self._advance(stamp_ns(message) * 1e-9, now_s)
+        self._now[topic], self._heard_s[topic] = values, now_s
+        self.revision += 1
+        if not math.isnan(self._stamp_s):
+            self._judge(topic, values)
+
+    def _advance(self, stamp_s: float, now_s: float) -> None:
+        """A row stands for an instant, so it is complete when a later one begins."""
+        step_s = 0.0 if math.isnan(self._stamp_s) else stamp_s - self._stamp_s
+        if abs(step_s) > JUMP_S:
+            self._jumps += 1
+            if self._jumps < RESTART_AFTER:
+                return
+            if step_s < 0.0:
+                self._begin()
+                self._journal.write(stamp_s, "warn", f"stamps went back by {-step_s:.0f} s: the history begins anew")
+        self._jumps = 0
+        if math.isnan(self._stamp_s):
+            self._stamp_s = self._origin_s = stamp_s
+        elif step_s > 0.0:
+            row = self._row(now_s)
+            self._recent.add(row)
+            self._whole.add(row)
+            self._stamp_s = stamp_s
+
+    def _row(self, now_s: float) -> Row:
+        fresh = {topic: values for topic, values in self._now.items() if now_s - self._heard_s[topic] < STALE_S}
+        estimate, place, health = (fresh.get(topic, {}) for topic in ("terrain_estimate", "odom", "estimator_health"))
+        truth = self._now.get("ground_truth/terrain", {})  # said once
+        values = [estimate.get(name) for name in (*_ESTIMATED, "change_probability")]
+        values += [Outcome[estimate["outcome"]] if estimate else None, Level[health["level"]] if health else None]
+        values += [Status[estimate["status"]] if estimate else None]
+        values += [place.get(name) for name in _PLACE] + [truth.get("cohesion"), truth.get("tan_phi")]
+        for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage")):
+            measured = fresh.get(topic, {"wheel": (), name: ()})
+            by_wheel = dict(zip(measured["wheel"], measured[name], strict=False))
+            values += [by_wheel.get(wheel) for wheel in self._wheels]
+        return (round(self._stamp_s - self._origin_s, 3), *(None if value is None else float(f"{value:.7g}") for value in values))
+
+    def _judge(self, topic: str, values: Values) -> None:
+        """What this message says that is worth an event."""
+        time_s, see = self._stamp_s, self._journal.see
+        if topic == "terrain_estimate":
+            refused = not values["used"] and values["outcome"] != Outcome.STANDSTILL.name
+            text = f"{values['outcome']}: {values['advice']}" if refused else "observations are used again"
+            see("outcome", values["outcome"] if refused else "", time_s, "warn" if refused else "ok", text)
+            if not refused:
+                level = "warn" if values["status"] == Status.DEGRADED.name else "ok"
+                see("status", values["status"], time_s, level, values["status_text"])
+            probability = values["change_probability"] or 0.0
+            changed = probability > LIKELY
+            text = f"the ground changed (probability {probability:.0%})" if changed else "the ground holds again"
+            see("ground", "changed" if changed else "", time_s, "warn" if changed else "ok", text)
+        elif topic == "estimator_health":
+            see("health", values["level"], time_s, _EVENT_LEVELS.get(values["level"], "error"), f"health: {values['summary']}")
+            resets = values["resets"]
+            see("resets", str(resets or ""), time_s, "warn", f"the posterior was reset ({resets} times since the start)")
+        elif topic == "traction_advice":
+            stop = values["stop"]
+            text = f"planner: {values['status_text']}" if stop else "planner: the recommendation to stop is withdrawn"
+            see("stop", "stop" if stop else "", time_s, "error" if stop else "ok", text)
+
+    def update(self, cursor: Cursor, now_s: float) -> str:
+        """What a viewer with this cursor lacks, as JSON; everything where its cursor is of other histories than these."""
+        of = f"{self._session}/{self._generation}/{self._whole.generation}"
+        anew = cursor.of != of
+        known = Cursor(of) if anew else cursor
+        answer: dict[str, Any] = {
+            "cursor": asdict(Cursor(of, self._recent.end, self._whole.end, self._journal.end)),
+            "recent": self._recent.since(known.recent),
+            "whole": self._whole.since(known.whole),
+            "journal": [asdict(event) for event in self._journal.since(known.journal)],
+            "now": self._now,
+            "ages": {topic: round(now_s - heard_s, 3) for topic, heard_s in self._heard_s.items()},
+            "time": _known(self._stamp_s),
+            "origin": _known(self._origin_s),
+        }
+        if anew:
+            answer["begin"] = {
+                "columns": self.columns,
+                "wheels": self._wheels,
+                "window": self._config.window_s,
+                "outcomes": [each.name for each in Outcome],
+                "statuses": [each.name for each in Status],
+                "levels": [each.name for each in Level],
+            }
+        return json.dumps(answer, allow_nan=False, separators=(",", ":"))
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -1,0 +1,121 @@
+// SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+// SPDX-License-Identifier: Apache-2.0
+// The page: what came goes into numbers at once, and into the charts twice a second.
+
+import { drawCharts, makeCharts, restyle } from "/drawing.js";
+import { connect } from "/live.js";
+import { Store } from "/store.js";
+import { showTables } from "/tables.js";
+import { clock, isTimeOfDay, number, plain, say, show } from "/words.js";
+
+const DRAWN_MS = 500;
+const SILENT_S = 2.5;
+const LEVELS = { IDENTIFIED: ["good", "✓"], CONVERGING: ["quiet", "…"], PRIOR_ONLY: ["quiet", "…"], STANDING_STILL: ["quiet", "❚❚"], DEGRADED: ["warn", "▲"] };
+
+const store = new Store();
+const view = { whole: false, origin: 0, connected: false, paused: false, came: 0 };
+const element = (id) => document.getElementById(id);
+
+/** Every <data data-path="..."> of the page. */
+function showNumbers() {
+  for (const each of document.querySelectorAll("data[data-path]")) {
+    const scale = Number(each.dataset.scale), value = store.at(each.dataset.path);
+    const sd = each.dataset.sd ? scale * store.at(each.dataset.sd) : 0;
+    show(each, value, number(value === null ? null : scale * value, sd));
+  }
+  const degrees = store.now.odom?.frame ? `in the frame ${store.now.odom.frame}` : "";
+  say(element("frame"), degrees);
+  say(element("model"), store.now.terrain_estimate ? `Model ${store.now.terrain_estimate.model}.` : "");
+  for (const name of ["cohesion", "tan_phi"]) {
+    const known = store.at(`terrain_estimate/${name}_identified`);
+    say(element(`${name}-known`), known === null ? "" : known ? "✓ identified" : "… not identified yet");
+  }
+  showMost("slip", "wheel_slip", 1);
+  showMost("sinkage", "wheel_sinkage", 1000);
+}
+
+function showMost(name, topic, scale) {
+  const { wheel = [], [name]: values = [] } = store.now[topic] ?? {};
+  const k = values.reduce((best, value, at) => (value !== null && (best < 0 || value > values[best]) ? at : best), -1);
+  const target = element(`most-${name}`).firstElementChild;
+  show(target, k < 0 ? null : values[k], number(k < 0 ? null : scale * values[k]));
+  say(element(`most-${name}-wheel`), k < 0 ? "no wheel is heard" : plain(wheel[k]));
+}
+
+function showVerdict() {
+  const estimate = store.now.terrain_estimate, advice = store.now.traction_advice;
+  const [level, sign] = (estimate && LEVELS[estimate.status]) ?? ["quiet", "…"];
+  element("verdict").dataset.level = advice?.stop ? "stop" : level;
+  say(element("sign"), sign);
+  say(element("status"), estimate ? plain(estimate.status) : "waiting");
+  if (estimate) say(element("status-text"), sentence(estimate.status, estimate.status_text));
+  element("stop").hidden = !advice?.stop;
+  if (advice?.stop) say(element("stop"), `Stop: ${advice.status_text}`);
+  const limit = advice && advice.speed_limit !== null ? `planner: at most ${number(advice.speed_limit)} m/s` : "no planner is heard";
+  say(element("advice"), advice && !advice.known ? "planner: unknown yet" : limit);
+}
+
+/** The status in words without its name, which the badge says. */
+function sentence(status, text) {
+  const rest = text.startsWith(plain(status)) ? text.slice(plain(status).length).replace(/^; /, "") : text;
+  return rest ? rest[0].toUpperCase() + rest.slice(1) : "Cohesion and friction are set by the data.";
+}
+
+function showConnection() {
+  const since = (performance.now() - view.came) / 1000;
+  const age = store.ages.terrain_estimate === undefined ? undefined : store.ages.terrain_estimate + since;
+  let state = "live", text = "live";
+  if (view.paused) [state, text] = ["wait", "paused"];
+  else if (!view.connected) [state, text] = ["lost", "connection lost, trying again"];
+  else if (age === undefined) [state, text] = ["wait", "waiting for the estimator"];
+  else if (age > SILENT_S) [state, text] = ["silent", "no estimates come"];
+  const pill = element("connection");
+  pill.dataset.state = state;
+  say(pill, text);
+  element("now").classList.toggle("stale", state === "lost" || state === "silent");
+  const silent = state === "silent" ? `, the last one ${Math.round(age)} s ago` : "";
+  say(element("clock"), store.time === null ? "" : `${clock(store.time)}${isTimeOfDay(store.time) ? " UTC" : ""}${silent}`);
+}
+
+function press(id, pressed) {
+  element(id).setAttribute("aria-pressed", String(pressed));
+}
+
+function start() {
+  makeCharts(store, view);
+  const live = connect(
+    (answer) => {
+      const events = store.take(answer);
+      view.origin = store.origin;
+      view.came = performance.now();
+      showNumbers();
+      showVerdict();
+      showTables(store);
+      const loud = events.filter((event) => event.level !== "ok");
+      if (loud.length) say(element("announcement"), loud[loud.length - 1].text);
+      showConnection();
+    },
+    (connected) => {
+      view.connected = connected;
+      showConnection();
+    },
+  );
+  const choose = (whole) => {
+    view.whole = whole;
+    press("recent", !whole);
+    press("whole", whole);
+    drawCharts(store, view, true);
+  };
+  element("recent").addEventListener("click", () => choose(false));
+  element("whole").addEventListener("click", () => choose(true));
+  element("pause").addEventListener("click", () => {
+    view.paused = !view.paused;
+    press("pause", view.paused);
+    live.pause(view.paused);
+    showConnection();
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { restyle(); drawCharts(store, view, true); });
+  setInterval(() => { showConnection(); drawCharts(store, view, false); }, DRAWN_MS);
+}
+
+start();

@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The live page as a process of its own, in a real browser: it shows what the topics say, to everybody, and again after a restart."""
+
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page
+
+from terrain_estimator.dashboard.reading import TOPICS
+from terrain_estimator.nodes.factory import make, message_class
+from terrain_estimator.ros_types import TRUTH
+from tests.browser import chromium, needs_chromium, opened
+from tests.system.listening import LATCHED, RELIABLE, Listener
+from tests.system.processes import Process, Starter
+from tests.system.waiting import wait_until
+from tests.terrain_estimator.dashboard.messages import advice, estimate, health, instant, truth
+
+pytestmark = needs_chromium
+PHONE, DESK = 360, 1280
+STEPS = 40
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+class Rover:
+    """Says on every topic that is shown what a rover would say."""
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+        quality = {topic: LATCHED if kind == TRUTH else RELIABLE for topic, (kind, _) in TOPICS.items()}
+        self._outputs = {topic: listener.publisher(message_class(kind), topic, quality[topic]) for topic, (kind, _) in TOPICS.items()}
+
+    def say(self, topic: str, message: Any) -> None:
+        self._outputs[topic].publish(message)
+
+    def drive(self, steps: range) -> None:
+        for step in steps:
+            for topic, message in instant(make, step):
+                self.say(topic, message)
+            self._listener.spin_until(lambda: True, "what was said has left")
+
+
+def url_of(process: Process) -> str:
+    return process.wait_for_output(r"ready: (\S+)", timeout=60.0)[1]
+
+
+def number(page: Page, selector: str) -> float | None:
+    value = page.locator(selector).first.get_attribute("value")
+    return None if value is None else float(value)
+
+
+def shown(page: Page, selector: str) -> list[float]:
+    return [float(value) for value in page.locator(selector).evaluate_all("all => all.map(each => each.value)")]
+
+
+def awaits(page: Page, selector: str, value: float) -> None:
+    wait_until(lambda: number(page, selector) == value, f"{selector} shows {value}", seen=lambda: number(page, selector))
+
+
+def values_now(step: int) -> dict[str, list[float]]:
+    """What has to be shown, by selector."""
+    said = dict(instant(make, step))
+    ground, place, state = said["terrain_estimate"], said["odom"].pose.pose.position, health(make, step)
+    named = ("cohesion", "cohesion_stddev", "cohesion_lower_95", "tan_phi", "tan_phi_stddev", "tan_phi_upper_95", "change_probability")
+    effects = [number for pair in zip(ground.effect_value, ground.effect_stddev, strict=True) for number in pair]
+    return {
+        **{f'[data-path="terrain_estimate/{name}"] >> nth=0': [getattr(ground, name)] for name in named},
+        **{f'[data-path="odom/{axis}"]': [getattr(place, axis)] for axis in ("x", "y", "z")},
+        '[data-path="odom/velocity"]': [said["odom"].twist.twist.linear.x],
+        "#wheel-table td:nth-child(2) data": list(said["wheel_slip"].slip),
+        "#wheel-table td:nth-child(4) data": list(said["wheel_sinkage"].sinkage),
+        "#effect-table data": effects,
+        "#inputs data": [state.input_received[0], state.input_unpaired[0], state.input_lost[0], state.input_age[0]],
+        "#counts data": [step, 7, 1.07, 0.00125, 0],
+    }
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(PHONE, "dark"), (DESK, "light")])
+def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
+    start: Starter, listener: Listener, browser: Browser, width: int, scheme: str
+) -> None:
+    process = start("terrain_estimator", "dashboard", "--ros-args", "-p", "port:=0", "-p", "rate:=20.0")
+    url, rover, last = url_of(process), Rover(listener), STEPS - 1
+    rover.say("ground_truth/terrain", truth(make))
+    with opened(browser, url, width, scheme) as it:
+        page = it.page
+        rover.drive(range(STEPS))
+        rover.say("estimator_health", health(make, last))
+        rover.say("traction_advice", advice(make, last, stop=True))
+        awaits(page, "#counts data", last)
+        awaits(page, '[data-path="terrain_estimate/cohesion"]', 1500.0 + last)
+        expected = values_now(last)
+        assert sum(len(values) for values in expected.values()) >= 20
+        assert {selector: shown(page, selector) for selector in expected} == expected
+        assert page.locator("#stop").inner_text() == "Stop: the wheels slip"
+        history_equals_the_topics(page)
+        assert page.locator("#cohesion canvas").get_attribute("aria-label") == "Cohesion c: now 1.54, 95 percent between 1.34 and 1.74 kPa"
+        usable_by_everybody(page)
+        assert it.said == []
+        assert {urlsplit(address).netloc for address in it.asked_for} == {urlsplit(url).netloc}
+        assert any(address.startswith("ws:") for address in it.asked_for)
+    assert process.interrupt(60.0) == 0
+    assert "Traceback" not in process.output
+
+
+def history_equals_the_topics(page: Page) -> None:
+    """The rows of the recent history are those of the messages; the newest are not complete yet."""
+    steps = range(STEPS - 3, 0, -2)
+    cohesion = [estimate(make, step).cohesion for step in steps]
+    slip = [dict(instant(make, step))["wheel_slip"].slip[1] for step in steps]
+    for name, column, said in (("cohesion", 2, cohesion), ("slip", 3, slip)):
+        page.locator(f"#{name} summary").click()
+        cells = f"#{name} tbody tr td:nth-child({column}) data"
+        page.locator(cells).first.wait_for()
+        values = shown(page, cells)
+        assert len(values) > 10
+        assert values == pytest.approx(said[: len(values)], rel=1e-6)
+
+
+def usable_by_everybody(page: Page) -> None:
+    """No finding of axe, nothing wider than the window, and the keyboard reaches what there is to press."""
+    found = Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    page.locator("#recent").focus()
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    assert page.locator("#whole").get_attribute("aria-pressed") == "true"
+    page.keyboard.press("Tab")
+    page.keyboard.press("Space")
+    assert page.locator("#connection").inner_text() == "paused"
+
+
+def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken(
+    start: Starter, listener: Listener, browser: Browser
+) -> None:
+    arguments = ("--ros-args", "-p", "address:=127.0.0.2", "-p", "rate:=20.0")
+    first = start("terrain_estimator", "dashboard", *arguments, "-p", "port:=0")
+    url = url_of(first)
+    assert url.startswith("http://127.0.0.2:")
+    port = url.rstrip("/").rpartition(":")[2]
+    second = start("terrain_estimator", "dashboard", *arguments, "-p", f"port:={port}")
+    assert second.wait(60.0) == 2
+    assert f"port {port} of 127.0.0.2 is taken" in second.output
+    assert "Traceback" not in second.output
+    rover = Rover(listener)
+    with opened(browser, url, DESK) as it:
+        rover.drive(range(STEPS))
+        awaits(it.page, '[data-path="odom/x"]', 0.01 * (STEPS - 1))
+        assert it.said == []
+        assert first.interrupt(60.0) == 0
+        connection = it.page.locator("#connection")
+        wait_until(lambda: connection.get_attribute("data-state") == "lost", "the page says that the connection is lost")
+        again = start("terrain_estimator", "dashboard", *arguments, "-p", f"port:={port}")
+        assert url_of(again) == url
+        step = STEPS + 3
+
+        def returned() -> bool:
+            rover.say("terrain_estimate", estimate(make, step))
+            listener.spin_until(lambda: True, "it has left")
+            return number(it.page, '[data-path="terrain_estimate/cohesion"]') == 1500.0 + step
+
+        wait_until(returned, "the page shows what is said after the restart")
+        assert connection.get_attribute("data-state") == "live"
+        assert all("ERR_CONNECTION_REFUSED" in text for text in it.said), it.said
+    assert again.terminate(60.0) == 0

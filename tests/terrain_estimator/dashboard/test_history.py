@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rows in constant memory, and events that last."""
+
+from terrain_estimator.dashboard.history import History
+from terrain_estimator.dashboard.journal import KEPT, Journal
+
+
+def rows(history: History) -> list[tuple[float | None, ...]]:
+    return list(history.since(0))
+
+
+def test_the_recent_history_keeps_the_newest_rows_and_gives_each_viewer_what_it_lacks() -> None:
+    history = History(period_s=0.2, capacity=5, whole=False)
+    for k in range(100):
+        history.add((0.1 * k, float(k)))
+    assert [row[1] for row in rows(history)] == [
+        89.0,
+        91.0,
+        93.0,
+        95.0,
+        97.0,
+    ]  # two samples a row, the last of them; the newest row is open
+    seen = history.end
+    history.add((10.0, 100.0))
+    assert [row[1] for row in history.since(seen)] == [99.0]
+    assert history.generation == 0
+
+
+def test_the_history_of_a_whole_drive_becomes_coarser_and_loses_no_peak() -> None:
+    history = History(period_s=0.1, capacity=50, whole=True, worst=frozenset({2}))
+    for k in range(20_000):
+        peak = 0.9 if k == 7777 else None if k < 100 else 0.0
+        history.add((0.1 * k, float(k), peak))
+    kept = rows(history)
+    assert 25 <= len(kept) <= 50
+    assert 0.0 < kept[0][1] < 0.05 * 20_000 < 0.95 * 20_000 < kept[-1][1], "the whole drive"  # type: ignore[operator]
+    assert [row[2] for row in kept].count(0.9) == 1
+    assert kept[0][2] == 0.0  # what was not known gives way to what was
+    assert history.generation > 0, "viewers that have the finer rows are told to take all anew"
+
+
+def test_a_gap_is_no_row() -> None:
+    history = History(period_s=1.0, capacity=50, whole=False)
+    for time_s in (0.0, 0.9, 1.1, 500.0, 500.9, 501.0):
+        history.add((time_s,))
+    assert rows(history) == [(0.9,), (1.1,), (500.9,)]
+
+
+def test_the_journal_holds_what_lasts_at_the_time_when_it_began_and_forgets_the_oldest() -> None:
+    journal = Journal()
+    for k in range(100):  # there and back at 10 Hz
+        journal.see("health", "WARN" if k % 2 else "", 0.1 * k, "warn", "trouble")
+    assert list(journal.since(0)) == []
+    for k in range(100, 120):
+        journal.see("health", "WARN", 0.1 * k, "warn", "trouble")
+    [event] = journal.since(0)
+    assert (event.text, event.level, round(event.time_s, 3)) == ("trouble", "warn", 9.9)
+    for k in range(3 * KEPT):
+        journal.write(float(k), "ok", str(k))
+    assert [each.text for each in journal.since(0)] == [str(k) for k in range(2 * KEPT, 3 * KEPT)]
+    assert [each.text for each in journal.since(journal.end - 1)] == [str(3 * KEPT - 1)]
