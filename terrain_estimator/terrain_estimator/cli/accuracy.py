@@ -24,7 +24,7 @@ import torch
 from terrain_estimator.cli.accuracy_records import digest, read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
 from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.learning.study import ROVERS, SOILS, Part, Setting, cells, settings, study
+from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, cells, is_main, settings, study
 from terramechanics.schedules import SCHEDULES
 
 BATCH = 100
@@ -52,42 +52,45 @@ def main(argv: list[str] | None = None) -> int:
     batches = _batches(chosen, args)
     try:
         _compute([batch for batch in batches if read_part(batch.path) is None], args)
-        rounds = [batches[start : start + len(chosen)] for start in range(0, len(batches), len(chosen))]
-        whole = list(itertools.takewhile(lambda one: all(batch.path.exists() for batch in one), rounds))
-        if not whole:
+        run = _gathered(batches, args)
+        if run is None:
             sys.stderr.write("accuracy: not one batch of every setting was done in this time; call it again, it goes on where it was\n")
             return 1
-        run = _gathered(chosen, whole, args.seed)
         for path, text in ((args.out, json.dumps(dataclasses.asdict(run), indent=1) + "\n"), (args.table, page(run))):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     except OSError as error:
         sys.stderr.write(f"accuracy: {error}\n")
         return 2
-    sys.stdout.write(f"{args.out} and {args.table}: {len(run.cells)} cells of {run.episodes} episodes\n")
+    sys.stdout.write(f"{args.out} and {args.table}: {len(run.cells)} cells\n")
     return 0
 
 
 def _batches(chosen: list[Setting], args: argparse.Namespace) -> list[_Batch]:
-    """Every setting's first batch, then every setting's second, and so on."""
+    """Every setting's first batch, then every setting's second, and so on; after SIDE_BATCHES of the main settings alone."""
     folder, found = args.records / f"{digest()}-{args.seed}", []
     for number, start in enumerate(range(0, args.episodes, BATCH)):
         episodes = min(BATCH, args.episodes - start)
-        for setting in chosen:
+        for setting in chosen if number < SIDE_BATCHES else filter(is_main, chosen):
             place = (setting.rover, setting.soil, setting.schedule, _constants(setting), setting.truth, number, episodes)
             found.append(_Batch(setting, number, episodes, folder / ("-".join(map(str, place)) + ".npz")))
     return found
 
 
-def _gathered(chosen: list[Setting], rounds: list[list[_Batch]], seed: int) -> Run:
-    """The figures of all batches ``rounds`` [batch][setting]."""
-    parts = [[part for part in map(read_part, (batch.path for batch in same)) if part] for same in zip(*rounds, strict=True)]
-    first = [of_setting[0] for of_setting in parts]
+def _gathered(batches: list[_Batch], args: argparse.Namespace) -> Run | None:
+    """The figures of all batches that are done, None where a setting has none."""
+    parts: dict[Setting, list[Part]] = {batch.setting: [] for batch in batches}
+    for batch in batches:
+        if part := read_part(batch.path):
+            parts[batch.setting].append(part)
+    if not all(parts.values()):
+        return None
+    first = [of_setting[0] for of_setting in parts.values()]
     return Run(
         date=datetime.now(UTC).date().isoformat(),
-        episodes=sum(one[0].episodes for one in rounds),
-        seed=seed,
-        cells=[cell for setting, of_setting in zip(chosen, parts, strict=True) for cell in cells(setting, of_setting)],
+        episodes=args.episodes,
+        seed=args.seed,
+        cells=[cell for setting, of_setting in parts.items() for cell in cells(setting, of_setting)],
         reference=[check for part in first for check in part.reference],
         net=[share for part in first for share in part.net],
     )
@@ -95,7 +98,9 @@ def _gathered(chosen: list[Setting], rounds: list[list[_Batch]], seed: int) -> R
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="accuracy", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--episodes", type=int, default=1000, help="drives of 40 s a cell")
+    parser.add_argument(
+        "--episodes", type=int, default=1000, help="drives of 40 s a main cell, over hills with truth from the prior; at most 200 of others"
+    )
     parser.add_argument("--seed", type=int, default=5_000_000, help="of all that is drawn; not the one of any training")
     parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers")
     parser.add_argument("--soil", nargs="+", choices=SOILS, default=SOILS, help="soils")

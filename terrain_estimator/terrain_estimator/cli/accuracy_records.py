@@ -49,9 +49,9 @@ def read_part(path: Path) -> Part | None:
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:  # numpy leaves a file that it refuses open
             arrays = dict(stored)
-    except (ValueError, zipfile.BadZipFile) as error:
+    except (ValueError, EOFError, zipfile.BadZipFile) as error:
         raise OSError(f"{path}: {error}; remove it, it is computed anew") from error
     said = json.loads(str(arrays.pop(_OTHER)))
     fields: dict[tuple[str, str], dict[str, torch.Tensor]] = {}

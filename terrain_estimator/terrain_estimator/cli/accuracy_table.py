@@ -25,7 +25,8 @@ class Run:
 _LICENCE = "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier: Apache-2.0\n-->\n"
 _INTRODUCTION = """# Accuracy
 
-Written by `make accuracy` on {date}: {episodes} episodes of 40 s a cell, seed {seed}. The figures do not depend on the machine.
+Written by `make accuracy` on {date}, seed {seed}; {done} of the {episodes} drives of 40 s that are meant for a cell over hills; the number
+of each cell is in the tables. The figures do not depend on the machine.
 
 Truth is uniform in c 0.5 to 5 kPa and phi 15 to 45 deg, the range of the model's prior; "paper" is the paper's test band, c 0.7 to
 1.3 kPa and phi 20 to 45 deg. "5 %": each of the six soil constants is wrong by up to 5 %, independently. Rows: v velocity,
@@ -42,8 +43,9 @@ def page(run: Run) -> str:
     """The whole page."""
     hills = [cell for cell in run.cells if (cell.schedule, cell.truth, cell.model) == ("S1", "prior", "physics")]
     others = [cell for cell in run.cells if (cell.schedule, cell.truth) != ("S1", "prior") and cell.model == "physics"]
+    done = min((cell.score.episodes for cell in hills), default=0)
     parts = [
-        _LICENCE + _INTRODUCTION.format(date=run.date, episodes=run.episodes, seed=run.seed),
+        _LICENCE + _INTRODUCTION.format(date=run.date, done=done, episodes=run.episodes, seed=run.seed),
         "## Targets\n\n" + _table(("what", "target", "found", "met"), verdicts(run.cells)),
         "## After 40 s over hills (S1), physics alone\n\n" + _final(hills),
         "## Error over time over hills (S1), physics alone\n\n" + _over_time(hills),
@@ -62,10 +64,11 @@ def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 def _place(cell: Cell) -> tuple[str, ...]:
     schedule = "paper band" if cell.truth == "paper" else cell.schedule
-    return cell.rover.removesuffix("_rover"), cell.soil.removesuffix("_sand"), schedule, "5 %" if cell.spread else "exact", cell.rows
+    constants, drives = "5 %" if cell.spread else "exact", str(cell.score.episodes)
+    return cell.rover.removesuffix("_rover"), cell.soil.removesuffix("_sand"), schedule, constants, cell.rows, drives
 
 
-_PLACE = ("rover", "soil", "drive", "constants", "rows")
+_PLACE = ("rover", "soil", "drive", "constants", "rows", "drives")
 
 
 def _percent(value: float) -> str:
