@@ -225,7 +225,7 @@ class BagWriter:
             return
         try:
             compact(part.path)
-        except OSError as error:
+        except Exception as error:  # noqa: BLE001 - whatever it is, the file is whole without it
             self._uncompressed.append(f"{part.path} stays uncompressed: {error}")
 
     def _make_folder(self) -> None:

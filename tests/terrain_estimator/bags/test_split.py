@@ -122,7 +122,7 @@ def test_compressing_a_file_does_not_hold_up_the_recording(tmp_path: Path, monke
 
     def slow(path: Path) -> None:
         assert go_on.wait(20.0)
-        raise OSError(28, "No space left on device", str(path))
+        raise ValueError(f"whatever happens to {path}")
 
     monkeypatch.setattr(writer, "compact", slow)
     bag = split_recording(tmp_path / "run", Split(duration_s=1.2))  # returns although nothing can be compressed yet
