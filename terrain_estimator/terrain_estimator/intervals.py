@@ -8,6 +8,8 @@ from scipy.special import log_ndtr, ndtri, ndtri_exp
 
 from terrain_estimator.observation import Floats
 
+OUTSIDE_68 = 0.32
+"""[1] Share of the mass outside of the band of 68 % that pages show."""
 HALF_WIDTH_95 = 1.959963984540054
 """[standard deviations] half width of the 95 % interval of a Gaussian."""
 

@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Any
 
 from terrain_estimator.diagnostics import Level
-from terrain_estimator.intervals import credible_interval
+from terrain_estimator.intervals import OUTSIDE_68, credible_interval
 from terrain_estimator.messages import Status
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Message
@@ -16,7 +16,6 @@ from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, T
 MOST = 16
 """Wheels, effects and topics that are shown; no rover has more, and a message of any length costs no more."""
 _WORDS = 400  # characters of a text
-_BAND_68 = 0.32
 
 Values = dict[str, Any]
 
@@ -69,7 +68,7 @@ def _bands_68(message: Message) -> Values:
     bounds: Values = {}
     for name, mean, sd in zip(("cohesion", "tan_phi"), means, deviations, strict=True):
         known = math.isfinite(mean) and math.isfinite(sd) and sd > 0.0
-        lower, upper = credible_interval(mean, sd, _BAND_68) if known else (math.nan, math.nan)
+        lower, upper = credible_interval(mean, sd, OUTSIDE_68) if known else (math.nan, math.nan)
         bounds |= {f"{name}_lower_68": _finite(float(lower)), f"{name}_upper_68": _finite(float(upper))}
     return bounds
 

@@ -11,6 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from terrain_estimator.history import Errors, History, Span
+from terrain_estimator.intervals import OUTSIDE_68, credible_interval
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.courses import Course, bands, curves, occurrences
 from terrain_estimator.pages.numbers import interval, number, words
@@ -158,10 +159,11 @@ def _strengths(key: str, run: Run, truths: Sequence[tuple[float, float]]) -> lis
 
 def _course(estimates: Sequence[Estimate], truth: list[float], time_s: list[float], k: int, scale: float) -> Course:
     means, sds = [scale * float(each.mean[k]) for each in estimates], [scale * _sd(each, k) for each in estimates]
+    low, high = credible_interval(means, sds, OUTSIDE_68)
     return Course(
         time_s,
         means,
-        ([max(mean - sd, 0.0) for mean, sd in zip(means, sds, strict=True)], [mean + sd for mean, sd in zip(means, sds, strict=True)]),
+        (low.tolist(), high.tolist()),
         ([scale * float(each.lower_95[k]) for each in estimates], [scale * float(each.upper_95[k]) for each in estimates]),
         truth,
     )

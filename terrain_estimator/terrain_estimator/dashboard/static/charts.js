@@ -149,13 +149,28 @@ function drawNames(chart) {
 const placeAxis = (text) => ({ title: { display: true, text }, ticks: { includeBounds: false } });
 
 /** Lines over distance or in the plane, with the rover at the end of the first. */
-export function placeChart(name, view, axes) {
+export function placeChart(name, view, axes, grace) {
   const line = { label: "track", showLine: true, borderColor: () => colour("accent"), data: [] };
-  const rover = { label: "rover", pointStyle: "triangle", radius: 9, borderColor: () => colour("ink"), backgroundColor: () => colour("bad"), data: [] };
-  const options = base(view, { interaction: { mode: "nearest", intersect: false }, scales: { x: placeAxis(axes[0]), y: { ...placeAxis(axes[1]), grace: "20%" } } });
+  const rover = { label: "rover", pointStyle: () => arrow(), radius: 10, data: [] };
+  const options = base(view, { interaction: { mode: "nearest", intersect: false }, scales: { x: placeAxis(axes[0]), y: { ...placeAxis(axes[1]), grace } } });
   options.plugins.tooltip = { callbacks: { label: (item) => ` ${axes[0]} ${number(item.parsed.x)}, ${axes[1]} ${number(item.parsed.y)}` } };
   options.layout = { padding: { right: 12, top: 8 } };
   return new Chart(canvas(name), { type: "scatter", data: { datasets: [rover, line] }, options });
+}
+
+/** The rover, pointing upwards. */
+function arrow() {
+  const tile = document.createElement("canvas"), pen = tile.getContext("2d");
+  tile.width = tile.height = 26;
+  pen.beginPath();
+  for (const [x, y] of [[13, 1], [21, 24], [13, 19], [5, 24]]) pen.lineTo(x, y);
+  pen.closePath();
+  pen.fillStyle = colour("bad");
+  pen.strokeStyle = colour("ink");
+  pen.lineWidth = 1.5;
+  pen.fill();
+  pen.stroke();
+  return tile;
 }
 
 /** As many pixels a metre upwards as to the right. */

@@ -23,8 +23,7 @@ function showNumbers() {
     const sd = each.dataset.sd ? scale * store.at(each.dataset.sd) : 0;
     show(each, value, number(value === null ? null : scale * value, sd));
   }
-  const degrees = store.now.odom?.frame ? `in the frame ${store.now.odom.frame}` : "";
-  say(element("frame"), degrees);
+  say(element("frame"), store.now.odom?.frame ? `in the frame ${store.now.odom.frame}` : "");
   say(element("model"), store.now.terrain_estimate ? `Model ${store.now.terrain_estimate.model}.` : "");
   for (const name of ["cohesion", "tan_phi"]) {
     const known = store.at(`terrain_estimate/${name}_identified`);
@@ -52,7 +51,8 @@ function showVerdict() {
   element("stop").hidden = !advice?.stop;
   if (advice?.stop) say(element("stop"), `Stop: ${advice.status_text}`);
   const limit = advice && advice.speed_limit !== null ? `planner: at most ${number(advice.speed_limit)} m/s` : "no planner is heard";
-  say(element("advice"), advice && !advice.known ? "planner: unknown yet" : limit);
+  say(element("advice"), advice?.stop ? "planner: stop" : advice && !advice.known ? "planner: unknown yet" : limit);
+  document.title = advice?.stop ? "■ Stop – Live terrain" : "Live terrain";
 }
 
 /** The status in words without its name, which the badge says. */

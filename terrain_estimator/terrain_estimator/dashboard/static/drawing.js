@@ -23,8 +23,8 @@ export function makeCharts(store, view) {
   charts.sinkage = wheelChart("sinkage", view);
   charts.change = areaChart("change", view, "probability [%]");
   charts.timeline = timelineChart("timeline", view, LANES);
-  charts.track = placeChart("track", view, ["x [m]", "y [m]"]);
-  charts.height = placeChart("height", view, ["way [m]", "z [m]"]);
+  charts.track = placeChart("track", view, ["x [m]", "y [m]"], 0);
+  charts.height = placeChart("height", view, ["way [m]", "z [m]"], "20%");
   const seen = new IntersectionObserver((entries) => {
     for (const entry of entries) charts[entry.target.id].seen = entry.isIntersecting;
   }, { rootMargin: "200px" });
