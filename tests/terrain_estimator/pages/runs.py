@@ -45,6 +45,12 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
 
 
 @cache
+def one() -> str:
+    """The page about one run."""
+    return run_page([run()], ORIGIN)
+
+
+@cache
 def report() -> str:
     """The page about two runs, of which one is without truth."""
     return run_page([run(), dataclasses.replace(run(40, true=False), name="rock")], ORIGIN)

@@ -9,7 +9,7 @@ import pytest
 
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.run import run_page
-from tests.terrain_estimator.pages.runs import OBSERVATIONS, ORIGIN, report, run
+from tests.terrain_estimator.pages.runs import OBSERVATIONS, ORIGIN, one, report, run
 
 
 def test_the_same_runs_give_the_same_page_which_names_no_outside_address() -> None:
@@ -19,7 +19,7 @@ def test_the_same_runs_give_the_same_page_which_names_no_outside_address() -> No
 
 
 def test_the_page_shows_the_last_estimate_beside_the_truth() -> None:
-    text = run_page([run()], ORIGIN)
+    text = one()
     mean, sd = 1e-3 * (900.0 + OBSERVATIONS - 1), 2.0 / OBSERVATIONS**0.5
     shown = [
         float(each) for each in re.findall(r"c \[kPa\]</th>.*?</tr>", text, re.DOTALL) for each in re.findall(r'value="([^"]+)"', each)
@@ -37,11 +37,11 @@ def test_without_truth_none_is_drawn_and_the_page_says_so() -> None:
 
 
 def test_refused_observations_stand_with_their_count_and_what_to_do() -> None:
-    text = run_page([run()], ORIGIN)
+    text = one()
     assert Outcome.GATED.advice in text
     assert re.search(r'GATED</code></th><td class="figure" data-label="Observations"><data value="10.0">10<', text)
     assert re.search(r'wheel_slip</th><td class="figure"><data value="1000.0">1000<.*value="3.0">3<', text)
-    assert "50 s to 51 s" in text or "GATED 10 times, from 50 to 51 s" in text
+    assert "GATED 10 times, from 50 to 51 s" in text
 
 
 def test_a_run_of_one_observation_and_one_of_none_have_their_page() -> None:
@@ -50,7 +50,7 @@ def test_a_run_of_one_observation_and_one_of_none_have_their_page() -> None:
 
 
 def test_configuration_hashes_and_citations_are_on_the_page() -> None:
-    text = run_page([run()], ORIGIN)
+    text = one()
     assert "Not at their defaults: prior.soil." in text
     for told in ("ab" * 32, "cd" * 32, "A law of sand", "use pitch and acceleration"):
         assert told in text
