@@ -21,7 +21,7 @@ FOLDER = ROOT / "terrain_estimator/launch"
 CONFIG = ROOT / "terrain_estimator/config"
 FILES = sorted(FOLDER.glob("*.launch.py"))
 NEEDED = {"replay.launch.py": {"bag": "bags/first"}}
-EVERYTHING = {"planner": "true", "map": "true", "record": "true", "config": str(CONFIG)}
+EVERYTHING = {"planner": "true", "map": "true", "dashboard": "true", "record": "true", "config": str(CONFIG)}
 every_file = pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 
 

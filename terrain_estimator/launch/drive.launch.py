@@ -25,6 +25,7 @@ ROVER = {
     "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
+    "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
     "record": ("true", "record inputs and outputs to a bag"),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
     "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),

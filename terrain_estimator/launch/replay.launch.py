@@ -19,6 +19,7 @@ ROVER = {
     "rover": ("", "name or YAML file of the rover, for other names of its wheels; empty: the model's"),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
+    "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
     "record": ("false", "record inputs and the new outputs to another bag"),
     "output": ("", "folder of that bag, must not exist; empty: bags/<UTC time>"),
     "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),

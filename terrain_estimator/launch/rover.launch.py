@@ -26,7 +26,7 @@ ARGUMENTS = {
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
     "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
-    "record": ("true", "record inputs and outputs to a bag"),
+    "record": ("true", "record inputs and outputs to a bag; of planner and map, too, whatever recorder.yaml says"),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
     "config": (
         "",

@@ -52,6 +52,7 @@ class Replay:
 
     bag: Path
     estimates_bag: Path
+    state_sha256: str = ""  # of the file of the state that it started from
     missing_s: float | None = 0.0  # at the end of an unfinished bag; None where nothing tells
     notes: list[str] = field(default_factory=list)
     wall_s: float = 0.0  # reading, estimating and writing; without loading program, model and message definitions
@@ -122,6 +123,7 @@ def replay(
         pipeline = Pipeline(model, config)
         if start:
             pipeline.restore(start.arrays)
+            result.state_sha256 = start.sha256
         for name in names.values():
             if name in reader.topics:
                 reader.prepare(name)

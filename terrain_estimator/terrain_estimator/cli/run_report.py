@@ -31,6 +31,7 @@ def _run(replay: Replay, model: LoadedModel) -> Run:
         name=replay.bag.resolve().stem,
         bag=str(replay.bag),
         bag_sha256=bag_sha256(replay.bag),
+        state_sha256=replay.state_sha256,
         span_s=replay.span_s,
         status=replay.status.lower().replace("_", " "),
         status_text=status_text(last.update, Status[replay.status], model.rows, last.notes) if last else "",

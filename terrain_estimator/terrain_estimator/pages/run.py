@@ -45,6 +45,7 @@ class Run:
     name: str
     bag: str
     bag_sha256: str
+    state_sha256: str  # of the saved state that it started from; empty: it started from the prior
     span_s: float
     status: str
     status_text: str

@@ -34,6 +34,7 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
         name="dune",
         bag="bags/dune",
         bag_sha256="cd" * 32,
+        state_sha256="ef" * 32,
         span_s=0.1 * max(observations - 1, 0),
         status="converging" if observations else "",
         status_text="converging; not identified yet: cohesion" if observations else "",

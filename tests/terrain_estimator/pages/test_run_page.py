@@ -52,7 +52,7 @@ def test_a_run_of_one_observation_and_one_of_none_have_their_page() -> None:
 def test_configuration_hashes_and_citations_are_on_the_page() -> None:
     text = one()
     assert "Not at their defaults: prior.soil." in text
-    for told in ("ab" * 32, "cd" * 32, "A law of sand", "use pitch and acceleration"):
+    for told in ("ab" * 32, "cd" * 32, "ef" * 32, "A law of sand", "use pitch and acceleration"):
         assert told in text
     untouched = dataclasses.replace(ORIGIN, parameters=ORIGIN.parameters[:1])
     assert "All parameters are at their defaults." in run_page([run(1)], untouched)
