@@ -54,4 +54,4 @@ def one() -> str:
 @cache
 def report() -> str:
     """The page about two runs, of which one is without truth."""
-    return run_page([run(), dataclasses.replace(run(40, true=False), name="rock")], ORIGIN)
+    return run_page([run(), dataclasses.replace(run(12, true=False), name="rock")], ORIGIN)
