@@ -1,68 +1,72 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""make bench: speed of one update, of replay, simulation and training, and the topics' rates with all processes on this machine.
+"""make bench: every speed that has a bar, beside a reference that is measured in the same run.
 
-Exit code 1 where a target is missed.
+Writes out/bench.json, and after a whole run at full scale docs/benchmarks.md. Exit code 1 where a bar is missed; all lines are measured
+and written all the same.
 """
 
-import tempfile
-import time
+import argparse
+import importlib
+import json
+import math
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-import torch
+from benchmarks.lines import Effort, Line
+from benchmarks.machine import machine
+from benchmarks.page import number, page
 
-from benchmarks import simulation
-from benchmarks.training import TARGET_S, training_seconds
-from terrain_estimator.bags import Types
-from terrain_estimator.cli import rate_check
-from terrain_estimator.cli.replaying import replay
-from terrain_estimator.cli.topics import bag_topics
-from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.model_file import load_model
-from terrain_estimator.pipeline import Pipeline
-from tests.drives import drive_messages, write_bag
-
-SECONDS = 300.0
-RUNS = 3  # the fastest counts: what else the machine does only slows it down
-REPLAY_TARGET = 300.0  # times real time
-UPDATE_TARGET_MS = 1.0
+NAMES = ("observation", "latency", "rate", "replaying", "reading", "simulation", "training", "cost")
+"""Modules of this folder; each has ``lines(effort)``."""
+PAGE = Path("docs/benchmarks.md")
 
 
-def update_milliseconds() -> tuple[float, float]:
-    """Median and 99th percentile of the time that one observation takes from its last message to the update [ms]."""
-    pipeline = Pipeline(load_model(), EstimatorConfig())
-    spent = []
-    for topic, _, message in drive_messages(Types().make, SECONDS):
-        start = time.perf_counter()
-        if pipeline.add(topic, message):
-            spent.append(1e3 * (time.perf_counter() - start))
-    return float(np.median(spent)), float(np.quantile(spent, 0.99))
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, print and write; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="make bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=NAMES, default=NAMES, help="what to measure (default: all)")
+    parser.add_argument("--scale", type=float, default=1.0, help="of lengths and repetitions; below 1 nothing is published (default: 1)")
+    parser.add_argument("--out", type=Path, default=Path("out/bench.json"), help="file of the results (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    where = machine()
+    lines = [line for name in options.only for line in measured(name, Effort(options.scale))]
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    record = {"machine": where, "scale": options.scale, "lines": [line.record() for line in lines]}
+    options.out.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    if options.scale == 1.0 and set(options.only) == set(NAMES):
+        PAGE.write_text(page(lines, where, NAMES), encoding="utf-8")
+    missed = [line for line in lines if not line.met]
+    print(f"{len(missed)} of {len(lines)} bars missed; {options.out}" if missed else f"no bar missed; {options.out}")
+    return 1 if missed else 0
 
 
-def replay_speed(folder: Path) -> float:
-    """How many times real time a bag of one drive is replayed, reading, deciding and writing included."""
-    types = Types()
-    bag = write_bag(folder / "drive", drive_messages(types.make, SECONDS), types)
-    model, topics = load_model(), bag_topics([], "")
-    return max(replay(bag, folder / f"estimates_{run}", model, EstimatorConfig(), topics).times_real_time for run in range(RUNS))
+def measured(name: str, effort: Effort) -> Sequence[Line]:
+    """The lines of one module as they come; where it fails a line that says so, which misses its bar."""
+    found: list[Line] = []
+    try:
+        for line in importlib.import_module(f"benchmarks.{name}").lines(effort):
+            show(line)
+            found.append(line)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the other lines are measured
+        reason = (str(error).splitlines() or [""])[0]
+        line = Line(name, math.nan, "", math.nan, reference="none", against=math.nan, note=f"failed: {type(error).__name__}: {reason}")
+        show(line)
+        found.append(line)
+    return found
 
 
-def main() -> int:
-    """Measures and prints; returns the exit code."""
-    torch.set_num_threads(1)
-    median, high = update_milliseconds()
-    with tempfile.TemporaryDirectory() as folder:
-        speed = replay_speed(Path(folder))
-    print(f"one update        {median:.3f} ms median, {high:.3f} ms 99th percentile (target: median below {UPDATE_TARGET_MS:g} ms)")
-    print(f"replay            {speed:.0f} times real time (target: {REPLAY_TARGET:g})")
-    simulated = simulation.report()
-    training, by_steps = training_seconds()
-    print(f"1000 iterations   {training:.1f} s, {by_steps / training:.1f} times as fast as one update a step (target: {TARGET_S:g} s)")
-    rates = rate_check.main([])
-    missed = not simulated or median >= UPDATE_TARGET_MS or speed < REPLAY_TARGET or training > TARGET_S
-    return int(rates != 0 or missed)
+def show(line: Line) -> None:
+    """One line on the terminal."""
+    bar = (
+        ""
+        if line.bar is None
+        else f" (bar: {'at least' if line.least else 'at most'} {number(line.bar)}, {'met' if line.met else 'MISSED'})"
+    )
+    note = f"; {line.note}" if line.note else ""
+    print(f"{line.what}: {number(line.value)} {line.unit}{bar}, {number(line.ratio)} of {line.reference}{note}", flush=True)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

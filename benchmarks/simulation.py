@@ -1,53 +1,85 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of the batched simulation on hills: rovers times steps in a second, by as many processes as there are cores."""
+"""Speed of the batched simulation on hills beside plain NumPy loops of the same physics, on one core each and on all."""
 
 import multiprocessing
 import os
 import time
+from collections.abc import Iterator
 
+import numpy as np
 import torch
 
+from benchmarks import numpy_rover
+from benchmarks.lines import Effort, Line
+from benchmarks.numpy_rover import Floats, Track
 from terramechanics.effects import make_effect
 from terramechanics.ground import Ground
 from terramechanics.plant import Plant
-from terramechanics.rover import load_rover
-from terramechanics.simulation import TIME_STEP, simulate
+from terramechanics.profile import Hills
+from terramechanics.rover import Rover, load_rover
+from terramechanics.simulation import TIME_STEP, simulate, start
 from terramechanics.soil import load_soil
 
-TARGET = 5e4  # rover-steps a second, on two cores
+BAR = 5e4  # rover-steps a second, on two cores
 ROVERS = 1500
 STEPS = 40
+BY_ITSELF = 2  # rovers of the loops, which take so long
 
 
-def drive(rovers: int, seed: int, effect: str = "", size: float = 0.0) -> tuple[float, float]:
-    """Simulate one batch on hills; return rover-steps in a second of wall time and in a second of processor time."""
+def lines(effort: Effort) -> Iterator[Line]:
+    """One core batched against loops; all cores; the same with an effect; one rover at a time."""
+    rovers = effort.count(ROVERS, least=50)
+    loops = loops_speed(BY_ITSELF)
+    name = "NumPy and SciPy loops over rovers, steps and wheels"
+    drive(2, 0)
+    one_core = drive(rovers, 0)
+    yield Line("batched simulation, one core", one_core, "rover-steps/s", loops, least=True, reference=name, against=loops)
+    yield Line("batched simulation, all cores", on_every_core(rovers), "rover-steps/s", BAR, least=True, reference=name, against=loops)
+    pushed = on_every_core(rovers, "bulldozing", 5e3)
+    yield Line("the same with an effect", pushed, "rover-steps/s", None, least=True, reference=name, against=loops)
+    yield Line("one rover at a time", drive(1, 0), "rover-steps/s", None, least=True, reference=name, against=loops)
+
+
+def drive(rovers: int, seed: int, effect: str = "", size: float = 0.0) -> float:
+    """Simulate one batch on hills; return rover-steps in a second."""
     torch.set_num_threads(1)
     generator = torch.Generator().manual_seed(seed)
     ground = Ground.random_strength(load_soil("loose_sand"), rovers, generator)
     plant = Plant([make_effect(effect, size)]) if effect else None
-    wall, work = time.perf_counter(), time.process_time()
+    begun_s = time.perf_counter()
     simulate(load_rover("mars_rover"), ground, "S1", STEPS * TIME_STEP, generator, rovers, plant=plant)
-    done = rovers * STEPS
-    return done / (time.perf_counter() - wall), done / (time.process_time() - work)
+    return rovers * STEPS / (time.perf_counter() - begun_s)
 
 
-def on_every_core(rovers: int = ROVERS, effect: str = "", size: float = 0.0) -> tuple[float, float]:
+def on_every_core(rovers: int, effect: str = "", size: float = 0.0) -> float:
     """Sum over one process for each core of what :func:`drive` returns."""
     cores = os.cpu_count() or 1
     with multiprocessing.get_context("spawn").Pool(cores) as pool:
-        results = pool.starmap(drive, [(rovers, seed, effect, size) for seed in range(cores)])
-    wall, work = (sum(rates) for rates in zip(*results, strict=True))
-    return wall, work
+        return sum(pool.starmap(drive, [(rovers, seed, effect, size) for seed in range(cores)]))
 
 
-def report() -> bool:
-    """Print what was measured; return whether the target is met."""
-    wall, work = on_every_core()
-    alone, _ = drive(1, 0)
-    pushed, _ = on_every_core(effect="bulldozing", size=5e3)
-    print(
-        f"simulation        {wall:.0f} rover-steps a second on {os.cpu_count()} cores (target: {TARGET:g}), {work:.0f} in processor time;"
-    )
-    print(f"                  {pushed:.0f} with an effect; {alone:.0f} one rover at a time in one process")
-    return wall >= TARGET
+def loops_speed(rovers: int) -> float:
+    """Rover-steps in a second of the loops."""
+    drawn = same_drives(rovers, STEPS, 0)
+    begun_s = time.perf_counter()
+    numpy_rover.fleet(*drawn, TIME_STEP)
+    return rovers * STEPS / (time.perf_counter() - begun_s)
+
+
+def same_drives(rovers: int, steps: int, seed: int) -> tuple[Rover, list[Track], Floats, Floats]:
+    """What :func:`drive` draws: rover, tracks, start velocities [rovers] and wheel rates [rovers, 1 + steps, 3] of as many drives."""
+    generator = torch.Generator().manual_seed(seed)
+    rover, soil = load_rover("mars_rover"), load_soil("loose_sand")
+    ground = Ground.random_strength(soil, rovers, generator)
+    simulation, schedule = start(rover, ground, "S1", generator, rovers)
+    hills = simulation.profile
+    if not isinstance(hills, Hills):
+        raise TypeError(f"S1 is driven on {type(hills).__name__}, the loops know hills")
+    commands = np.stack([schedule.command(step * TIME_STEP).numpy() for step in range(steps + 1)], axis=1)
+    waves = (hills.amplitude.numpy(), hills.wavenumber.numpy(), hills.phase.numpy(), ground.patches[0].strength.numpy())
+    tracks = [
+        Track(float(mean), amplitude, wavenumber, phase, soil.constants().numpy(), strength)
+        for mean, amplitude, wavenumber, phase, strength in zip(hills.mean[:, 0], *waves, strict=True)
+    ]
+    return rover, tracks, schedule.start_velocity.numpy(), commands

@@ -1,88 +1,109 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How long a training takes, and how long it would take with the recursion written out step by step."""
+"""Processor time of a training step beside plain NumPy loops over the same tasks and blocks."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
+import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from terrain_estimator.gaussian import cholesky, log_determinant
-from terrain_estimator.learning.loss import whiten
+from benchmarks.lines import Effort, Line
+from benchmarks.numpy_training import Adam, Floats, Tasks, loss_and_gradients
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.learning.training import Recipe, build_model, train
 from terrain_estimator.palpaca import PAlpaca
 from terramechanics.rover import load_rover
 from terramechanics.soil import load_soil
 
-TARGET_S = 30.0
-"""[s] For 1000 iterations of 20 tasks x 40 steps on 2 cores."""
-TASKS, STEPS, TIMED, RECURSIONS, RUNS = 40, 40, 40, 4, 3
+BAR_MS = 30.0
+"""[ms] Of one core for a step of 20 tasks x 40 blocks: 1000 of them in half a minute."""
+TASKS, BLOCKS, TIMED, RUNS = 40, 40, 40, 3
 
 
-def training_seconds() -> tuple[float, float]:
-    """Seconds of one core for 1000 iterations of the recipe, and of the same net with one update of the posterior a step.
-
-    The recipe makes two Cholesky factors a task instead. On random data of the right shapes: no number changes how long it takes.
-    """
-    recipe = Recipe(iterations=TIMED)
-    model = build_model(load_rover("mars_rover"), [load_soil("loose_sand")], recipe.columns, recipe.hidden)
-    data = _random_data(model, torch.Generator().manual_seed(0))
-
-    def batched() -> None:
-        model.net.requires_grad_(requires_grad=True)
-        list(train(model, data, recipe))
-
-    def by_steps() -> None:
-        model.net.requires_grad_(requires_grad=True)
-        for _ in range(RECURSIONS):
-            _step_by_step(model, data.of(torch.arange(recipe.batch))).backward()  # type: ignore[no-untyped-call]
-
-    return 1000.0 * _fastest(batched) / TIMED, 1000.0 * _fastest(by_steps) / RECURSIONS
+def lines(effort: Effort) -> Iterator[Line]:
+    """A step of the recipe without penalties, which the loops lack too, and one of the recipe as it is."""
+    timed = effort.count(TIMED, least=3)
+    plain = Recipe(iterations=timed, strength=0.0, positivity=0.0)
+    model = model_of(plain)
+    data = random_data(model, torch.Generator().manual_seed(0))
+    loops = fastest_ms(lambda: loops_step(model, data, plain))
+    name = "NumPy loops over tasks and blocks with gradients by hand"
+    for what, recipe in (("training step without penalties", plain), ("training step of the recipe", Recipe(iterations=timed))):
+        spent = fastest_ms(lambda recipe=recipe: batched(model, data, recipe)) / timed  # type: ignore[misc]
+        yield Line(what, spent, "ms", BAR_MS, reference=name, against=loops, note=f"{recipe.batch} tasks of {BLOCKS} blocks")
 
 
-def _fastest(function: Callable[[], None]) -> float:
-    """Seconds of one core, the least of RUNS: what else the machine does only slows it down."""
+def fastest_ms(function: Callable[[], object]) -> float:
+    """Milliseconds of one core, the least of RUNS: what else the machine does only slows it down."""
     spent = []
     for _ in range(RUNS):
-        start = time.process_time()
+        begun_s = time.process_time()
         function()
-        spent.append(time.process_time() - start)
-    return min(spent)
+        spent.append(time.process_time() - begun_s)
+    return 1e3 * min(spent)
 
 
-def _random_data(model: PAlpaca, generator: torch.Generator) -> Regression:
+def model_of(recipe: Recipe) -> PAlpaca:
+    """Untrained, for the Mars rover on loose sand."""
+    return build_model(load_rover("mars_rover"), [load_soil("loose_sand")], recipe.columns, recipe.hidden)
+
+
+def batched(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
+    """All steps of the recipe."""
+    model.net.requires_grad_(requires_grad=True)
+    for _ in train(model, data, recipe):
+        pass
+
+
+def loops_step(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
+    """One step of the loops, on as many tasks."""
+    arrays = weights_of(model, torch.zeros(recipe.columns), torch.zeros(data.target.shape[-1]))
+    tasks = tasks_of(model, data.of(torch.arange(recipe.batch)))
+    _, gradients = loss_and_gradients(arrays, tasks, np.full(recipe.batch, BLOCKS // 2))
+    rates = [recipe.learning_rate] * 6 + [recipe.prior_rate] * 2
+    Adam(rates, [np.zeros_like(each) for each in arrays], [np.zeros_like(each) for each in arrays]).step(arrays, gradients)
+
+
+def random_data(model: PAlpaca, generator: torch.Generator) -> Regression:
+    """Of the right shapes: no number changes how long it takes."""
     rows, columns = len(distinct_rows(model.axles)), 2 + model.uncertain.shape[1]
 
     def draw(*shape: int) -> Tensor:
-        return torch.randn(TASKS, STEPS, *shape, generator=generator, dtype=torch.float64)
+        return torch.randn(TASKS, BLOCKS, *shape, generator=generator, dtype=torch.float64)
 
-    inputs = 0.1 * draw(model.observation_size)
+    spread = 0.3 * draw(rows, rows)
     return Regression(
         draw(rows, columns),
         draw(rows),
-        torch.eye(rows, dtype=torch.float64).expand(TASKS, STEPS, rows, rows),
-        inputs,
-        draw().square().clamp(1, 1),
+        torch.eye(rows, dtype=torch.float64) + spread @ spread.mT,
+        0.1 * draw(model.observation_size),
+        (draw() > -1.0).to(torch.float64),
     )
 
 
-def _step_by_step(model: PAlpaca, data: Regression) -> Tensor:
-    """Negative log predictive of every step given those before it (Banerjee et al. eqs. 20 to 23)."""
-    rows = distinct_rows(model.axles)
-    learnt = model.learnt(data.inputs.flatten(0, 1))[:, rows].reshape(*data.target.shape, -1)
-    joined = torch.cat([data.nominal, learnt, data.target.unsqueeze(-1)], -1)
-    whitened, _ = whiten(joined, data.covariance, torch.zeros(len(rows), dtype=torch.float64))
-    size = whitened.shape[-1] - 1
-    precision = torch.eye(size, dtype=torch.float64).expand(joined.shape[0], size, size)
-    pull = torch.zeros(joined.shape[0], size, 1, dtype=torch.float64)
-    total = torch.zeros((), dtype=torch.float64)
-    for step in whitened.unbind(1):
-        features, target = step[..., :-1], step[..., -1:]
-        factor = cholesky(precision)
-        spread = features @ torch.cholesky_solve(features.mT, factor) + torch.eye(len(rows), dtype=torch.float64)
-        residual, root = target - features @ torch.cholesky_solve(pull, factor), cholesky(spread)
-        total = total + 0.5 * (log_determinant(root).sum() + (residual * torch.cholesky_solve(residual, root)).sum())
-        precision, pull = precision + features.mT @ features, pull + features.mT @ target
-    return total
+def weights_of(model: PAlpaca, log_precision: Tensor, log_noise: Tensor) -> list[Floats]:
+    """Everything that is learnt, as the loops take it."""
+    layers = [part for part in model.net.layers if isinstance(part, nn.Linear)]
+    learnt = [part for layer in layers for part in (layer.weight, layer.bias)]
+    return [part.detach().to(torch.float64).numpy().copy() for part in (*learnt, log_precision, log_noise)]
+
+
+def tasks_of(model: PAlpaca, data: Regression) -> Tasks:
+    """The same regressions for the loops."""
+    axles, inputs = model.axles, data.inputs.numpy()
+    wheels = inputs[..., : 8 * axles].reshape(*inputs.shape[:2], 8, axles)
+    pitch = inputs[..., 8 * axles + 2 : 8 * axles + 3]
+    seen = np.concatenate([wheels[..., 0, :], wheels[..., 2, :], wheels[..., 4, :], pitch], -1) / model.net.input_scale.numpy()
+    others = data.nominal.shape[-1] - 2
+    return Tasks(
+        data.nominal.numpy(),
+        data.target.numpy(),
+        data.covariance.numpy(),
+        seen,
+        data.valid.numpy() > 0.0,
+        model.net.row_scale.numpy(),
+        np.concatenate([(model.prior_mean / model.unit).numpy(), np.zeros(others + model.net.columns)]),
+        np.concatenate([((model.prior_sd / model.unit) ** -2.0).numpy(), np.ones(others)]),
+    )

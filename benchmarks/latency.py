@@ -1,0 +1,42 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator at 10 Hz in a process of its own: from the last topic to the estimate, and what the node takes of the machine."""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import psutil
+
+from benchmarks.lines import Effort, Line
+from benchmarks.live import EMPTY, ESTIMATOR, WARM_UP, facing, sets
+
+RATE_HZ, SECONDS = 10.0, 120.0
+HIGH_MS, SHARE, MEMORY_MB = 10.0, 5.0, 350.0
+
+
+def lines(effort: Effort) -> Iterator[Line]:
+    """Latency, processor and memory, beside a node that answers without estimating."""
+    seconds = effort.seconds(SECONDS, least=3.0)
+    latencies, share, memory, lost = observed(ESTIMATOR, seconds)
+    bare, bare_share, bare_memory, _ = observed(EMPTY, seconds)
+    note = f"{len(latencies)} estimates, {lost} lost"
+    for what, at, bar in (("99th percentile", 0.99, HIGH_MS), ("median", 0.5, None)):
+        value, against = (float(np.quantile(each, at)) for each in (latencies, bare))
+        yield Line(f"topic in to estimate out at 10 Hz: {what}", value, "ms", bar, reference=EMPTY, against=against, note=note)
+    yield Line("estimator node at 10 Hz: processor", share, "% of a core", SHARE, reference=EMPTY, against=bare_share)
+    yield Line("estimator node at 10 Hz: resident memory", memory, "MB", MEMORY_MB, reference=EMPTY, against=bare_memory)
+
+
+def observed(node: str, seconds: float) -> tuple[list[float], float, float, int]:
+    """Latencies [ms], share of a core [%], resident memory [MB], and how many sets had no answer."""
+    steps = round(seconds * RATE_HZ)
+    with facing(node) as (rover, process):
+        instants = sets(WARM_UP + steps)
+        rover.drive(instants, WARM_UP, 2.0 * RATE_HZ)
+        found = psutil.Process(process.pid)
+        before, begun_s = found.cpu_times(), time.perf_counter()
+        sent = rover.drive(instants, steps, RATE_HZ)
+        after, spent_s = found.cpu_times(), time.perf_counter() - begun_s
+        share = 100.0 * (after.user + after.system - before.user - before.system) / spent_s
+        return [1e3 * each for each in sent.latency_s.values()], share, found.memory_info().rss / 1e6, sent.lost

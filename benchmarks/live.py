@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A rover in this process and the node under test in another, on real DDS: what goes out, and when the answer is back."""
+
+import struct
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeAlias
+
+import rclpy
+from domain_coordinator import domain_id as reserve_domain_id
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+
+from benchmarks.drives import long_drive
+from terrain_estimator.nodes import factory
+from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES
+from tests.system.processes import Process, Starter
+from tests.system.waiting import wait_until
+
+Set: TypeAlias = list[tuple[str, bytes]]
+"""The messages of one instant, serialised, by topic."""
+STEP_S = 0.1
+DEEP = QoSProfile(depth=10000)
+STAMP = struct.Struct("<iI")
+"""Seconds and nanoseconds behind the four bytes of the encapsulation, in every message that begins with a header."""
+START_S, LAST_S = 60.0, 2.0
+ESTIMATOR, EMPTY = "estimator", "a node that answers without estimating"
+WARM_UP = 50
+"""Observations before anything is measured."""
+
+
+@dataclass(slots=True)
+class Sent:
+    """One exchange."""
+
+    sent_s: dict[int, float] = field(default_factory=dict)  # by stamp [ns], when the last message of the set went out
+    latency_s: dict[int, float] = field(default_factory=dict)  # by stamp, until the estimate was here
+    late_s: float = 0.0  # behind its own schedule at the end
+
+    @property
+    def lost(self) -> int:
+        """Sets without an answer."""
+        return len(self.sent_s) - len(self.latency_s)
+
+
+class Rover:
+    """Sends sets of messages at a rate, and takes the time of the answers by the same clock."""
+
+    def __init__(self, domain_id: int) -> None:
+        """A node of its own context."""
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain_id)
+        self._node = rclpy.create_node("rover", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._outputs = {
+            name: self._node.create_publisher(factory.message_class(type_name), name, DEEP) for name, type_name in INPUT_TYPES.items()
+        }
+        self._answers = self._node.create_subscription(factory.message_class(ESTIMATE), "terrain_estimate", self._take, DEEP, raw=True)
+        self._now = Sent()
+
+    def __enter__(self) -> Self:
+        """Nothing is sent yet."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Leave the domain."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def meet(self) -> None:
+        """Wait until both sides have found each other."""
+        ends = [output.get_subscription_count for output in self._outputs.values()]
+        wait_until(lambda: self._answers.get_publisher_count() and all(end() for end in ends), "all topics are matched", START_S)
+
+    def drive(self, sets: Iterator[Set], count: int, rate_hz: float) -> Sent:
+        """Send so many sets, and wait for the last answers."""
+        self._now = now = Sent()
+        chosen = [next(sets) for _ in range(count)]
+        begun_s = time.perf_counter()
+        for place, messages in enumerate(chosen):
+            due_s = begun_s + place / rate_hz
+            while (left_s := due_s - time.perf_counter()) > 0.0:
+                self._executor.spin_once(timeout_sec=left_s)
+            for name, data in messages:
+                self._outputs[name].publish(data)
+            now.sent_s[_stamp_ns(messages[-1][1])] = time.perf_counter()
+            self._executor.spin_once(timeout_sec=0.0)
+        now.late_s = time.perf_counter() - begun_s - (count - 1) / rate_hz
+        end_s = time.perf_counter() + LAST_S
+        while now.lost and time.perf_counter() < end_s:
+            self._executor.spin_once(timeout_sec=0.01)
+        return now
+
+    def _take(self, data: bytes) -> None:
+        stamp_ns, here_s = _stamp_ns(data), time.perf_counter()
+        if stamp_ns in self._now.sent_s:
+            self._now.latency_s[stamp_ns] = here_s - self._now.sent_s[stamp_ns]
+
+
+@contextmanager
+def facing(node: str) -> Iterator[tuple[Rover, Process]]:
+    """A rover and a started ESTIMATOR, or EMPTY, that know each other."""
+    with tempfile.TemporaryDirectory() as folder, reserve_domain_id() as domain_id, Starter(Path(folder), domain_id) as start:
+        if node == ESTIMATOR:
+            process = start("terrain_estimator", "estimator")
+        else:
+            process = start.command(sys.executable, "-m", "benchmarks.empty_node")
+        process.wait_for_output("ready", START_S)
+        with Rover(domain_id) as rover:
+            rover.meet()
+            yield rover, process
+        process.interrupt()
+
+
+def sets(count: int) -> Iterator[Set]:
+    """Instants of a drive, a tenth of a second apart by their stamps however fast they are sent."""
+    instant: Set = []
+    for topic, _, message in long_drive(factory.make, count * STEP_S):
+        instant.append((topic, serialize_message(message)))
+        if len(instant) == len(INPUT_TYPES):
+            yield instant
+            instant = []
+
+
+def _stamp_ns(data: bytes) -> int:
+    sec, nanosec = STAMP.unpack_from(data, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)

@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time of one observation in the core, warm and on one thread: the installed model, and one of 34 parameters."""
+
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from benchmarks.drives import observations
+from benchmarks.lines import Effort, Line
+from benchmarks.numpy_training import Floats
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.estimator import Estimator
+from terrain_estimator.learning.export import export
+from terrain_estimator.learning.training import build_model
+from terrain_estimator.model_file import LoadedModel, Training, load_model
+from terrain_estimator.observation import Observation
+from terrain_estimator.pipeline import warm_up
+
+MEDIAN_US, CLOSING_US, HIGH_US = 150.0, 1000.0, 2000.0
+PARAMETERS = 34
+SECONDS = 120.0
+
+
+def lines(effort: Effort) -> Iterator[Line]:
+    """Median, median of those that close a block, and 99th percentile, of two models."""
+    torch.set_num_threads(1)
+    installed = load_model()
+    seen = observations(installed, effort.seconds(SECONDS, least=5.0))
+    with tempfile.TemporaryDirectory() as folder:
+        wide = widened(installed, PARAMETERS, Path(folder))
+    for model in (installed, wide):
+        size = len(model.metadata.parameters)
+        spent = microseconds(model, seen)
+        update = numpy_update(size, len(model.rows))
+        name = "one information-form update of as many parameters in NumPy"
+        note = f"{size} parameters, {model.metadata.block} observations a block"
+        for what, value, bar in (
+            ("median", np.median(spent), MEDIAN_US),
+            ("median of those that close a block", np.median(spent[model.metadata.block - 1 :: model.metadata.block]), CLOSING_US),
+            ("99th percentile", np.quantile(spent, 0.99), HIGH_US),
+        ):
+            yield Line(
+                f"one observation in the core, {size} parameters: {what}",
+                float(value),
+                "us",
+                bar,
+                reference=name,
+                against=update,
+                note=note,
+            )
+
+
+def microseconds(model: LoadedModel, seen: list[Observation]) -> Floats:
+    """Processor time of every update of a drive [us]: the wall time of a thread that nothing interrupts."""
+    config = EstimatorConfig()
+    warm_up(model, config)
+    estimator = Estimator(model, config.core)
+    spent = []
+    for observation in seen:
+        begun_s = time.thread_time()
+        estimator.update(observation)
+        spent.append(1e6 * (time.thread_time() - begun_s))
+    return np.array(spent)
+
+
+def widened(model: LoadedModel, parameters: int, folder: Path) -> LoadedModel:
+    """A model of the same rover and soils whose net has so many columns more or less; untrained, which costs the same time."""
+    metadata = model.metadata
+    columns = parameters - len(metadata.parameters) + sum(name.startswith("net_") for name in metadata.parameters)
+    built = build_model(metadata.rover, metadata.soils, columns, hidden=128)
+    path = folder / f"of_{parameters}.pt"
+    export(built.requires_grad_(requires_grad=False), metadata.rover, metadata.soils, Training(0, 0, 0.0), path)
+    return load_model(str(path))
+
+
+def numpy_update(parameters: int, rows: int, runs: int = 300) -> float:
+    """Median time [us] of precision += A' A, pull += A' y and one solve."""
+    generator = np.random.default_rng(0)
+    features, target = generator.standard_normal((rows, parameters)), generator.standard_normal(rows)
+    precision, pull, spent = np.eye(parameters), np.zeros(parameters), []
+    for _ in range(runs):
+        begun_s = time.thread_time()
+        precision, pull = precision + features.T @ features, pull + features.T @ target
+        np.linalg.solve(precision, pull)
+        spent.append(1e6 * (time.thread_time() - begun_s))
+    return float(np.median(spent))
