@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full million bench pages workspace environment clean
+.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full million bench soak pages workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -50,8 +50,11 @@ hidden-full: workspace  ## the same with many more cases, on a dask scheduler by
 million: workspace  ## a million updates with mad sensors and clocks, about an hour on one core: docs/faults.md
 	ros2_ws/with python -m tests.faults.million $(ARGS)
 
-bench: workspace  ## time update, replay, simulation and training
-	ros2_ws/with python -m benchmarks $(ARGS)
+bench: workspace  ## measure every speed that has a bar, beside references: out/bench.json, docs/benchmarks.md
+	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks $(ARGS)
+
+soak: workspace  ## run three rovers for long, under 40 minutes: does memory, a counter or a rate drift? out/soak.json
+	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks.soak $(ARGS)
 
 pages: workspace  ## write the pages and parameter files that follow from the code
 	ros2_ws/with python -m docs.pages

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""make soak: 24 simulated hours of three rovers through the core, and two hours of three rovers over DDS at four times real time.
+
+The DDS part takes at most four fifths of the time, and half an hour at most; the core runs beside it in processes that give way to it,
+and goes on until its hours or the time are over. The result says how far both came. Exit codes: 0 nothing grows, 1 something grows,
+2 a process failed.
+"""
+
+import argparse
+import inspect
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from benchmarks import trend
+from benchmarks.machine import machine
+from benchmarks.soak import live
+from benchmarks.soak.core import Sample
+from benchmarks.soak.verdict import core_trends, live_trends
+from benchmarks.trend import Trend
+
+MINUTES, DDS_MINUTES, DDS_SHARE, CORE_SHARE = 38.0, 30.0, 0.8, 0.95
+HOURS, ROVERS = 24.0, 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run both parts, judge, write; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="make soak", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=MINUTES, help="of wall time for all (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("out/soak.json"), help="file of the result (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    begun_s, where = time.monotonic(), machine()
+    try:
+        core, series = soak(60.0 * options.minutes)
+        trends = [each for place, samples in enumerate(core, 1) for each in core_trends(f"rover{place}", samples)]
+        trends += [each for rover in series for each in live_trends(rover)]
+    except (AssertionError, ChildProcessError, ValueError) as error:
+        print(f"soak: {error}", file=sys.stderr)
+        return 2
+    ran = {
+        "core_hours": [samples[-1].hours for samples in core],
+        "core_hours_wanted": HOURS,
+        "dds_hours": [live.FACTOR * rover.seconds[-1] / 3600.0 for rover in series],
+        "real_time_factor": live.FACTOR,
+        "minutes": (time.monotonic() - begun_s) / 60.0,
+    }
+    record: dict[str, object] = {"machine": where, "ran": ran, "test": inspect.getdoc(trend), "trends": [each.record() for each in trends]}
+    record |= {"series": [asdict(rover) for rover in series], "samples": [[asdict(each) for each in samples] for samples in core]}
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    return verdict(trends, ran)
+
+
+def soak(seconds: float) -> tuple[list[list[Sample]], list[live.Series]]:
+    """Both parts at once. Raises AssertionError or ChildProcessError where a process fails."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, begun_s = Path(name), time.monotonic()
+        files = [folder / f"rover{number}.json" for number in range(1, ROVERS + 1)]
+        children = [_core(number, CORE_SHARE * seconds, file) for number, file in enumerate(files, 1)]
+        try:
+            series = live.drive(ROVERS, min(60.0 * DDS_MINUTES, DDS_SHARE * seconds), folder, lambda text: print(text, flush=True))
+            for child in children:
+                code = child.wait(max(1.0, 1.5 * seconds - (time.monotonic() - begun_s)))
+                if code != 0:
+                    raise ChildProcessError(f"the process of the core ended with code {code}")
+        except subprocess.TimeoutExpired as error:
+            raise ChildProcessError("a process of the core did not end in its time") from error
+        finally:
+            for child in children:
+                child.kill()
+        return [[Sample(**each) for each in json.loads(file.read_text(encoding="utf-8"))] for file in files], series
+
+
+def _core(number: int, seconds: float, file: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "benchmarks.soak.core", str(number), str(HOURS), str(seconds), str(file)]
+    return subprocess.Popen(command)  # noqa: S603 - ourselves
+
+
+def verdict(trends: list[Trend], ran: dict[str, object]) -> int:
+    """Print what was run and what grows; returns the exit code."""
+    print(f"ran: {json.dumps(ran)}")
+    for each in trends:
+        print(
+            f"{'GROWS' if each.grows else 'flat '} {each.what}: level {each.level:.4g}, growth {each.growth:.2g} (allowed {each.allowed:g})"
+        )
+    return 1 if any(each.grows for each in trends) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

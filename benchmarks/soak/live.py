@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Three rovers on real DDS, a simulator and an estimator each, watched from a process of its own."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+import rclpy
+from domain_coordinator import domain_id as reserve_domain_id
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from terrain_estimator.nodes import factory
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.ros_types import ESTIMATE, HEALTH, Message
+from tests.system.processes import Process, Starter
+
+FACTOR = 4.0
+"""[1] Times real time."""
+START_S = 120.0
+DEEP = QoSProfile(depth=1000)
+SAMPLES = 360
+UNUSUAL = frozenset(outcome.name for outcome in Outcome if not outcome.used) - {"STANDSTILL", "GATED"}
+"""Outcomes that nothing in these drives calls for."""
+
+
+@dataclass(slots=True)
+class Series:
+    """One rover over time; all lists are equally long."""
+
+    rover: str
+    seconds: list[float] = field(default_factory=list)  # of wall time
+    estimator_mb: list[float] = field(default_factory=list)
+    simulator_mb: list[float] = field(default_factory=list)
+    rate_hz: list[float] = field(default_factory=list)  # of estimates, since the sample before
+    latency_ms: list[float] = field(default_factory=list)  # median of the last second
+    counters: dict[str, list[float]] = field(default_factory=dict)  # that should not grow
+
+
+class Watched:
+    """A rover as the watch sees it."""
+
+    def __init__(self, name: str, watch: Node, estimator: Process, simulator: Process) -> None:
+        """Subscribe to its estimates and its health."""
+        self.series = Series(name)
+        self._processes = [psutil.Process(each.pid) for each in (estimator, simulator)]
+        self._estimates, self._last_s = 0, time.monotonic()
+        self.health: Message | None = None
+        watch.create_subscription(factory.message_class(ESTIMATE), f"/{name}/terrain_estimate", self._count, DEEP, raw=True)
+        watch.create_subscription(factory.message_class(HEALTH), f"/{name}/estimator_health", self._keep, DEEP)
+
+    def sample(self, seconds: float) -> None:
+        """Append to all series."""
+        series, now_s = self.series, time.monotonic()
+        rate_hz = self._estimates / (now_s - self._last_s)
+        self._estimates, self._last_s = 0, now_s
+        if self.health is None:
+            return
+        memories = [process.memory_info().rss / 1e6 for process in self._processes]
+        series.seconds.append(seconds)
+        series.estimator_mb.append(memories[0])
+        series.simulator_mb.append(memories[1])
+        series.rate_hz.append(rate_hz)
+        series.latency_ms.append(1e3 * self.health.update_latency_median)
+        for name, value in counters(self.health).items():
+            series.counters.setdefault(name, []).append(value)
+
+    def _count(self, _: bytes) -> None:
+        self._estimates += 1
+
+    def _keep(self, message: Message) -> None:
+        self.health = message
+
+
+def counters(health: Message) -> dict[str, float]:
+    """What should not grow while a rover drives: lost, late and lonely messages, resets, unusual outcomes."""
+    found = {name: float(sum(getattr(health, f"input_{name}"))) for name in ("lost", "out_of_order", "unpaired")}
+    unusual = sum(count for name, count in zip(health.outcome, health.outcome_count, strict=True) if name in UNUSUAL)
+    return {**found, "resets": float(health.resets), "unusual outcomes": float(unusual)}
+
+
+def drive(rovers: int, seconds: float, folder: Path, say: Callable[[str], None]) -> list[Series]:
+    """Drive for so many seconds of wall time; raises AssertionError where a process ends before."""
+    with reserve_domain_id() as domain_id, Starter(folder, domain_id) as start:
+        context = Context()
+        rclpy.init(context=context, domain_id=domain_id)
+        watch, executor = rclpy.create_node("soak", context=context), SingleThreadedExecutor(context=context)
+        executor.add_node(watch)
+        try:
+            watched = [_rover(f"rover{number}", number, watch, start) for number in range(1, rovers + 1)]
+            begun_s, taken = time.monotonic(), 0
+            while (past_s := time.monotonic() - begun_s) < seconds:
+                executor.spin_once(timeout_sec=0.1)
+                if past_s >= (taken + 1) * seconds / SAMPLES:
+                    taken += 1
+                    for rover in watched:
+                        rover.sample(past_s)
+                    if taken % (SAMPLES // 12) == 0:
+                        rates = ", ".join(f"{rover.series.rate_hz[-1]:.1f}" for rover in watched if rover.series.rate_hz)
+                        say(f"DDS: {past_s / 60.0:.1f} min, {rates} estimates/s")
+            return [rover.series for rover in watched]
+        finally:
+            executor.shutdown()
+            watch.destroy_node()
+            context.try_shutdown()
+
+
+def _rover(name: str, seed: int, watch: Node, start: Starter) -> Watched:
+    """Each simulator keeps a clock of its own: on one topic they would contradict each other."""
+    apart = ("-r", f"__ns:=/{name}", "-r", f"/clock:=/{name}/clock")
+    estimator = start("terrain_estimator", "estimator", "--ros-args", *apart)
+    estimator.wait_for_output("ready", START_S)
+    given = {"seed": seed, "real_time_factor": FACTOR, "wait_for_subscribers": 1, "wait_timeout": START_S}
+    parameters = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
+    simulator = start("rover_sim_node", "simulator", "--ros-args", *apart, *parameters)
+    simulator.wait_for_output("driving", START_S)
+    return Watched(name, watch, estimator, simulator)

@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The soak names what grows, and its core repeats a drive without leaving the path of a healthy rover."""
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.drives import long_drive, observations
+from benchmarks.soak import core
+from benchmarks.soak.__main__ import verdict
+from benchmarks.soak.core import Sample
+from benchmarks.soak.live import Series
+from benchmarks.soak.verdict import core_trends, live_trends
+from terrain_estimator.bags import Types
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.estimator import Estimator
+from terrain_estimator.model_file import load_model
+from terrain_estimator.ros_types import stamp_ns
+from tests.drives import STEP_NS
+
+SAMPLES = 120
+
+
+def healthy(leak_mb: float = 0.0, abnormal: int = 0) -> list[Sample]:
+    generator = np.random.default_rng(1)
+    places = range(SAMPLES)
+    return [
+        Sample(place / 5.0, 300.0 + generator.normal() + leak_mb * place / SAMPLES, 500_000, 400.0, abnormal * (place > 60), 0)
+        for place in places
+    ]
+
+
+def test_a_leak_and_a_counter_of_the_core_are_named() -> None:
+    assert [each.what for each in core_trends("rover1", healthy()) if each.grows] == []
+    grown = [each.what for each in core_trends("rover1", healthy(leak_mb=30.0, abnormal=1)) if each.grows]
+    assert grown == ["core, rover1: memory_mb", "core, rover1: abnormal"]
+
+
+def test_a_drifting_rate_and_lost_messages_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    series = Series("rover2")
+    for place in range(SAMPLES):
+        series.seconds.append(5.0 * place)
+        series.estimator_mb.append(400.0)
+        series.simulator_mb.append(350.0)
+        series.rate_hz.append(40.0 - 4.0 * place / SAMPLES)
+        series.counters.setdefault("lost", []).append(float(place // 100))
+        series.counters.setdefault("resets", []).append(0.0)
+    trends = list(live_trends(series))
+    assert [each.what for each in trends if each.grows] == ["DDS, rover2: rate_hz", "DDS, rover2: lost"]
+    assert verdict(trends, {}) == 1
+    assert "GROWS DDS, rover2: rate_hz" in capsys.readouterr().out
+    assert verdict([each for each in trends if not each.grows], {}) == 0
+
+
+def test_a_long_drive_goes_on_with_its_stamps_and_sequences(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.drives.PIECE_S", 1.0)
+    events = [(topic, stamp, message) for topic, stamp, message in long_drive(Types().make, 2.5) if topic == "wheel_slip"]
+    assert [message.sequence for _, _, message in events] == list(range(25))
+    assert {later[1] - earlier[1] for earlier, later in itertools.pairwise(events)} == {STEP_NS}
+    assert [stamp_ns(message) for _, _, message in events] == [stamp for _, stamp, _ in events]
+
+
+def test_the_core_goes_on_over_the_seams_of_a_repeated_drive() -> None:
+    model = load_model()
+    with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]  # noqa: FBT003 - so short a run is over before it pays
+        samples = core.run(observations(model, 3.0), Estimator(model, EstimatorConfig().core), hours=9.0 / 3600.0, seconds=1e6)
+    assert samples[-1].hours == pytest.approx(9.0 / 3600.0)
+    assert (samples[-1].abnormal, samples[-1].not_finite) == (0, 0)
+    assert samples[0].hours < samples[-1].hours
+    assert min(sample.memory_mb for sample in samples) > 50.0
