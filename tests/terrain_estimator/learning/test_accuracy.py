@@ -6,7 +6,9 @@ import numpy as np
 import torch
 from scipy.stats import binomtest
 
+from terrain_estimator.learning.batched import run
 from terrain_estimator.learning.bound import cramer_rao
+from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import draw_tasks
 from terrain_estimator.learning.training import build_model
 from terrain_estimator.model_file import load_model
@@ -27,15 +29,8 @@ def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent
     tasks = draw_tasks(model.rover, model.metadata.soils[0], "S1", DURATION_S, EPISODES, torch.Generator().manual_seed(20_000), spread=0.0)
     measured = tasks.measured.clone()
     measured[..., ACCELERATION] = torch.nan
-    estimates = []
-    with torch.no_grad():
-        for episode in measured:
-            state = model.module.initial()
-            for observation in episode:
-                state = model.module.update(state, observation)
-            estimates.append(model.module.estimate(state))
-    estimate = torch.stack(estimates)
-    error = (estimate[:, 0] - tasks.strength).abs()
+    trace = run(restore(model), measured, torch.tensor([measured.shape[1] - 1]))
+    error = (trace.mean[:, 0] - tasks.strength).abs()
     relative = (error / tasks.strength).median(0).values
     assert (relative <= 0.10).all(), relative
 
@@ -45,7 +40,7 @@ def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent
     ratio = (error / bound).median(0).values / HALF_NORMAL_MEDIAN
     assert (ratio < 1.5).all(), ratio
 
-    deviation = estimate[:, 1:].diagonal(dim1=1, dim2=2).sqrt()
+    deviation = trace.covariance[:, 0].diagonal(dim1=1, dim2=2).sqrt()
     for name, covered in zip(("c", "tan phi"), (error < 1.96 * deviation).sum(0).tolist(), strict=True):
         interval = binomtest(covered, EPISODES).proportion_ci(0.99)
         assert interval.low <= 0.95 <= interval.high, (name, covered / EPISODES)
