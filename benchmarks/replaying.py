@@ -50,7 +50,7 @@ def lines(effort: Effort) -> Iterator[Line]:
             yield Line(what, speed, "x real time", BAR, least=True, reference="rosbags decoding the same bag", against=alone)
     short, long = (memory[span_s] for span_s in spans)
     what = f"largest memory of replaying {spans[1] / 60.0:g} min"
-    yield Line(what, long, "MB", GROWTH * short, reference=f"of replaying {spans[0] / 60.0:g} min", against=short)
+    yield Line(what, long, "MB", GROWTH * short, reference=f"a replay of {spans[0] / 60.0:g} min", against=short)
 
 
 def replayed(bag: Path, output: Path) -> tuple[float, float]:

@@ -20,7 +20,7 @@ import numpy as np
 import psutil
 import torch
 
-from benchmarks.drives import PIECE_S, observations
+from benchmarks.drives import observations
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.estimator import Estimator
 from terrain_estimator.model_file import load_model
@@ -31,6 +31,8 @@ from terrain_estimator.update import Update
 SAMPLES = 1000
 """In the whole time that is allowed; fewer where the hours are over before."""
 NICENESS = 10
+PIECE_S = 30.0
+"""[s] Of the drive that is repeated; it has to be simulated before anything can run."""
 NORMAL = (Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY, Outcome.STANDSTILL, Outcome.GATED)
 """Outcomes of a healthy rover: where the repeated drive begins anew the velocity jumps, which the gate may refuse."""
 
@@ -85,7 +87,7 @@ def main(rover: str, hours: str, seconds: str, path: str) -> None:
     torch.set_num_threads(1)
     begun_s = time.monotonic()
     config, model = EstimatorConfig(), load_model()
-    seen = observations(model, min(PIECE_S, 3600.0 * float(hours)), int(rover))
+    seen = observations(model, PIECE_S, int(rover))
     os.nice(NICENESS)
     samples = run(seen, Estimator(model, config.core), float(hours), float(seconds) - (time.monotonic() - begun_s))
     Path(path).write_text(json.dumps([dataclasses.asdict(sample) for sample in samples]), encoding="utf-8")

@@ -24,7 +24,7 @@ FACTOR = 4.0
 """[1] Times real time."""
 START_S = 120.0
 DEEP = QoSProfile(depth=1000)
-SAMPLES = 360
+SAMPLES, SHORTEST_S = 360, 0.5
 UNUSUAL = frozenset(outcome.name for outcome in Outcome if not outcome.used) - {"STANDSTILL", "GATED"}
 """Outcomes that nothing in these drives calls for."""
 
@@ -34,6 +34,7 @@ class Series:
     """One rover over time; all lists are equally long."""
 
     rover: str
+    estimates: int = 0  # in all, one for each 0.1 s of simulated time that was driven and estimated
     seconds: list[float] = field(default_factory=list)  # of wall time
     estimator_mb: list[float] = field(default_factory=list)
     simulator_mb: list[float] = field(default_factory=list)
@@ -72,6 +73,7 @@ class Watched:
 
     def _count(self, _: bytes) -> None:
         self._estimates += 1
+        self.series.estimates += 1
 
     def _keep(self, message: Message) -> None:
         self.health = message
@@ -93,14 +95,14 @@ def drive(rovers: int, seconds: float, folder: Path, say: Callable[[str], None])
         executor.add_node(watch)
         try:
             watched = [_rover(f"rover{number}", number, watch, start) for number in range(1, rovers + 1)]
-            begun_s, taken = time.monotonic(), 0
+            begun_s, taken, next_s = time.monotonic(), 0, 0.0
             while (past_s := time.monotonic() - begun_s) < seconds:
                 executor.spin_once(timeout_sec=0.1)
-                if past_s >= (taken + 1) * seconds / SAMPLES:
-                    taken += 1
+                if past_s >= next_s:
+                    taken, next_s = taken + 1, past_s + max(SHORTEST_S, seconds / SAMPLES)
                     for rover in watched:
                         rover.sample(past_s)
-                    if taken % (SAMPLES // 12) == 0:
+                    if taken % 30 == 0:
                         rates = ", ".join(f"{rover.series.rate_hz[-1]:.1f}" for rover in watched if rover.series.rate_hz)
                         say(f"DDS: {past_s / 60.0:.1f} min, {rates} estimates/s")
             return [rover.series for rover in watched]
