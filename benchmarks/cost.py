@@ -96,6 +96,8 @@ def draw(found: Sequence[Growth], path: Path) -> None:
             sizes, seconds = np.array(growth.sizes, dtype=float), np.array(growth.seconds)
             axes.loglog(sizes, seconds, "o-", label=f"measured, p = {growth.exponent:.2f}")
             axes.loglog(sizes, seconds[-1] * sizes / sizes[-1], "k--", linewidth=0.8, label="linear")
+            axes.set_xticks(sizes, [f"{size:g}" for size in sizes], fontsize=7)
+            axes.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
             axes.set_xlabel(f"{growth.what} [{growth.unit}]" if growth.unit else growth.what)
             axes.legend(frameon=False, fontsize=7)
         figure.axes[0].set_ylabel("time [s]")

@@ -20,7 +20,7 @@ def machine() -> dict[str, object]:
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
-        "system": f"{_system()}, Linux {platform.release()}",
+        "system": platform.freedesktop_os_release().get("PRETTY_NAME", platform.system()),
         "versions": {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in LIBRARIES}},
         "commit": _commit(),
         "date": datetime.now(UTC).date().isoformat(),
@@ -33,10 +33,6 @@ def _processor() -> str:
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.machine()
-
-
-def _system() -> str:
-    return platform.freedesktop_os_release().get("PRETTY_NAME", platform.system())
 
 
 def _commit() -> str:
