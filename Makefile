@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full million bench soak pages workspace environment clean
+.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full faults million fuzz bench soak pages workspace environment clean
 
 LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -47,8 +47,15 @@ hidden: workspace  ## how often verdicts about hidden effects are right, at most
 hidden-full: workspace  ## the same with many more cases, on a dask scheduler by ARGS="--scheduler HOST:PORT"
 	ros2_ws/with python -m tests.hidden.judge --full --minutes 0 $(ARGS)
 
+faults: workspace  ## the fault matrix with real processes, 6 to 20 minutes: docs/faults.md
+	ros2_ws/with python -m tests.faults $(ARGS)
+
 million: workspace  ## a million updates with mad sensors and clocks, about an hour on one core: docs/faults.md
 	ros2_ws/with python -m tests.faults.million $(ARGS)
+
+fuzz: workspace  ## fuzz the readers of bags, YAML and CSV, 10 minutes: docs/faults.md
+	$(VENV_PYTHON) -m pip install --quiet --no-deps --requirement tests/fuzz/requirements.txt
+	ros2_ws/with python -m tests.fuzz $(ARGS)
 
 bench: workspace  ## measure every speed that has a bar, beside references: out/bench.json, docs/benchmarks.md
 	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks $(ARGS)

@@ -9,6 +9,7 @@ on the dataclass field, with :func:`number`.
 
 import dataclasses
 import difflib
+import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -20,6 +21,8 @@ import yaml
 PRESETS = Path(__file__).parent / "presets"
 """Folder of the files that are found by name: presets/<kind>/<name>.yaml."""
 
+LARGEST_TREE = 100_000
+"""Values of a YAML file."""
 RecordT = TypeVar("RecordT")
 
 
@@ -97,6 +100,8 @@ def parse_yaml(text: str) -> object:
         return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
     except yaml.YAMLError as error:
         raise ConfigError(str(error)) from error
+    except Exception as error:  # PyYAML raises what it likes: ValueError at a 13th month, KeyError at !!bool x, RecursionError at depth
+        raise ConfigError(f"{type(error).__name__}: {error}") from error
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
@@ -172,7 +177,10 @@ def _integer(value: object, where: str) -> int:
 def _real(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ConfigError(f"{where}: expected a number, got {_shown(value)}")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise ConfigError(f"{where}: a whole number of more than 300 digits, too large to calculate with") from error
 
 
 def _check_range(value: float, limits: Mapping[str, Any], where: str) -> None:
@@ -189,8 +197,23 @@ def _shown(value: object) -> str:
     return f"{value!r} ({type(value).__name__})"
 
 
+def _written_out(node: yaml.Node, known: dict[int, int]) -> int:
+    """Values of a tree whose aliases are written out: nine lines can be a thousand million, and one that contains itself has no end."""
+    if id(node) not in known:
+        known[id(node)] = LARGEST_TREE + 1  # as long as it is not known
+        children = itertools.chain(*node.value) if isinstance(node, yaml.MappingNode) else node.value
+        known[id(node)] = 1 + (0 if isinstance(node, yaml.ScalarNode) else sum(_written_out(child, known) for child in children))
+    return known[id(node)]
+
+
 class _StrictLoader(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice and reads 1e6 as a number (YAML 1.2; YAML 1.1 takes it for a text)."""
+    """SafeLoader that refuses a key given twice and aliases without end, and reads 1e6 as a number (YAML 1.2; in YAML 1.1 it is a text)."""
+
+    def get_single_node(self) -> yaml.Node | None:
+        node = super().get_single_node()
+        if node is not None and _written_out(node, {}) > LARGEST_TREE:
+            raise yaml.constructor.ConstructorError(None, None, f"more than {LARGEST_TREE} values when its aliases are written out", None)
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]

@@ -69,7 +69,7 @@ def run(model: LoadedModel, updates: int, seed: int, longest: int = 200) -> Resu
 
 
 def main() -> int:
-    """Run all estimators one after the other, say what came of each, and write the section of the page."""
+    """Run all estimators one after the other, and keep the section of the page up to date."""
     options = _parser().parse_args()
     torch.set_num_threads(1)
     model, total = load_model(), Result()
@@ -77,8 +77,8 @@ def main() -> int:
         total += run(model, options.updates // options.estimators, seed)
         sys.stdout.write(f"{total.updates} updates, {total.seconds:.0f} s, unsound: {len(total.unsound)}\n")
         sys.stdout.flush()
+        replace_section(options.page, HEADING, section(total, seed))
     sys.stdout.writelines(f"{line}\n" for line in total.unsound[:20])
-    replace_section(options.page, HEADING, section(total, options.estimators))
     return int(bool(total.unsound))
 
 
@@ -99,7 +99,7 @@ stamps jump; each is turned into the messages that the node publishes. {machine(
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="million", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--updates", type=int, default=1_000_000, help="of all estimators together (default: %(default)s)")
-    parser.add_argument("--estimators", type=int, default=10, help="one after the other (default: %(default)s)")
+    parser.add_argument("--estimators", type=int, default=100, help="one after the other (default: %(default)s)")
     parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
     return parser
 

@@ -2,25 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fixtures of the tests that start real processes: a ROS domain of their own, a starter, a listener."""
 
-import itertools
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from domain_coordinator import domain_id as reserve_domain_id
 
+from tests.system.domains import own_domain
 from tests.system.listening import Listener
 from tests.system.processes import Starter
-
-# Never the domain of the test before: a killed process haunts its domain for some seconds.
-_candidates = itertools.count(os.getpid() * 17)
 
 
 @pytest.fixture
 def domain_id() -> Iterator[int]:
     """A ROS domain that no other test uses, not even one of another run on this machine."""
-    with reserve_domain_id(lambda: next(_candidates) % 100 + 1) as reserved:
+    with own_domain() as reserved:
         yield reserved
 
 

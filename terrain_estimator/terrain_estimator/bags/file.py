@@ -126,6 +126,9 @@ class McapFile:
             return 0
         self.finished = True
         footer = parse(Footer, tail[HEAD.size :])
+        if footer.summary_start > self._end - FOOTER_BYTES:
+            msg = f"{self.path} is damaged: its summary begins behind its end; copy the file again from its source"
+            raise BagError(msg)
         self._file.seek(footer.summary_start)
         summary = self._file.read(self._end - FOOTER_BYTES - footer.summary_start)
         checked = zlib.crc32(tail[: -4 - len(MAGIC)], zlib.crc32(summary))

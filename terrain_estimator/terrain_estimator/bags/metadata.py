@@ -127,14 +127,16 @@ def read_metadata(path: Path) -> StoredMetadata:
         first, duration = fields["starting_time"]["nanoseconds_since_epoch"], fields["duration"]["nanoseconds"]
         span = Span(int(first), int(first) + int(duration), int(fields["message_count"]))
         files = tuple(Path(name).name for name in fields["relative_file_paths"])
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+        stored = StoredMetadata(files, span, dict(fields.get("custom_data") or {}))
+        compressed = str(mode).lower() not in {"", "none"}
+    except Exception as error:
         msg = f"{path} is damaged ({type(error).__name__}: {error}): delete it to read the .mcap files of the folder without it"
         raise BagError(msg) from error
-    if storage != "mcap" or mode.lower() not in {"", "none"}:
+    if storage != "mcap" or compressed:
         what = f"storage {storage!r}" if storage != "mcap" else f"compression mode {mode!r}"
         msg = f"{path}: {what} is not supported; convert it to uncompressed mcap with `ros2 bag convert` or `rosbags-convert`"
         raise BagError(msg)
-    return StoredMetadata(files, span, dict(fields.get("custom_data") or {}))
+    return stored
 
 
 def _topic(topic: TopicCount) -> dict[str, Any]:

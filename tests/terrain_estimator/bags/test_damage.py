@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 
-from terrain_estimator.bags import BagError, BagReader, BagWriter, RawMessage
+from terrain_estimator.bags import BagError, BagReader, BagWriter, Definition, RawMessage
 from tests.terrain_estimator.bags.support import SLIP, STEP_NS, TYPES, corrupt, fill, finished_bag, killed_recording, records
 
 
@@ -230,6 +230,16 @@ def test_bytes_that_are_not_the_message_are_named(tmp_path: Path) -> None:
     with BagReader(tmp_path / "run") as reader:
         [message] = reader.messages()
         with pytest.raises(BagError, match="topic /wheel_slip at log time 5 ns: 9 bytes are not a msg_defs/msg/WheelSlip"):
+            reader.decode(message)
+
+
+def test_a_definition_that_contains_itself_is_named(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "run") as writer:
+        writer.write(writer.add_topic("/x", "x/msg/A", definition=Definition("x/msg/A", "A inner\n", "")), b"\x00\x01\x00\x00", 5)
+    with BagReader(tmp_path / "run") as reader:
+        assert reader.notes == []
+        [message] = reader.messages()
+        with pytest.raises(BagError, match="topic /x: the definition of x/msg/A contains itself"):
             reader.decode(message)
 
 

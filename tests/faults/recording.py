@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults that happen to a running recorder."""
+
+import resource
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+from msg_defs.msg import WheelSlip
+from terrain_estimator.bags import BagReader
+from tests.faults.fault import Expected, Fault, Seen
+from tests.faults.logs import log_lines, worst_levels
+from tests.faults.rover import PATIENCE_S
+from tests.system.listening import Listener
+from tests.system.processes import Process, Starter
+from tests.system.waiting import wait_until
+
+BEFORE = 100
+"""[messages] recorded before the fault."""
+AFTER = 2000
+SMALL_DISK_BYTES = 96 << 10
+
+
+def of_recorder(name: str, what: str, happen: Callable[[Process, Path], None], expected: Expected) -> Fault:
+    """A row about the recorder: messages before the fault, the fault, messages until it has ended, another recorder."""
+
+    def run(folder: Path, domain_id: int) -> Seen:
+        with Starter(folder, domain_id) as start, Listener(domain_id) as listener, small_disk(folder / "disk") as disk:
+            diagnostics = listener.collect(DiagnosticArray, "/diagnostics")
+            recorder = _record(start, disk / "run")
+            publisher = listener.publisher(WheelSlip, "wheel_slip", timeout=PATIENCE_S)
+            for number in range(BEFORE):
+                publisher.publish(WheelSlip(sequence=number))
+            wait_until(lambda: len(recorded(disk / "run")) == BEFORE, "all are recorded", PATIENCE_S)
+            happen(recorder, disk / "run")
+            for number in range(BEFORE, BEFORE + AFTER):
+                if recorder.running:
+                    publisher.publish(WheelSlip(sequence=number))
+                    listener.spin_until(lambda: True, "callbacks are served")  # which takes a moment: the queue is not to overflow
+            code = recorder.wait(PATIENCE_S)
+            begin = time.monotonic()
+            second = _record(start, folder / "next")
+            listener.spin_until(lambda: "recording 1 topics" in second.output, "another recorder has matched", PATIENCE_S)
+            kept = recorded(disk / "run")
+            return Seen(
+                outcomes={f"exit code {code}": 1},
+                diagnostics=worst_levels(diagnostics, "recorder"),
+                log=tuple(dict.fromkeys(log_lines(recorder.output))),
+                back_after=0,
+                back_after_s=time.monotonic() - begin,
+                lost=len(set(range(max(BEFORE, len(kept)))) - set(kept)),
+                kept=True,
+                well_again=True,
+            )
+
+    return Fault(name, what, expected, run, lost_is="messages that were recorded before")
+
+
+@contextmanager
+def small_disk(folder: Path) -> Iterator[Path]:
+    """A file system of its own that is soon full; a common folder where this process may not mount one."""
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", f"size={SMALL_DISK_BYTES}", "tmpfs", str(folder)]
+    mounted = subprocess.run(command, check=False, capture_output=True)
+    try:
+        yield folder
+    finally:
+        if mounted.returncode == 0:
+            subprocess.run(["umount", str(folder)], check=True)
+
+
+def recorded(folder: Path) -> list[int]:
+    """Sequence numbers of what can be read, finished or not."""
+    if not list(folder.glob("*.mcap")):
+        return []
+    with BagReader(folder) as reader:
+        return [reader.decode(message).sequence for message in reader.messages(["/wheel_slip"])]
+
+
+def _record(start: Starter, folder: Path) -> Process:
+    return start("terrain_estimator", "recorder", "--ros-args", "-p", f"output:={folder}", "-p", "topics:=wheel_slip")
+
+
+def _fill(recorder: Process, folder: Path) -> None:
+    """Where the disk is not small its end is a limit on the size of the file."""
+    if not folder.parent.is_mount():
+        room = sum(file.stat().st_size for file in folder.iterdir()) + 1000
+        resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (room, room))
+
+
+def _kill(recorder: Process, _: Path) -> None:
+    recorder.signal(signal.SIGKILL)
+
+
+FAULTS = (
+    of_recorder(
+        "disk full",
+        f"the recorder writes to a file system of {SMALL_DISK_BYTES >> 10} KiB until it is full",
+        _fill,
+        Expected(frozenset({"exit code 1"}), {}, log=("^the disk fails, what was written before is kept: .*",)),
+    ),
+    of_recorder("kill -9 of the recorder", "the recorder is killed while it records", _kill, Expected(frozenset({"exit code -9"}), {})),
+)

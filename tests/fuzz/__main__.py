@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coverage-guided fuzzing of the readers of bags, YAML and CSV by atheris (libFuzzer): `make fuzz`.
+
+A finding is what a reader raises beside its documented error, a time-out or too much memory; the input is kept. Exit code 1 then.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from tests.faults.page import PAGE, machine, replace_section
+from tests.fuzz.targets import TARGETS
+
+HEADING = "Fuzzing"
+LONGEST_INPUT = 16384  # bytes
+TIMEOUT_S = 20
+MEMORY_MB = 3072
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What libFuzzer said at its end."""
+
+    executions: int
+    coverage: int
+    finding: str  # the exception or libFuzzer's summary, empty where there is none
+
+    @classmethod
+    def of(cls, log: str, code: int) -> Self:
+        """From its log and exit code."""
+        executions = re.findall(r"stat::number_of_executed_units: +(\d+)", log) or re.findall(r"^#(\d+)", log, re.MULTILINE) or ["0"]
+        coverage = re.findall(r" cov: (\d+)", log) or ["0"]
+        words = re.findall(r"=== Uncaught Python exception: ===\n(.*)|^(?:SUMMARY: |==\d+== ERROR: )(.*)", log, re.MULTILINE)
+        text = next((first or second for first, second in words), f"exit code {code}")
+        return cls(int(executions[-1]), int(coverage[-1]), text if code else "")
+
+
+def main() -> int:
+    """Fuzz one target after the other, each for its share of the time, and write the section of the page."""
+    options = _parser().parse_args()
+    chosen = options.only or list(TARGETS)
+    results = {name: _fuzz(name, options.out, options.minutes * 60.0 / len(chosen)) for name in chosen}
+    if not options.only:
+        replace_section(options.page, HEADING, section(results, options.minutes))
+    return int(any(result.finding for result in results.values()))
+
+
+def _fuzz(name: str, out: Path, seconds: float) -> Result:
+    folder = out / name.replace(" ", "_")
+    corpus, seeds = folder / "corpus", folder / "seeds"
+    for each in (corpus, seeds):
+        each.mkdir(parents=True, exist_ok=True)
+    for number, data in enumerate(TARGETS[name].seeds()):
+        (seeds / str(number)).write_bytes(data)
+    limits = [f"-max_total_time={seconds:.0f}", f"-timeout={TIMEOUT_S}", f"-rss_limit_mb={MEMORY_MB}", f"-max_len={LONGEST_INPUT}"]
+    limits += ["-print_final_stats=1", f"-artifact_prefix={folder}/"]
+    command = [sys.executable, "-m", "tests.fuzz.drive", name, *limits, str(corpus), str(seeds)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, errors="replace", env={**os.environ, "PYTHONWARNINGS": ""})
+    (folder / "log.txt").write_text(done.stdout + done.stderr, encoding="utf-8")
+    result = Result.of(done.stdout + done.stderr, done.returncode)
+    sys.stdout.write(f"{name}: {result.executions} executions, coverage {result.coverage}, {result.finding or 'no finding'}\n")
+    sys.stdout.flush()
+    return result
+
+
+def section(results: dict[str, Result], minutes: float) -> str:
+    """The measured result in words."""
+    lines = [
+        f'`make fuzz ARGS="--minutes {minutes:g}"`: atheris (libFuzzer) changes sound files, guided by the branches that readers, mcap,',
+        "rosbags and PyYAML take. A finding is anything but the error that a reader documents,",
+        f"more than {TIMEOUT_S} s or more than {MEMORY_MB >> 10} GiB of memory. {machine()}.",
+        "",
+        "| reader | executions | features covered | finding |",
+        "|---|---|---|---|",
+    ]
+    rows = [f"| {name} | {each.executions} | {each.coverage} | {each.finding or 'none'} |" for name, each in results.items()]
+    return "\n".join([*lines, *rows])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=10.0, help="for all readers together (default: %(default)s)")
+    parser.add_argument("--only", action="append", choices=list(TARGETS), help="this reader, again for more; no page then")
+    parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder of inputs and findings (default: %(default)s)")
+    parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

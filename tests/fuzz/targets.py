@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every reader of files that come from elsewhere: bytes in, and nothing out but the error that it documents.
+
+What else a target raises is a finding. Each has seeds, sound files from which a fuzzer starts.
+"""
+
+import functools
+import itertools
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrain_estimator.bags import BagError, BagReader
+from terrain_estimator.bags.metadata import METADATA_FILE
+from terrain_estimator.cli.csv_import.mapping import Mapping, read_mapping
+from terrain_estimator.cli.csv_import.samples import CsvError, read_samples
+from terrain_estimator.cli.wheel_table import WheelTableError, read_table
+from terrain_estimator.config import EstimatorNodeConfig
+from terramechanics.loading import PRESETS, ConfigError
+from terramechanics.parameter_files import read_parameters
+from terramechanics.parameters import configure, template
+from terramechanics.rover import load_rover
+from terramechanics.soil import load_soil
+from tests.terrain_estimator.bags.support import finished_bag, killed_recording
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+MESSAGES = 200
+"""Messages of a bag that are decoded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One reader."""
+
+    read: Callable[[Path], None]  # raises what is a finding
+    name: str  # of the file that it reads
+    seeds: Callable[[], list[bytes]]
+
+    def __call__(self, data: bytes) -> None:
+        """Let it read these bytes."""
+        path = _folder() / self.name
+        path.write_bytes(data)
+        self.read(path)
+
+
+@functools.cache
+def _folder() -> Path:
+    """In memory where that is possible."""
+    shared = Path("/dev/shm")
+    holder = tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None)
+    _HOLDERS.append(holder)
+    return Path(holder.name)
+
+
+_HOLDERS: list[tempfile.TemporaryDirectory[str]] = []
+
+
+def read_bag(path: Path) -> None:
+    """Open, list, decode."""
+    try:
+        with BagReader(path) as reader:
+            assert reader.span.count >= 0
+            assert all(isinstance(note, str) for note in reader.notes)
+            for message in itertools.islice(reader.messages(), MESSAGES):
+                _decode(reader, message)
+    except BagError:
+        return
+
+
+def _decode(reader: BagReader, message: object) -> None:
+    """One message that cannot be decoded does not end the bag."""
+    try:
+        reader.decode(message)  # type: ignore[arg-type]
+    except BagError:
+        return
+
+
+def read_bag_folder(path: Path) -> None:
+    """The folder whose metadata.yaml this is; it has no other file."""
+    assert path.name == METADATA_FILE
+    try:
+        BagReader(path.parent).close()
+    except BagError:
+        return
+
+
+def _refusing(read: Callable[[Path], object], *errors: type[Exception]) -> Callable[[Path], None]:
+    def attempt(path: Path) -> None:
+        try:
+            read(path)
+        except errors:
+            return
+
+    return attempt
+
+
+def _samples(path: Path) -> None:
+    for _ in read_samples(path, _mapping()):
+        pass
+
+
+@functools.cache
+def _mapping() -> Mapping:
+    return read_mapping(EXAMPLES / "field_run.yaml")
+
+
+def _rows() -> list[bytes]:
+    return [b"\n".join((EXAMPLES / "field_run.csv").read_bytes().splitlines()[:4])]
+
+
+def _bags() -> list[bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        finished, killed = finished_bag(Path(folder, "finished"), 3), killed_recording(Path(folder, "killed"), 3)
+        return [(finished / "finished_0.mcap").read_bytes(), killed.read_bytes()]
+
+
+def _metadata() -> list[bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        return [(finished_bag(Path(folder, "run"), 1) / METADATA_FILE).read_bytes()]
+
+
+def _files(folder: Path, pattern: str) -> Callable[[], list[bytes]]:
+    return lambda: [path.read_bytes() for path in sorted(folder.glob(pattern))]
+
+
+def _parameters() -> list[bytes]:
+    return [template("/estimator", configure(EstimatorNodeConfig, {})).encode()]
+
+
+_TABLE = b"""trial,slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N,slip_angle_deg
+1,0.2,64.0,0.5,12.5,3.1,0
+2,-0.1,64.0,0.5,9,-2,0
+"""
+
+TARGETS = {
+    "bag": Target(read_bag, "run.mcap", _bags),
+    "bag metadata": Target(read_bag_folder, METADATA_FILE, _metadata),
+    "soil": Target(_refusing(load_soil, ConfigError), "soil.yaml", _files(PRESETS / "soils", "*.yaml")),
+    "rover": Target(_refusing(load_rover, ConfigError), "rover.yaml", _files(PRESETS / "rovers", "*.yaml")),
+    "parameters": Target(
+        _refusing(lambda path: configure(EstimatorNodeConfig, read_parameters(path, "/estimator")), ConfigError), "p.yaml", _parameters
+    ),
+    "mapping": Target(_refusing(read_mapping, ConfigError), "mapping.yaml", _files(EXAMPLES, "field_run.yaml")),
+    "samples": Target(_refusing(_samples, CsvError), "run.csv", _rows),
+    "wheel table": Target(_refusing(lambda path: read_table(path, "rim"), WheelTableError), "table.csv", lambda: [_TABLE]),
+}

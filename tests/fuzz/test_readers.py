@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever a file holds, a reader gives its content or its documented error. `make fuzz` looks further, guided by coverage."""
+
+import functools
+import math
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from terrain_estimator.cli.csv_import.mapping import Mapping
+from terrain_estimator.config import EstimatorNodeConfig
+from terramechanics.loading import ConfigError, build, parse_yaml
+from terramechanics.parameters import configure
+from terramechanics.rover import Rover
+from terramechanics.soil import Soil
+from tests.fuzz.targets import TARGETS
+
+WORDS = (
+    b"!!timestamp ",
+    b"!!bool x",
+    b"1e400",
+    b"2001-13-45",
+    b"0x",
+    b"&a ",
+    b"*a",
+    b"nan",
+    b"-.inf",
+    b"9" * 400,
+    b"[" * 2000,
+    b"\0",
+    b"\xff",
+    b'"',
+)
+"""What readers of text stumble over."""
+
+
+@st.composite
+def damaged(draw: st.DrawFn, name: str) -> bytes:
+    """A sound file with some of its bytes taken out, doubled, replaced by others or by words."""
+    data = bytearray(draw(st.sampled_from(_seeds(name))))
+    for _ in range(draw(st.integers(1, 4))):
+        start = draw(st.integers(0, len(data)))
+        end = min(len(data), start + draw(st.integers(0, 12)))
+        replacement = draw(st.binary(max_size=8) | st.sampled_from(WORDS) | st.just(bytes(data[start:end]) * 2))
+        data[start:end] = replacement
+    return bytes(data)
+
+
+@functools.cache
+def _seeds(name: str) -> list[bytes]:
+    return TARGETS[name].seeds()
+
+
+def examples(share: float) -> Any:
+    """Settings with so large a share of the profile's examples."""
+    return settings(max_examples=max(1, int(share * settings().max_examples)))
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_damaged_file_is_read_or_refused_with_the_documented_error(name: str) -> None:
+    """Without an assertion of its own: a target raises what it finds."""
+
+    @examples(0.3)
+    @given(data=damaged(name))
+    def attempt(data: bytes) -> None:
+        TARGETS[name](data)
+
+    attempt()
+
+
+@examples(0.3)
+@given(data=st.binary(max_size=200))
+@example(b"\x89MCAP0\r\n" + bytes(100))
+def test_bytes_of_no_form_are_refused_by_every_reader(data: bytes) -> None:
+    for target in TARGETS.values():
+        target(data)
+
+
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400) | st.binary(max_size=3)
+BRANCHES = st.text(max_size=5) | st.integers()
+TREES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(BRANCHES, inner, max_size=3), max_leaves=8)
+
+
+@pytest.mark.parametrize("name", ["soil", "rover", "mapping"])
+def test_wrong_values_under_right_keys_are_refused_by_name_or_in_range(name: str) -> None:
+    record: type[Any] = {"soil": Soil, "rover": Rover, "mapping": Mapping}[name]
+    sound = yaml.safe_load(_seeds(name)[0])
+
+    @examples(0.3)
+    @given(key=st.sampled_from(sorted(sound)), value=TREES)
+    def attempt(key: str, value: object) -> None:
+        try:
+            built = build(record, {**sound, key: value}, "here")
+        except ConfigError as error:
+            said = str(error)
+        else:
+            said = "here: "
+            assert not isinstance(getattr(built, key), float) or math.isfinite(getattr(built, key))
+        assert said.startswith("here: ")
+
+    attempt()
+
+
+@examples(0.3)
+@given(values=st.dictionaries(st.sampled_from(["model", "drift", "use_imu", "prior", "pairing_timeout", "x"]), TREES, max_size=3))
+def test_parameters_of_any_form_are_taken_or_refused_by_name(values: dict[str, object]) -> None:
+    said = "parameter"
+    try:
+        configure(EstimatorNodeConfig, values)
+    except ConfigError as error:
+        said = str(error)
+    assert "parameter" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("day: 2001-13-45", "month must be in 1..12"),
+        ("[" * 500, "RecursionError"),
+        ("a: !!bool x", "KeyError"),
+        ("a: &x {b: *x}", "more than 100000 values"),
+        ("".join(f"a{n}: &x{n} [{', '.join([f'*x{n - 1}'] * 9) if n else 1}]\n" for n in range(9)), "more than 100000 values"),
+    ],
+)
+def test_yaml_that_ended_in_a_traceback_or_without_end_is_refused(text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        parse_yaml(text)
+
+
+def test_aliases_are_read() -> None:
+    assert parse_yaml("a: &x [1]\nb: *x") == {"a": [1], "b": [1]}
