@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from terrain_estimator.config import CoreConfig
-from terrain_estimator.model_file import LoadedModel
+from terrain_estimator.model_file import LoadedModel, running
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.packing import LONGEST_GAP, ground_torque, link, pack
@@ -57,7 +57,7 @@ class Estimator:
         beliefs = self._beliefs
         soils = torch.tensor(beliefs.prior_soils, dtype=torch.float64)
         prior = (torch.from_numpy(beliefs.prior_mean), torch.from_numpy(beliefs.prior_sd), soils)
-        with torch.inference_mode():
+        with running():
             self._state: State = self._module.initial_with_prior(*prior, self._config.drift)
         self._last: Observation | None = None  # the last one that entered
         self._used = 0
@@ -132,7 +132,7 @@ class Estimator:
         step_s, linked = link(observation.stamp_ns, self._last, self._step_s)
         torque = ground_torque(observation, self._last if linked else None, self._rover.wheel_inertia, step_s)
         packed = pack(observation, torque, step_s, linked=linked, rates=bool(self._effects))
-        with torch.inference_mode():
+        with running():
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
         if report.closed and math.isfinite(report.changed):
@@ -176,7 +176,7 @@ class Estimator:
         return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
 
     def _discard_block(self) -> None:
-        with torch.inference_mode():
+        with running():
             self._state = self._module.discard(self._state)
         self._last = None
 
@@ -218,7 +218,7 @@ class Estimator:
         return observation.velocity - velocity, variance + observation.velocity_sd**2
 
     def _summarise(self) -> Estimate:
-        with torch.inference_mode():
+        with running():
             values = self._module.estimate(self._state).numpy()
             sizes = self._module.effects(self._state).tolist() if self._effects else ()
         mean, covariance = doubted(values[0], values[1:], self._beliefs, self._doubt)
