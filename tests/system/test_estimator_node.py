@@ -221,6 +221,7 @@ def test_a_reset_brings_the_prior_back_and_lets_time_start_again(rover: Rover, l
     events = inputs(2.0)
     first = rover.drive(events)
     assert rover.drive(events[-25:], waiting=5) == []  # stamps of before are not taken
+    listener.spin_until(lambda: rover.health and sum(rover.health[-1].input_out_of_order) == 25, "all of them came before the reset")
     rover.reset()
     again = rover.drive(events)
     assert [each.cohesion for each in again] == [each.cohesion for each in first]

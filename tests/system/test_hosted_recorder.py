@@ -39,7 +39,7 @@ def record(listener: Listener, node: RecorderNode, count: int) -> None:
 
 
 def test_a_long_recording_goes_on_in_the_next_file(listener: Listener, tmp_path: Path) -> None:
-    for name, value in {"split.size": 0.001, "split.duration": 0.002}.items():
+    for name, value in {"split.size": 0.001, "split.duration": 0.0001}.items():
         folder = tmp_path / name
         node = recorder(listener, folder, {name: value})
         record(listener, node, 10)
