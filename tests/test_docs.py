@@ -15,12 +15,16 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
 from docs.pages import NODES
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.dashboard.reading import TOPICS as SHOWN
+from terrain_estimator.nodes.terrain_map import TOPICS as MAPPED
+from terrain_estimator.nodes.watch import TOPICS as WATCHED
+from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
 from terramechanics.parameters import parameters
 from tests.launch_stand_in import declared
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+POLICY = ROOT / "docs/examples/sros2/policy.xml"
 PACKAGES = ("msg_defs", "terramechanics", "rover_sim_node", "terrain_estimator")
 ENDS = r"(?:[^|;&#\n]|\n +\[)*"  # of a command; a line that goes on begins with an option in brackets
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -137,13 +141,31 @@ def test_versions_are_one() -> None:
     assert len(found) == 1, found
 
 
-def test_the_policy_allows_the_estimator_its_topics_and_no_more() -> None:
-    policy = ET.parse(ROOT / "docs/examples/sros2/policy.xml")
-    allowed = {
-        verb: {topic.text for topic in policy.iterfind(f".//profile[@node='estimator']/topics[@{verb}='ALLOW']/topic")}
-        for verb in ("publish", "subscribe")
-    }
-    assert allowed == {"publish": {*OUTPUT_TYPES, "estimator_health"}, "subscribe": set(INPUT_TYPES)}
+def test_the_policy_has_an_enclave_of_every_node_and_the_page_makes_its_keys() -> None:
+    nodes = {name for (_, name), module in executables().items() if ".nodes." in module or module == "rover_sim_node.simulator"}
+    enclaves = ET.parse(POLICY).findall(".//enclave")
+    profiles = {enclave.get("path"): [profile.get("node") for profile in enclave.iterfind(".//profile")] for enclave in enclaves}
+    assert profiles == {f"/terrain/{name}": [name] for name in nodes | {"operator"}}
+    made = re.search(r"for node in (.+); do", (ROOT / "docs/security.md").read_text(encoding="utf-8"))
+    assert made
+    assert set(made[1].split()) == nodes | {"operator"}
+    assert nodes == set(NODES)
+
+
+@pytest.mark.parametrize(
+    ("node", "publish", "subscribe"),
+    [
+        ("estimator", {*OUTPUT_TYPES, "estimator_health"}, set(INPUT_TYPES)),
+        ("recorder", set(), set(RECORDED_TOPICS)),
+        ("planner", {"traction_advice"}, {*INPUT_TYPES, "terrain_estimate"}),
+        ("dashboard", set(), set(SHOWN)),
+        ("watch", set(), {*WATCHED, "ground_truth/terrain"}),
+        ("terrain_map", {"terrain_map"}, set(MAPPED)),
+    ],
+)
+def test_the_policy_allows_a_node_its_topics_and_no_more(node: str, publish: set[str], subscribe: set[str]) -> None:
+    found = [ET.parse(POLICY).iterfind(f".//profile[@node='{node}']/topics[@{verb}='ALLOW']/topic") for verb in ("publish", "subscribe")]
+    assert [{topic.text for topic in topics} for topics in found] == [publish, subscribe]
 
 
 @every_page
