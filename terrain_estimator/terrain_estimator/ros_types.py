@@ -33,6 +33,8 @@ TRUTH = "msg_defs/msg/TerrainTruth"
 OUTPUT_TYPES = {"terrain_estimate": ESTIMATE, "motion_prediction": PREDICTION}
 """Types of the output topics that depend on the stamped inputs alone: replay writes them too."""
 
+LISTENED = {"terrain_estimate": ESTIMATE} | {topic: INPUT_TYPES[topic] for topic in REQUIRED_INPUTS}
+"""Types of what planner, watch and dashboard have little to say without."""
 
 RECORDED_TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES, "estimator_health", "ground_truth/terrain")
 """What the recorder records unless told otherwise."""

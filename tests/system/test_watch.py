@@ -16,9 +16,13 @@ from tests.system.waiting import wait_until
 KINDS = {"wheel_slip": WheelSlip, "wheel_sinkage": WheelSinkage, "terrain_estimate": TerrainEstimate}
 
 
-def test_it_says_what_it_hears_and_reports_rates_of_simulated_time(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_it_says_why_it_hears_nothing_then_what_it_hears_and_reports_rates_of_simulated_time(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     parameters = {"period": "0.1", "report": str(tmp_path / "report.json"), "real_time_factor": "2.0"}
     process = start("terrain_estimator", "watch", "--ros-args", *(w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")))
+    for topic in KINDS:
+        process.wait_for_output(rf"no data on {topic} since the start: nobody publishes /{topic} in ROS domain \d+: start its publisher")
     publishers = {topic: listener.publisher(kind, topic) for topic, kind in KINDS.items()}
     begin_s = time.monotonic()
     for number in range(30):
@@ -27,6 +31,7 @@ def test_it_says_what_it_hears_and_reports_rates_of_simulated_time(start: Starte
             publishers[topic].publish(kind(sequence=number))
     process.wait_for_output("tan phi")
     assert process.interrupt() == 0
+    assert "wheel_slip: messages come now" in process.output
     # 1.5 s of messages: a line every 0.1 s would be 15, every 1 s would be 2
     assert process.output.count("tan phi") > 5
     report = json.loads((tmp_path / "report.json").read_text())

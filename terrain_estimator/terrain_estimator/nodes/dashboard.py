@@ -19,7 +19,8 @@ from terrain_estimator.dashboard.web import WebServer
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
 from terrain_estimator.nodes.plain import guarded, run
-from terrain_estimator.ros_types import TRUTH, Message
+from terrain_estimator.nodes.silence import Patience
+from terrain_estimator.ros_types import LISTENED, TRUTH, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last
@@ -38,12 +39,14 @@ class Dashboard(Node):
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
         self._turn = guarded(self, self._executor.spin_once)  # rclpy's own callbacks raise too
+        self._patience = Patience(self, LISTENED, QOS)
         for topic, (kind, _) in TOPICS.items():
             self._subscribe(topic, kind)
 
     def _subscribe(self, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
             self._taken += 1
+            self._patience.heard(topic)
             self._model.take(topic, message, time.monotonic())
 
         self.create_subscription(message_class(kind), topic, guarded(self, receive), LATCHED if kind == TRUTH else QOS)

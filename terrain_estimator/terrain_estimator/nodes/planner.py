@@ -20,7 +20,7 @@ from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, REQUIRED_INPUTS, Message, stamp_ns
+from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, LISTENED, Message, stamp_ns
 from terramechanics.loading import ConfigError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
@@ -49,8 +49,7 @@ class PlannerNode(Node):
         self._soils = [soil.name for soil in model.metadata.soils]
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)
         self.create_service(Trigger, "~/resume", self._resume)
-        awaited = {"terrain_estimate": ESTIMATE} | {topic: INPUT_TYPES[topic] for topic in REQUIRED_INPUTS}
-        self._patience = Patience(self, awaited, QOS)
+        self._patience = Patience(self, LISTENED, QOS)
         for topic in INPUT_TYPES:
             self._subscribe(topic)
         self.create_subscription(message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS)

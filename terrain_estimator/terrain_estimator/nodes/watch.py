@@ -17,13 +17,14 @@ from terrain_estimator.config import WatchConfig
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import message_class
 from terrain_estimator.nodes.plain import guarded, run
-from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message, stamp_ns
+from terrain_estimator.nodes.silence import Patience
+from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, LISTENED, OUTPUT_TYPES, Message, stamp_ns
 from terrain_estimator.timing import timing
 
 TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
 SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")
 TRUTH = "ground_truth/terrain"
-DEPTH = 1000
+QOS = QoSProfile(depth=1000)
 
 
 class Watch(Node):
@@ -41,6 +42,7 @@ class Watch(Node):
         self._last: dict[str, Message] = {}
         self._matched: set[str] = set()
         self._shown: Message = None
+        self._patience = Patience(self, LISTENED, QOS)
         for topic in TOPICS:
             self._subscribe(topic)
         latched = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -70,6 +72,7 @@ class Watch(Node):
         """Messages that are not shown are not decoded: watching must not disturb what is watched."""
 
         def receive(message: Message, info: dict[str, int]) -> None:
+            self._patience.heard(topic)
             self._arrivals_ns[topic].append(info["received_timestamp"])
             if topic in SHOWN:
                 self._last[topic] = message
@@ -81,8 +84,8 @@ class Watch(Node):
                     self._say("matched all topics")
 
         events = SubscriptionEventCallbacks(matched=match)
-        kind, qos = message_class(TOPICS[topic]), QoSProfile(depth=DEPTH)
-        self.create_subscription(kind, topic, guarded(self, receive), qos, event_callbacks=events, raw=topic not in SHOWN)
+        kind = message_class(TOPICS[topic])
+        self.create_subscription(kind, topic, guarded(self, receive), QOS, event_callbacks=events, raw=topic not in SHOWN)
 
     def _show(self) -> None:
         """Say what is new; nothing where no estimate came since the last line."""
