@@ -4,7 +4,9 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Generic, Protocol, Self, TypeVar
 
 from terrain_estimator.health import normalized_innovation
 from terrain_estimator.intervals import HALF_WIDTH_95
@@ -88,33 +90,96 @@ class Span:
         )
 
     @property
+    def count(self) -> int:
+        """Number of observations."""
+        return self.outcomes.total()
+
+    @property
     def nis(self) -> float:
         """[1] Mean normalised innovation squared, about 1 when honest; NaN without one."""
         return self.nis_sum / self.nis_count if self.nis_count else math.nan
 
 
-class History:
-    """Spans of a run, oldest first. When they are too many, each two become one, and later ones hold twice as many observations."""
+class _Addable(Protocol):
+    """A span of any kind."""
+
+    @property
+    def count(self) -> int: ...
+
+    def __add__(self, later: Self) -> Self: ...
+
+
+SpanT = TypeVar("SpanT", bound=_Addable)
+
+
+class Spans(Generic[SpanT]):
+    """Spans, oldest first. When they are too many, each two become one, and later ones hold twice as much."""
 
     def __init__(self, capacity: int = 400) -> None:
         """``capacity`` is even."""
         self._capacity, self._length = capacity, 1
-        self.first_ns = 0
-        self.spans: list[Span] = []
+        self.spans: list[SpanT] = []
+
+    def room(self, make: Callable[[], SpanT]) -> SpanT:
+        """The span that takes what comes next: the last, or one that ``make`` made where that is full."""
+        if not self.spans or self.spans[-1].count == self._length:
+            if len(self.spans) == self._capacity:
+                self.spans = [one + other for one, other in zip(self.spans[::2], self.spans[1::2], strict=True)]
+                self._length *= 2
+            self.spans.append(make())
+        return self.spans[-1]
+
+
+class History(Spans[Span]):
+    """What a run's updates said."""
+
+    first_ns = 0
 
     def add(self, update: Update) -> None:
         """Take the next update."""
         if not self.spans:
             self.first_ns = update.stamp_ns
-        if not self.spans or self.spans[-1].outcomes.total() == self._length:
-            self._make_room()
-            self.spans.append(Span(update.stamp_ns, update.estimate))
-        self.spans[-1].add(update)
+        self.room(lambda: Span(update.stamp_ns, update.estimate)).add(update)
 
-    def _make_room(self) -> None:
-        if len(self.spans) == self._capacity:
-            self.spans = [one + other for one, other in zip(self.spans[::2], self.spans[1::2], strict=True)]
-            self._length *= 2
+
+@dataclass(slots=True)
+class WheelSpan:
+    """Consecutive messages about wheels, summed up by the wheel's name."""
+
+    stamp_ns: int = 0  # of the last
+    count: int = 0  # messages
+    sums: dict[str, float] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)  # finite values
+
+    def add(self, stamp_ns: int, measured: Sequence[tuple[str, float]]) -> None:
+        """Go on with one more message; a wheel whose value is NaN was not measured."""
+        self.stamp_ns, self.count = stamp_ns, self.count + 1
+        for wheel, value in measured:
+            if math.isfinite(value):
+                self.sums[wheel] = self.sums.get(wheel, 0.0) + float(value)
+                self.counts[wheel] += 1
+
+    def __add__(self, later: "WheelSpan") -> "WheelSpan":
+        sums = {wheel: self.sums.get(wheel, 0.0) + later.sums.get(wheel, 0.0) for wheel in {**self.sums, **later.sums}}
+        return WheelSpan(later.stamp_ns, self.count + later.count, sums, self.counts + later.counts)
+
+    def mean(self, wheel: str) -> float:
+        """Of the messages that know it; NaN where none does."""
+        return self.sums[wheel] / self.counts[wheel] if wheel in self.sums else math.nan
+
+
+class WheelHistory(Spans[WheelSpan]):
+    """One quantity of the wheels of a rover."""
+
+    def __init__(self, wheels: Sequence[str] = (), capacity: int = 120) -> None:
+        """``wheels`` are the names of those that are kept, ``capacity`` is even."""
+        super().__init__(capacity)
+        self.wheels = tuple(wheels)
+
+    def add(self, stamp_ns: int, wheels: Sequence[str], values: Sequence[float]) -> None:
+        """Take the next message; it may know other wheels, in any order."""
+        known = [pair for pair in zip(wheels, values, strict=False) if pair[0] in self.wheels]
+        self.room(WheelSpan).add(stamp_ns, known)
 
 
 def _larger(one: float, other: float) -> float:

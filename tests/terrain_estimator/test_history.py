@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from terrain_estimator.history import History
+from terrain_estimator.history import History, WheelHistory
 from terrain_estimator.outcome import Outcome
 from tests.terrain_estimator.updates import START_NS, STEP_NS, update
 
@@ -45,3 +45,18 @@ def test_a_run_without_predictions_has_no_error() -> None:
     assert math.isnan(history.spans[0].errors.rms)
     assert math.isnan(history.spans[0].errors.predicted_rms)
     assert math.isnan(history.spans[0].nis)
+
+
+@pytest.mark.parametrize("messages", [1, 8, 9, 1000])
+def test_what_wheels_did_is_kept_as_means_of_those_that_were_measured(messages: int) -> None:
+    history = WheelHistory(("left", "right", "idle"), capacity=8)
+    for number in range(messages):
+        left = math.nan if number % 2 else 0.1
+        history.add(START_NS + number * STEP_NS, ["right", "of_another_rover", "left"], [-0.001 * number, 5.0, left])
+        assert len(history.spans) <= 8
+    whole = sum(history.spans[1:], start=history.spans[0])
+    assert (whole.count, whole.stamp_ns) == (messages, START_NS + (messages - 1) * STEP_NS)
+    assert whole.mean("left") == pytest.approx(0.1)
+    assert whole.mean("right") == pytest.approx(-0.0005 * (messages - 1))
+    assert math.isnan(whole.mean("idle"))
+    assert math.isnan(whole.mean("of_another_rover"))

@@ -19,12 +19,13 @@ from terrain_estimator.cli.alongside import Answered, Converted, answering
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import check_inputs
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.history import History
+from terrain_estimator.conversion import Conversion
+from terrain_estimator.history import History, WheelHistory
 from terrain_estimator.messages import status_of
 from terrain_estimator.model_file import LoadedModel
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pairing import Counters
-from terrain_estimator.pipeline import Answer, Pipeline
+from terrain_estimator.pairing import Counters, MessageSet
+from terrain_estimator.pipeline import Answer, Pipeline, rover_of
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from terrain_estimator.saved_state import Arrays, read_state
 from terramechanics.parameters import effective
@@ -63,7 +64,15 @@ class Replay:
     status: str = ""
     truths: list[Message] = field(default_factory=list)  # grows with the changes of the simulated ground alone
     history: History = field(default_factory=History)
+    slip: WheelHistory = field(default_factory=WheelHistory)
+    sinkage: WheelHistory = field(default_factory=WheelHistory)
     differences: dict[str, str] | None = None  # by topic, empty where it is identical to live; None where not compared
+
+    def keep_wheels(self, complete: MessageSet) -> None:
+        """Take what the wheels did at one instant."""
+        slip, sinkage, *_ = complete.messages
+        self.slip.add(complete.stamp_ns, slip.wheel, slip.slip)
+        self.sinkage.add(complete.stamp_ns, sinkage.wheel, sinkage.sinkage)
 
     @property
     def estimates(self) -> int:
@@ -120,6 +129,8 @@ def replay(
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
         result.missing_s, result.notes = reader.missing_s, reader.notes
+        wheels = rover_of(model, config.rover).wheel_names
+        result.slip, result.sinkage = WheelHistory(wheels), WheelHistory(wheels)
         pipeline = Pipeline(model, config)
         if start:
             pipeline.restore(start.arrays)
@@ -165,6 +176,11 @@ def _converted(
     ours = {names[name]: name for name in (*pipeline.inputs, TRUTH)}
     span = reader.span
     cause: RawMessage | None = None
+
+    def convert(complete: MessageSet) -> Conversion:
+        result.keep_wheels(complete)
+        return pipeline.convert(complete)
+
     messages = reader.messages(ours)
     while batch := list(itertools.islice(messages, BATCH)):
         progress.at((batch[0].log_time_ns - span.first_ns) / max(1, span.duration_ns))
@@ -174,10 +190,10 @@ def _converted(
                 result.truths.append(message)
         inputs = [(raw, name, message) for raw, name, message in decoded if name != TRUTH]
         sets = [(raw, complete) for raw, name, message in inputs for complete in pipeline.pair(name, message)]
-        yield [(raw, pipeline.convert(complete)) for raw, complete in sets]
+        yield [(raw, convert(complete)) for raw, complete in sets]
         cause = inputs[-1][0] if inputs else cause
     if cause is not None:
-        yield [(cause, pipeline.convert(complete)) for complete in pipeline.rest()]
+        yield [(cause, convert(complete)) for complete in pipeline.rest()]
 
 
 def _keep(answers: Answered, output: _Output, result: Replay) -> None:

@@ -37,6 +37,8 @@ def _run(replay: Replay, model: LoadedModel) -> Run:
         status_text=status_text(last.update, Status[replay.status], model.rows, last.notes) if last else "",
         remarks=remarks(replay),
         history=replay.history,
+        slip=replay.slip,
+        sinkage=replay.sinkage,
         truths=[_truth(each) for each in replay.truths],
         inputs=replay.inputs,
     )

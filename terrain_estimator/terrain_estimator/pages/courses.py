@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -17,6 +18,7 @@ from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, LOOK, QUIET, WI
 
 TABLE_ROWS = 24
 """About so many in the table of a picture; between them lie as many points again as the picture has."""
+_LEGEND = 4  # names in a row; longer lists are shown in rows of three
 _TIME = "time [s]"
 _SETTLED = 0.1
 """[1] Share of a run after which its bands have to fit into the picture; those of the prior may run out of it."""
@@ -64,14 +66,18 @@ def curves(
     marks_s: Sequence[float] = (),
     top: float | None = None,
 ) -> Picture:
-    """Curves from zero, with a dotted upright line at each of ``marks_s``, where the true ground changed; ``top`` ends the axis."""
+    """Curves from zero, or from the lowest value below it; ``top`` ends the axis.
+
+    A dotted upright line stands at each of ``marks_s``, where the true ground changed.
+    """
     with _drawn() as (figure, axes):
         for each in series:
             heights = [math.nan if value is None else value for value in each.values]
-            axes.plot(time_s, heights, color=each.colour, marker=each.marker, markevery=0.13, markersize=4, label=each.name)
+            look: dict[str, Any] = {"color": each.colour, "linestyle": each.dash, "marker": each.marker, "markevery": 0.13, "markersize": 4}
+            axes.plot(time_s, heights, label=each.name, **look)
         for k, mark in enumerate(marks_s):
             axes.axvline(mark, color=INK, linestyle=":", linewidth=1.3, label=None if k else "true change")
-        axes.set_ylim(bottom=0.0, top=top)
+        axes.set_ylim(bottom=min(0.0, axes.dataLim.y0), top=top)
         _finish(figure, axes, axis, time_s)
         svg = inline(figure, name)
     marked = f" The true ground changes at {', '.join(f'{mark:.0f} s' for mark in marks_s)}." if marks_s else ""
@@ -118,7 +124,14 @@ def _finish(figure: Figure, axes: Axes, axis: str, time_s: Sequence[float]) -> N
     axes.set_axisbelow(True)
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="outside upper right", ncols=len(labels), frameon=False, handletextpad=0.4, borderpad=0.0, columnspacing=1.0
+        handles,
+        labels,
+        loc="outside upper right",
+        ncols=len(labels) if len(labels) <= _LEGEND else 3,
+        frameon=False,
+        handletextpad=0.4,
+        borderpad=0.0,
+        columnspacing=1.0,
     )
 
 

@@ -71,6 +71,7 @@ class Series:
     colour: str
     marker: str  # its own beside every colour
     halves: Sequence[float | None] = ()
+    dash: str = "-"
 
 
 def bars(name: str, title: str, labels: Sequence[str], values: Sequence[float], axis: str) -> Picture:

@@ -10,13 +10,13 @@ from typing import Any
 
 from markupsafe import Markup
 
-from terrain_estimator.history import Errors, History, Span
+from terrain_estimator.history import Errors, History, Span, WheelHistory, WheelSpan
 from terrain_estimator.intervals import OUTSIDE_68, credible_interval
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.courses import Course, bands, curves, occurrences
 from terrain_estimator.pages.numbers import interval, number, words
 from terrain_estimator.pages.page import page
-from terrain_estimator.pages.pictures import AFTER, BEFORE, Picture, Series, Table
+from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, Series, Table
 from terrain_estimator.pairing import Counters
 from terrain_estimator.update import Estimate
 
@@ -27,6 +27,7 @@ COARSE = 50
 _QUANTITIES = (("Cohesion c", "c [kPa]", "kPa", 1e-3), ("Friction angle, as tan phi", "tan phi [1]", "", 1.0))
 """Title, axis, unit, and factor to it, in the order of an estimate."""
 _SHORT = ("c", "tan phi")
+_PAIR_COLOURS = (AFTER, BEFORE, INK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,8 @@ class Run:
     status_text: str
     remarks: Sequence[str]
     history: History
+    slip: WheelHistory  # [1]
+    sinkage: WheelHistory  # [m]
     truths: Sequence[Truth]
     inputs: Mapping[str, Counters]
 
@@ -89,6 +92,10 @@ def _shown(key: str, run: Run) -> dict[str, Any]:
         "estimates": _estimates(last.estimate, truths[-1]),
         "soils": _soils(last.estimate),
         "effects": last.estimate.effects,
+        "wheels": [
+            _wheels(f"{key}-slip", "Slip of the wheels", run, run.slip, "slip [1]", 1.0),
+            _wheels(f"{key}-sinkage", "Sinkage of the wheels", run, run.sinkage, "sinkage [mm]", 1e3),
+        ],
         "prediction": _prediction(key, run),
         "errors": _errors(whole),
         "change": _change(key, run),
@@ -143,7 +150,7 @@ def _ground(truths: Sequence[Truth]) -> str:
     return words(list(dict.fromkeys(truth.ground for truth in truths)), "then")
 
 
-def _times(run: Run, spans: Sequence[Span] = ()) -> list[float]:
+def _times(run: Run, spans: Sequence[Span] | Sequence[WheelSpan] = ()) -> list[float]:
     """[s] The ends of the spans, from the first observation."""
     return [(span.stamp_ns - run.history.first_ns) * 1e-9 for span in spans or run.history.spans]
 
@@ -186,6 +193,22 @@ def _soils(estimate: Estimate) -> Table | None:
     return Table(("soil that the model knows", "probability [1]"), tuple(ranked)) if len(ranked) > 1 else None
 
 
+def _wheels(name: str, title: str, run: Run, history: WheelHistory, axis: str, scale: float) -> Picture:
+    """Means over short times, as on the live page: a colour for each pair of wheels, dashes for the second of a pair."""
+    spans = history.spans
+    series = [
+        Series(
+            wheel.replace("_", " "),
+            [_scaled(scale, span.mean(wheel)) for span in spans],
+            _PAIR_COLOURS[k // 2 % len(_PAIR_COLOURS)],
+            "",
+            dash=("-", "--")[k % 2],
+        )
+        for k, wheel in enumerate(history.wheels)
+    ]
+    return curves(name, title, _times(run, spans), series, axis)
+
+
 def _prediction(key: str, run: Run) -> Picture:
     coarse = _coarse(run.history.spans)
     errors = [span.errors for span in coarse]
@@ -203,7 +226,11 @@ def _coarse(spans: Sequence[Span]) -> list[Span]:
 
 
 def _millimetres(value: float) -> float | None:
-    return 1e3 * value if math.isfinite(value) else None
+    return _scaled(1e3, value)
+
+
+def _scaled(scale: float, value: float) -> float | None:
+    return scale * value if math.isfinite(value) else None
 
 
 def _errors(whole: Span) -> Table:

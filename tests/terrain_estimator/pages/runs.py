@@ -3,9 +3,10 @@
 """Runs as replay hands them to its report; the numbers are invented."""
 
 import dataclasses
+import math
 from functools import cache
 
-from terrain_estimator.history import History
+from terrain_estimator.history import History, WheelHistory
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.run import Origin, Run, Truth, run_page
 from terrain_estimator.pairing import Counters
@@ -26,6 +27,12 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
     for number in range(observations):
         refused = 500 <= number < 510
         history.add(update(number, Outcome.GATED if refused else Outcome.ACCEPTED, change=0.97 if refused else 0.01))
+    wheels = ("front_left", "front_right", "rear_left", "rear_right")
+    slip, sinkage = WheelHistory(wheels), WheelHistory(wheels)
+    for number in range(observations):
+        share = number / OBSERVATIONS
+        slip.add(START_NS + number * STEP_NS, wheels, [share - 0.1, share, math.nan if number < OBSERVATIONS // 2 else 0.4, 0.2])
+        sinkage.add(START_NS + number * STEP_NS, wheels, [0.01 + 0.02 * share, 0.012, 0.015, 0.016])
     truths = [
         Truth(START_NS - STEP_NS, (830.0, 0.61), "loose_sand"),
         Truth(START_NS + 500 * STEP_NS, (1800.0, 0.65), "compact_sand with drive_drag 0.2 N m s/rad"),
@@ -40,6 +47,8 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
         status_text="converging; not identified yet: cohesion" if observations else "",
         remarks=["dune: 10 x GATED: a sensor failed"],
         history=history,
+        slip=slip,
+        sinkage=sinkage,
         truths=truths if true else [],
         inputs={"wheel_slip": Counters(received=observations, lost=3)},
     )

@@ -30,6 +30,22 @@ def test_the_page_shows_the_last_estimate_beside_the_truth() -> None:
     assert "true change" in text
 
 
+def test_slip_and_sinkage_of_every_wheel_are_shown_over_time_as_means_of_equal_spans() -> None:
+    slip, sinkage = (re.search(rf'<figure id="run-1-{name}".*?</figure>', one(), re.DOTALL)[0] for name in ("slip", "sinkage"))  # type: ignore[index]
+    for shown in (slip, sinkage):
+        for wheel in ("front left", "front right", "rear left", "rear right"):
+            assert f'<th scope="col">{wheel}</th>' in shown
+    rows = re.findall(r'<th scope="row">([\d.]+)</th>(.*?)</tr>', slip)
+    span = 16  # observations: 120 spans of 8 are too few for 1000
+    for time_s, cells in rows[:-1]:
+        share = (float(time_s) * 10.0 - 0.5 * (span - 1)) / OBSERVATIONS
+        values = [float(each) for each in re.findall(r'value="([^"]+)"', cells)]
+        later = [0.4, 0.2] if float(time_s) * 10.0 >= OBSERVATIONS / 2 else [0.2]
+        assert values == pytest.approx([share - 0.1, share, *later])
+    assert "rear left at most 0.4, at the end 0.4" in slip
+    assert "front left at most 29.9, at the end 29.9" in sinkage
+
+
 def test_without_truth_none_is_drawn_and_the_page_says_so() -> None:
     text = run_page([run(true=False)], ORIGIN)
     assert "The bag does not tell the true ground." in text
