@@ -30,8 +30,10 @@ class LastFinder:
     def find_spec(name: str, path: object = None, target: object = None) -> None:
         """See importlib.abc.MetaPathFinder. Raises ModuleNotFoundError for a package of the workspace."""
         del path, target
-        if name in PACKAGES:
-            raise ModuleNotFoundError(advice(name), name=name)
+        package = name.partition(".")[0]
+        # In the repository's root Python takes the folders of the packages for packages: those have no file.
+        if package in PACKAGES and getattr(sys.modules.get(package), "__file__", None) is None:
+            raise ModuleNotFoundError(advice(package), name=package)
 
 
 def say(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:

@@ -34,8 +34,9 @@ def test_one_line_says_what_to_do(command: list[str], folder: str, package: str)
     assert result.returncode == 1
 
 
-def test_a_module_that_python_itself_looks_for_in_vain_is_named_with_the_same_words() -> None:
-    result = unsourced([sys.executable, "-m", "terrain_estimator.nodes.watch"], ROOT)
+@pytest.mark.parametrize("folder", [".", "docs"])
+def test_a_module_that_python_itself_looks_for_in_vain_is_named_with_the_same_words(folder: str) -> None:
+    result = unsourced([sys.executable, "-m", "terrain_estimator.nodes.watch"], ROOT / folder)
     assert len(result.stderr.splitlines()) == 1
     assert f"terrain_estimator {ADVICE}" in result.stderr
 
