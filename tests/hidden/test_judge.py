@@ -13,7 +13,7 @@ from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.judge.bars import bars, outcomes, proportion
 from tests.hidden.judge.judging import Record, investigated, judged, right
-from tests.hidden.judge.strata import KNOWN, OUTSIDE, SEED, families, items
+from tests.hidden.judge.strata import KNOWN, OUTSIDE, SEED, TOGETHER, batches, families
 from tests.hidden.sealing import seal
 
 FIXED = {"none": Plan(seconds=30.0), **{name: Plan(((name, 1.0),), seconds=30.0) for name in ("payload", "gain_drift")}}
@@ -91,14 +91,15 @@ def test_limits_are_those_of_clopper_and_pearson() -> None:
 
 
 def test_the_sample_has_every_effect_at_three_sizes_and_at_least_200_cases_of_nothing() -> None:
-    sample = items(whole=False)
-    assert len({item.key for item in sample}) == len(sample)
-    counts = Counter(item.family for item in sample)
+    sample = batches(whole=False)
+    keys = [key for batch in sample for key in batch.keys]
+    assert len(set(keys)) == len(keys)
+    counts = Counter({family: TOGETHER * count for family, count in Counter(batch.family for batch in sample).items()})
     assert counts["none"] >= 200
     assert {name for family in ("matters", "third", "tenth") for plan in families()[family][0] for name in plan.names} == set(KNOWN)
     assert set(KNOWN) | set(OUTSIDE) == set(GENERATORS)
 
 
 def test_a_part_of_the_sample_is_a_sample_of_every_family() -> None:
-    first = {item.family for item in items(whole=False)[:60]}
+    first = {batch.family for batch in batches(whole=False)[:60]}
     assert first == set(families())

@@ -34,7 +34,7 @@ from terramechanics.simulation import TIME_STEP, simulate
 from terramechanics.soil import load_soil
 
 SOILS = ("loose_sand", "regolith")
-DRIVES, SECONDS = 5, 60.0
+DRIVES, SECONDS = 4, 60.0
 FACTORS = (1.0, 0.5, 2.0)
 """[1] Of the typical size, in turn."""
 VARIATION, PERIOD = 0.4, 40.0
@@ -99,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
-    """The soil and the runs of case ``k``: five drives, the effect the same in all."""
+    """The soil and the runs of case ``k``: some drives, the effect the same in all."""
     generator = torch.Generator().manual_seed(seed + k + 1000 * (1 + list(TYPICAL).index(truth) if truth else 0))
     rover, name = load_rover("mars_rover"), SOILS[k % len(SOILS)]
     size = TYPICAL[truth] * FACTORS[k // len(SOILS) % len(FACTORS)] if truth else 0.0

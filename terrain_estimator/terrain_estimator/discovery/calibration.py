@@ -47,7 +47,7 @@ def thresholds(samples: Sequence[Sample]) -> Thresholds:
       - ``anything``: MARGIN times the largest gain of any null case, at least LEAST.
     - ``share``: where the fewest cases fall on the wrong side, those with the truth below it and those without above it; the
         middle of all such places.
-      - ``apart``: the largest lead of a wrong name over the right one among those that pass, at least a tenth.
+      - ``apart``: the largest lead of a wrong name over the right one among those that pass, at least a twentieth.
     """
     nulls = [each.with_truth.explainable for each in samples if not each.truth]
     anything = max([MARGIN * gain for gain in nulls] + [LEAST])
@@ -56,7 +56,7 @@ def thresholds(samples: Sequence[Sample]) -> Thresholds:
     outside = sorted(each.without_truth.share for each in known if each.without_truth)
     share = _divide(outside, inside)
     leads = [_lead(each) for each in known if each.with_truth.share >= share]
-    return Thresholds(anything, share, max([0.1, *(lead for lead in leads if lead < _HOPELESS)]))
+    return Thresholds(anything, share, max([0.05, *(lead for lead in leads if lead < _HOPELESS)]))
 
 
 _HOPELESS = 0.3

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from terrain_estimator.discovery.library import Hypothesis, together
 from terrain_estimator.discovery.proof import Proof
 from terrain_estimator.discovery.search import Candidate, Progress, Study, search
-from terrain_estimator.discovery.verdict import Gains, Judgement, Leftover, Thresholds, Verdict, gains_of, judge, leftovers
+from terrain_estimator.discovery.verdict import Gains, Judgement, Leftover, Thresholds, Verdict, gains_of, is_pair, judge, leftovers
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Finding:
 
 
 def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, say: Progress) -> Finding:
-    """Fit all hypotheses, pairs where no single one closes enough of the gap, and judge."""
+    """Fit all hypotheses, pairs with the best one where it leaves something, and judge."""
     say(0.05, "nothing missing")
     free = study.with_discrepancy(study.nothing)
     found = search(study, hypotheses, lambda share, label: say(0.1 + 0.5 * share, label))
@@ -43,21 +43,25 @@ def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thre
     clear = max(found[0].fit.log_evidence, free.fit.log_evidence) - base < 0.5 * thresholds.anything
     best_with = found[0] if clear else study.with_discrepancy(found[0])
     gains = gains_of(study.nothing, found, free, best_with)
-    if gains.explainable >= thresholds.anything and gains.share < thresholds.share:
-        names = {part.name for part in found[0].hypothesis.parts}
-        others = [together(found[0].hypothesis, each) for each in hypotheses if not names & set(each.names)]
-        if others:
-            pairs = search(study, others, lambda share, label: say(0.6 + 0.35 * share, label), after=found[0])
-            # A second effect always helps a little: only a pair that closes the gap is an answer, else the single one stands.
-            paired = gains_of(study.nothing, pairs, free, study.with_discrepancy(pairs[0]))
-            if paired.share >= thresholds.share:
-                found, gains = [*pairs, *found], paired
-                best_with = study.with_discrepancy(pairs[0])
+    if gains.explainable - gains.best >= thresholds.anything:
+        pairs = _beside(study, hypotheses, found[0], lambda share, label: say(0.6 + 0.35 * share, label))
+        if pairs:
+            pair_with = study.with_discrepancy(pairs[0])
+            paired = dataclasses.replace(gains_of(study.nothing, pairs, free, pair_with), single=gains.best)
+            if is_pair(gains, paired, thresholds):
+                found, gains, best_with = [*pairs, *found], paired, pair_with
     judgement = judge(gains, thresholds)
     # What one evaluation already showed to be far behind was not fitted.
     unlikely = {name: 0.0 for hypothesis in hypotheses for name in hypothesis.names}
     judgement = dataclasses.replace(judgement, probabilities=unlikely | judgement.probabilities)
     return Finding(judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)))
+
+
+def _beside(study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, say: Progress) -> list[Candidate]:
+    """The most probable pairs of ``first`` and another effect."""
+    names = set(first.hypothesis.names)
+    others = [together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)]
+    return search(study, others, say, after=first) if others else []
 
 
 def settled(finding: Finding, proof: Proof | None) -> Finding:

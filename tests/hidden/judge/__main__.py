@@ -17,7 +17,7 @@ from terrain_estimator.cli.cluster import ClusterError, cluster
 from terrain_estimator.cli.progress import ProgressReport
 from tests.hidden.judge.bars import bars, outcomes
 from tests.hidden.judge.judging import Record, examine
-from tests.hidden.judge.strata import Item, items
+from tests.hidden.judge.strata import Batch, batches
 
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
@@ -28,17 +28,18 @@ def main() -> int:
     path: Path = options.out / "cases.jsonl"
     options.out.mkdir(parents=True, exist_ok=True)
     found = _kept(path)
-    chosen = items(whole=options.full)
-    missing = [item for item in chosen if item.key not in {each["key"] for each in found}]
+    chosen = batches(whole=options.full)
+    known = {each["key"] for each in found}
+    missing = [batch for batch in chosen if not known.issuperset(batch.keys)]
     try:
         found += _examined(missing, path, options)
     except ClusterError as error:
         sys.stderr.write(f"hidden: {error}\n")
         return 2
-    wanted = {item.key for item in chosen}
+    wanted = [key for batch in chosen for key in batch.keys]
     records = [each for each in found if each["key"] in wanted]
-    options.page.write_text(page(records, len(chosen)), encoding="utf-8")
-    sys.stdout.write(f"{bars(records)}\n{options.page}: {len(records)} of {len(chosen)} cases\n")
+    options.page.write_text(page(records, len(wanted)), encoding="utf-8")
+    sys.stdout.write(f"{bars(records)}\n{options.page}: {len(records)} of {len(wanted)} cases\n")
     return 0
 
 
@@ -65,8 +66,8 @@ def _kept(path: Path) -> list[Record]:
     return [json.loads(line) for line in whole]
 
 
-def _examined(missing: list[Item], path: Path, options: argparse.Namespace) -> list[Record]:
-    """Records of these cases, as many as there is time for, in their order."""
+def _examined(missing: list[Batch], path: Path, options: argparse.Namespace) -> list[Record]:
+    """Records of the cases of these, as many as there is time for, in their order."""
     found: list[Record] = []
     end = time.monotonic() + 60.0 * options.minutes if options.minutes else float("inf")
     if not missing:
@@ -76,11 +77,11 @@ def _examined(missing: list[Item], path: Path, options: argparse.Namespace) -> l
         ProgressReport("hidden cases") as report,
         path.open("a", encoding="utf-8") as output,
     ):
-        for record in spread(examine, missing):
-            found.append(record)
-            output.write(json.dumps(record) + "\n")
+        for number, records in enumerate(spread(examine, missing), 1):
+            found += records
+            output.writelines(json.dumps(record) + "\n" for record in records)
             output.flush()
-            report.at(len(found) / len(missing), record["key"])
+            report.at(number / len(missing), records[-1]["key"])
             if time.monotonic() > end:
                 break
     return found

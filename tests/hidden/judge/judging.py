@@ -12,7 +12,6 @@ What counts as right:
 
 import tempfile
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from terrain_estimator.discovery import Blocks, Finding, Proof, Study, Verdict, 
 from terramechanics.rover import load_rover
 from terramechanics.soil import load_soil
 from tests.hidden.cases import Case, Plan, Truth, draw_cases
-from tests.hidden.judge.strata import TOGETHER, Item
+from tests.hidden.judge.strata import TOGETHER, Batch
 from tests.hidden.sealing import seal
 
 Record = dict[str, Any]
@@ -41,18 +40,17 @@ class Answer:
     studied: tuple[int, ...]  # numbers of the drives that were looked into
 
 
-def examine(item: Item) -> Record:
-    """Draw a case, seal it, let the workflow look at the bags, and judge what it says."""
+def examine(batch: Batch) -> list[Record]:
+    """Draw some cases, seal each, let the workflow look at its bags, and judge what it says."""
     torch.set_num_threads(1)
-    case = _drawn(item.plan, item.seed, item.first)[item.number]
+    cases = draw_cases(batch.plan, TOGETHER, batch.seed, ROVER, batch.first)
+    return [_examined(case) | {"key": key, "family": batch.family} for key, case in zip(batch.keys, cases, strict=True)]
+
+
+def _examined(case: Case) -> Record:
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         answer = investigated(seal(case, Path(folder) / "bags"), case.truth.soil)
-    return judged(case, answer) | {"key": item.key, "family": item.family}
-
-
-@lru_cache(maxsize=2)
-def _drawn(plan: Plan, seed: int, first: int) -> list[Case]:
-    return draw_cases(plan, TOGETHER, seed, ROVER, first)
+    return judged(case, answer)
 
 
 def investigated(bags: list[Path], soil: str) -> Answer:

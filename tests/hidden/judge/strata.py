@@ -21,26 +21,26 @@ PAIRS = (
 WITHOUT_TORQUE = ("slope_bias", "payload", "multipass", "odometry_scale", "latency", "exit_angle")
 NOISE_TIME = 0.3
 """[s] Time constant of correlated noise: three samples."""
-TOGETHER = 2
-"""Cases that are simulated together, one of each soil; the next two are on the next terrain, every other one of which is hills."""
+TOGETHER = 4
+"""Cases that are simulated together, each soil on two terrains, one of which is hills; the next four are on the other two."""
 SEED = 64_000
 """Of the hidden cases; calibration has other seeds, and other ways to draw."""
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
-    """One case: the ``number`` of TOGETHER that are drawn from ``plan`` and ``seed``."""
+class Batch:
+    """TOGETHER cases that are drawn from ``plan`` and ``seed``."""
 
     family: str
     plan: Plan
     seed: int
-    number: int
     first: int  # place of the first of them among soils and terrains
 
     @property
-    def key(self) -> str:
-        """By which a result is found again."""
-        return f"{self.family}/{'+'.join(name for name, _ in self.plan.parts) or 'none'}/{self.seed}/{self.number}"
+    def keys(self) -> list[str]:
+        """By which the results are found again."""
+        name = "+".join(name for name, _ in self.plan.parts) or "none"
+        return [f"{self.family}/{name}/{self.seed}/{number}" for number in range(TOGETHER)]
 
 
 def families() -> dict[str, tuple[list[Plan], int, int]]:
@@ -59,13 +59,11 @@ def families() -> dict[str, tuple[list[Plan], int, int]]:
     }
 
 
-def items(*, whole: bool) -> list[Item]:
+def batches(*, whole: bool) -> list[Batch]:
     """All cases; families advance in step, so that what comes of the first part of the list is a sample of every family."""
     placed = []
     for family, (plans, few, many) in families().items():
         count = (many if whole else few) // TOGETHER
-        batches = [(plan, batch, TOGETHER * (batch + turn)) for batch in range(count) for turn, plan in enumerate(plans)]
-        for place, (plan, batch, first) in enumerate(batches):
-            cases = [Item(family, plan, SEED + batch, number, first) for number in range(TOGETHER)]
-            placed.append(((place + 0.5) / len(batches), cases))
-    return [item for _, cases in sorted(placed, key=lambda each: each[0]) for item in cases]
+        turns = [Batch(family, plan, SEED + batch, TOGETHER * (batch + turn)) for batch in range(count) for turn, plan in enumerate(plans)]
+        placed += [((place + 0.5) / len(turns), each) for place, each in enumerate(turns)]
+    return [each for _, each in sorted(placed, key=lambda each: each[0])]

@@ -15,7 +15,7 @@ from terrain_estimator.discovery.next_drive import NextDrive
 from terrain_estimator.discovery.parts import Part
 from terrain_estimator.discovery.single_wheel import shown_by_one_wheel
 from terrain_estimator.discovery.single_wheel.separation import separate_by
-from terrain_estimator.discovery.verdict import Gains, Thresholds, Verdict, judge
+from terrain_estimator.discovery.verdict import Gains, Thresholds, Verdict, is_pair, judge
 from terramechanics.effects import EFFECTS
 
 RULE = Thresholds(anything=8.0, share=0.7, apart=0.1)
@@ -60,6 +60,24 @@ def test_two_axles_of_one_effect_are_one_name() -> None:
     assert judge(Gains(axles, 80.0, 95.0), RULE).verdict is Verdict.NAMED
 
 
+@pytest.mark.parametrize(
+    ("second", "best_with", "verdict"),
+    [(397.0, 1700.0, True), (355.0, 1710.0, False), (6.0, 1325.0, False)],  # closes all, a part, gains nothing worth
+)
+def test_two_effects_are_named_where_the_second_closes_nearly_all_that_the_first_leaves(
+    second: float, best_with: float, *, verdict: bool
+) -> None:
+    single = gains({"payload": 1318.0, "latency": 20.0}, 1300.0, best_with)
+    both = Gains(((Hypothesis((Part("payload"), Part("drive_drag"))), 1318.0 + second),), 1300.0, best_with, single=1318.0)
+    assert is_pair(single, both, RULE) == verdict
+
+
+def test_pairs_with_a_common_effect_are_told_apart_by_what_the_other_one_adds() -> None:
+    named = tuple((Hypothesis((Part("payload"), Part(name))), gain) for name, gain in (("drive_drag", 1715.0), ("coulomb_drag", 1590.0)))
+    assert judge(Gains(named, 1300.0, 1700.0, single=1318.0), RULE).verdict is Verdict.NAMED
+    assert judge(Gains(named, 1300.0, 1700.0), RULE).verdict is Verdict.CONFUSABLE
+
+
 def test_confusable_effects_come_with_what_would_separate_them() -> None:
     best = NextDrive("firm_ground", "on to firm ground", 40.0, 168.8, ("grousers", "odometry_scale"))
     advice = advise(["grousers", "odometry_scale"], [best])
@@ -85,7 +103,7 @@ def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_
     found = thresholds(samples)
     assert found.anything == pytest.approx(9.0)
     assert 0.5 < found.share < 0.82
-    assert found.apart == pytest.approx(0.1)
+    assert found.apart == pytest.approx(0.05)
 
 
 def test_the_thresholds_that_ship_are_those_of_the_rule() -> None:
