@@ -96,7 +96,7 @@ def judge(gains: Gains, thresholds: Thresholds) -> Judgement:
 
 SECOND = 0.95
 """[1] Of what the first effect leaves the second closes at least so much. Two effects that were hidden together did so to 0.70 to 1
-(median 1, ten cases), the best second one beside a single effect of another law to 0.91 at most (slip_sinkage; twelve cases of six effects)."""
+(median 1, ten cases), the best second one beside a single effect of another law to 0.91 at most (slip_sinkage; twelve cases)."""
 
 
 def is_pair(single: Gains, pair: Gains, thresholds: Thresholds) -> bool:
