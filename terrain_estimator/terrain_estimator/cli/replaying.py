@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from terrain_estimator.bags import BagReader, BagWriter, Message, RawMessage, Types, compare
+from terrain_estimator.bags import BagError, BagReader, BagWriter, Message, RawMessage, Types, compare
 from terrain_estimator.cli.alongside import Answered, Converted, answering
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import check_inputs
@@ -212,5 +212,8 @@ def compare_with_live(result: Replay, names: Mapping[str, str]) -> None:
     Raises:
         BagError: the bag has none.
     """
+    with BagReader(result.bag) as reader:
+        if missing := [names[name] for name in OUTPUT_TYPES if names[name] not in reader.topics]:
+            raise BagError(f"{result.bag} has no {missing[0]} to compare with: leave out --compare, or record the live estimator")
     pairs = {name: compare(result.bag, names[name], result.estimates_bag, names[name]) for name in OUTPUT_TYPES}
     result.differences = {name: "" if difference is None else str(difference) for name, difference in pairs.items()}

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -22,6 +23,10 @@ from terramechanics.parameters import effective
 
 WIDTH = 150
 """[characters] of the table where stdout is no terminal."""
+NARROW = 120
+"""[characters] of a terminal: on less an interval takes lines of its own."""
+_HEAD = ("bag", "time", "esti|mates", "re|fused", "c in kPa~(95 %)", "tan phi~(95 %)", "status", "x real~time")
+"""With the places where a word and a line may be broken."""
 SUSPICIOUS_SHARE = 0.1
 """[1] of the observations: more that contradict the estimate come from a wrong model rather than from the ground."""
 
@@ -76,7 +81,14 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
 
 def print_table(replays: Sequence[Replay]) -> None:
     """One line a bag, then what a user should know about it."""
-    table = Table("bag", "time", "estimates", "refused", "c in kPa (95 %)", "tan phi (95 %)", "status", "x real time")
+    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
+    narrow = console.width < NARROW
+    head = [each.replace("|", "-\n").replace("~", "\n") if narrow else each.replace("|", "").replace("~", " ") for each in _HEAD]
+    table = Table(*head)
+    if narrow:
+        table.box, table.collapse_padding, table.pad_edge = SIMPLE_HEAD, True, False
+        for column in table.columns[1:]:
+            column.no_wrap = True
     for each in replays:
         refused = sum(count for outcome, count in each.outcomes.items() if not outcome.used)
         values = estimate_summary(each)
@@ -85,12 +97,11 @@ def print_table(replays: Sequence[Replay]) -> None:
             f"{each.span_s:.1f} s",
             str(each.estimates),
             str(refused),
-            _interval(values.get("cohesion_pa"), 1e-3),
-            _interval(values.get("tan_phi"), 1.0),
+            _interval(values.get("cohesion_pa"), 1e-3, narrow=narrow),
+            _interval(values.get("tan_phi"), 1.0, narrow=narrow),
             each.status,
             f"{each.times_real_time:.0f}",
         )
-    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
     console.print(table)
     for line in (line for each in replays for line in remarks(each)):
         console.print(line, markup=False)
@@ -104,12 +115,14 @@ def write_summary(path: Path, content: dict[str, Any]) -> None:
     temporary.replace(path)
 
 
-def _interval(value: dict[str, Any] | None, scale: float) -> str:
+def _interval(value: dict[str, Any] | None, scale: float, *, narrow: bool) -> str:
     if not value or value["mean"] is None:
         return "-"
     mean, lower, upper = (value[key] * scale for key in ("mean", "lower_95", "upper_95"))
-    truth = "" if value["truth"] is None else f", truth {value['truth'] * scale:.3g}"
-    return f"{mean:.3g} ({lower:.3g} to {upper:.3g}{truth})"
+    truth = "" if value["truth"] is None else f"truth {value['truth'] * scale:.3g}"
+    if narrow:
+        return f"{mean:.3g}\n{lower:.3g} to {upper:.3g}\n{truth}".rstrip()
+    return f"{mean:.3g} ({lower:.3g} to {upper:.3g}{truth and ', '}{truth})"
 
 
 def remarks(replay: Replay) -> list[str]:

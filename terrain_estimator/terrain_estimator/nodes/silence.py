@@ -20,7 +20,7 @@ def why_silent(node: Node, topic: str, type_name: str, qos: QoSProfile) -> str:
     """What the graph of this domain tells about a topic on which nothing came, and what to do."""
     finding = unheard_publishers(node, topic, type_name, qos)
     if finding.level:
-        return finding.text
+        return f"{finding.text.removeprefix(f'{topic}: ')}: set its publisher to type and quality of service of docs/messages.md"
     name = node.resolve_topic_name(topic)
     if node.count_publishers(name):
         return f"{name} has a publisher, which says nothing: check it"
