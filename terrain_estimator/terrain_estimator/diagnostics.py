@@ -43,7 +43,8 @@ class Check:
         """
         limits = ((Level.STALE, self.stale), (Level.ERROR, self.error), (Level.WARN, self.warn))
         level = next((level for level, limit in limits if value > limit), Level.OK)
-        return Finding(self, subject, value, level, text or f"{self.quantity} is {value:.3g} {self.unit}".rstrip())
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return Finding(self, subject, value, level, text or f"{self.quantity} is {value:.3g}{unit}".rstrip())
 
 
 @dataclass(frozen=True, slots=True)

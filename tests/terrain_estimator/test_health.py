@@ -9,7 +9,7 @@ import pytest
 
 from msg_defs.msg import EstimatorHealth
 from terrain_estimator.bags import Types
-from terrain_estimator.diagnostics import Level
+from terrain_estimator.diagnostics import REFUSED, Check, Level
 from terrain_estimator.health import Health, HealthMonitor
 from terrain_estimator.messages import Meta, health_message
 from terrain_estimator.outcome import Outcome
@@ -93,3 +93,8 @@ def test_the_message_carries_every_outcome_and_input() -> None:
     assert (message.accepted, message.rejected, message.resets, message.model_id) == (1, 1, 2, "m")
     assert message.input_age.tolist() == [0.05] * 5
     assert {level.name: level.value for level in Level} == {level.name: getattr(EstimatorHealth, level.name) for level in Level}
+
+
+def test_a_finding_says_its_number_with_its_unit_and_a_ratio_without_one() -> None:
+    assert REFUSED.judge(0.5).text == "share of the observations since the last report is 0.5"
+    assert Check("age", "age of the state", "s", "").judge(2.0).text == "age of the state is 2 s"
