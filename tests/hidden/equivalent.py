@@ -17,7 +17,7 @@ from tests.hidden.sensing import Sensed
 from tests.hidden.soil import Sized
 
 Pair = tuple[Tensor, Tensor]
-"""What the hidden law does, and what the plain law of size 1 does, [samples, axles or 1] each."""
+"""What the hidden law does, and what the plain law of size 1 does, [samples, axles or 1] each; or several of them, [..., laws]."""
 Law = Callable[[Effect, Situation, Contact, Drive], Pair]
 _ONE = torch.ones(1, 1, dtype=torch.float64)
 
@@ -34,10 +34,14 @@ def equivalent_size(name: str, effect: Effect, drive: Drive, episodes: Sequence[
     }
     where = Situation(drive.rover, 0.0, episode, flat["contact"], flat["wheel_rate"], flat["velocity"])
     contact = Contact(flat["slip"], flat["sinkage"], flat["constants"], flat["strength"])
-    done, plain = (part.expand(batch * steps, -1) for part in LAWS[name](effect, where, contact, drive))
+    done, plain = LAWS[name](effect, where, contact, drive)
+    plain = plain if plain.dim() == 3 else plain.unsqueeze(-1)
+    done, plain = (part.expand(batch * steps, *part.shape[1:]) for part in (done.unsqueeze(-1), plain))
     chosen = torch.isin(episode, torch.tensor(episodes)) & ~sample.stuck.flatten() & ~sample.standing.flatten()
     done, plain = torch.broadcast_tensors(done[chosen], plain[chosen])  # type: ignore[no-untyped-call]
-    return float((done * plain).sum() / (plain * plain).sum())
+    size = (done * plain).sum((0, 1)) / plain.square().sum((0, 1))
+    left = (done - size * plain).square().sum((0, 1))
+    return float(size[left.argmin()])
 
 
 def _reading(signal: str) -> Law:
@@ -57,7 +61,10 @@ def _resistance(effect: Effect, where: Situation, contact: Contact, _drive: Driv
 
 
 def _lug_thrust(effect: Effect, where: Situation, contact: Contact, drive: Drive) -> Pair:
-    plain = torch.sign(contact.slip) * (1.0 - torch.exp(-contact.slip.abs() / 0.1))
+    """At what slip they are mobilised is free beside the size."""
+    mobilised = 0.1 * torch.exp(torch.linspace(-2.8, 2.8, 57, dtype=torch.float64))
+    slip = contact.slip.unsqueeze(-1)
+    plain = torch.sign(slip) * (1.0 - torch.exp(-slip.abs() / mobilised))
     return _thrust(effect, where, contact, drive.sample.normal.flatten(0, 1)), plain
 
 

@@ -3,6 +3,7 @@
 """Fits of every hypothesis to the same runs: nothing, each named effect, pairs, and a discrepancy without a name on top."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +15,7 @@ from terrain_estimator.discovery.contributions import Contributions, Law, here
 from terrain_estimator.discovery.equations import Ask, Equations
 from terrain_estimator.discovery.fit import PRIOR_THETA, Evaluate, Fit, Point, Shared, fit, foresee, start_of, with_shared
 from terrain_estimator.discovery.flexible import Flexible, flexible, no_columns
-from terrain_estimator.discovery.library import NOTHING, Hypothesis
+from terrain_estimator.discovery.library import NOTHING, OTHER_LAW, OTHER_SOIL_LAW, SOIL_LAWS, Hypothesis
 from terrain_estimator.discovery.physics import Nominal
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.rows import row_names
@@ -30,12 +31,13 @@ class Candidate:
 
     @property
     def sizes(self) -> list[tuple[str, float, float]]:
-        """Name, size and standard deviation of each effect, in the units of the registry."""
+        """Name, size and standard deviation of each effect, in the units of the registry; that the law is another one is counted."""
         found, at = [], 0
         for part in self.hypothesis.parts:
             value = float(self.fit.point.shared[at])
-            spread = float(self.fit.covariance[at, at].sqrt())
-            found.append((part.name, part.size(value), abs(part.slope(value)) * spread))
+            size, spread = part.size(value), abs(part.slope(value)) * float(self.fit.covariance[at, at].sqrt())
+            law = OTHER_SOIL_LAW if part.name in SOIL_LAWS else OTHER_LAW
+            found.append((part.name, size, math.hypot(spread, law * size)))
             at += 1 + len(part.beside)
         return found
 
