@@ -58,6 +58,7 @@ class Fit:
     point: Point
     objective: float  # misfit and priors at the minimum, as the last step foresees it
     log_evidence: float  # [nat] up to a constant of the runs
+    given: float  # [nat] the same, were the shared unknowns known to have their values at the minimum
     covariance: Tensor  # [K, K] of the shared unknowns
     equations: tuple[Equations, ...]
     degrees: int  # rows of all blocks
@@ -236,7 +237,8 @@ def foresee(
     owns, move, promised = _step(normal, start, shared)
     objective, degrees = normal.objective - promised, sum(each.degrees for each in equations)
     evidence = -0.5 * (objective + _volume(normal, shared))
-    return Fit(_moved(start, owns, move, 1.0), objective, evidence, _covariance(normal), tuple(equations), degrees, 1)
+    found = _moved(start, owns, move, 1.0)
+    return Fit(found, objective, evidence, _given(objective, normal, found, shared), _covariance(normal), tuple(equations), degrees, 1)
 
 
 def _covariance(normal: _Normal) -> Tensor:
@@ -268,7 +270,12 @@ def _finished(best: tuple[Point, _Normal, float], shared: Shared, iterations: in
     evidence = -0.5 * (objective + _volume(normal, shared)) + _log_inside(final.shared, factor, shared)
     degrees = sum(equation.degrees for equation in normal.equations)
     covariance = torch.cholesky_inverse(factor)
-    return Fit(final, objective, evidence, covariance, normal.equations, degrees, iterations)
+    return Fit(final, objective, evidence, _given(objective, normal, final, shared), covariance, normal.equations, degrees, iterations)
+
+
+def _given(objective: float, normal: _Normal, point: Point, shared: Shared) -> float:
+    """See Fit: without what the shared unknowns have to say of themselves."""
+    return -0.5 * (objective - float((point.shared / shared.sd).square().sum()) + normal.log_volume)
 
 
 def _log_inside(values: Tensor, factor: Tensor, shared: Shared) -> float:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.contributions import Law
 from terrain_estimator.discovery.equations import Ask, Equations, Unknowns, assembled
-from terrain_estimator.discovery.fit import own_prior
+from terrain_estimator.discovery.fit import Fit, own_prior
 from terrain_estimator.discovery.flexible import no_columns
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.physics import Nominal
@@ -84,10 +84,20 @@ def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Ha
 
 
 def _told(study: Study, models: tuple[Model, ...]) -> tuple[Ground, ...]:
-    fits = [(study.given(model.hypothesis, model.values) if model.hypothesis.parts else study.nothing).fit for model in models]
+    fits = _fits(study, models)
     return tuple(
         Ground(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model)) for fit, model in zip(fits, models, strict=True)
     )
+
+
+def _fits(study: Study, models: tuple[Model, ...]) -> list[Fit]:
+    return [(study.given(model.hypothesis, model.values) if model.hypothesis.parts else study.nothing).fit for model in models]
+
+
+@torch.inference_mode()
+def evidences(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> list[float]:
+    """Log evidence [nat] of a whole held-out run under each model, up to a constant of the run."""
+    return [fit.given for fit in _fits(Study(nominal, [run]), models)]
 
 
 def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tensor:

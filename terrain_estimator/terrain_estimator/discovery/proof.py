@@ -3,11 +3,13 @@
 """Does the model with the effect predict runs that it has not seen better than the model without?
 
 The rule: with the effect, rollouts of five seconds or predictions of one second get better on the held-out runs, by a 95 % interval
-above zero, and neither gets worse by one below zero. Else the effect is not added.
+above zero, or the runs as a whole are LIKELIER; and neither gets worse by an interval below zero. Else the effect is not added.
 
 The measure of rollouts is the root mean square error of all signals, means over a second, in standard deviations of the sensors'
 noise: no model can talk it up by being less sure of itself. That of one second ahead is the log likelihood of all rows: c and tan phi
-of a single run may stand in for an effect in a rollout, while the rows together tell.
+of a single run may stand in for an effect in a rollout, while the rows together tell. That of whole runs is the log Bayes factor at the
+size that the other runs found, with a run's own unknowns integrated out: half a run that is judged by the other half has a c and a tan phi
+that make up for the effect wherever the halves are alike, a ground that the whole run need not allow.
 """
 
 import math
@@ -19,7 +21,7 @@ from typing import Any
 import torch
 
 from terrain_estimator.discovery.gap import Gap, gap_of
-from terrain_estimator.discovery.held_out import PIECE, Half, Model, equations_of, halves
+from terrain_estimator.discovery.held_out import PIECE, Half, Model, equations_of, evidences, halves
 from terrain_estimator.discovery.library import NOTHING
 from terrain_estimator.discovery.one_step import names, one_step
 from terrain_estimator.discovery.physics import Nominal
@@ -30,6 +32,9 @@ from terrain_estimator.discovery.search import Candidate
 from terrain_estimator.discovery.signals import compared
 from terrain_estimator.discovery.signals import names as signal_names
 from terrain_estimator.palpaca import BLOCK
+
+LIKELIER = 8.0
+"""[nat] Log Bayes factor of held-out runs that proves an effect, as much as "anything" in the verdict."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +70,7 @@ class Proof:
     added: bool
     gap: Gap  # of rollouts of five seconds
     one_step_gap: Gap  # of predictions of one second, in what the model expects of its error
+    log_bayes_factor: float | None  # [nat] of the held-out runs, the effect over nothing; None where nothing is to be added
     rows: tuple[Score, ...]
     parameters: tuple[Strength, ...]
     rollout: Series  # of the signal that the model without the effect misses most, in the window where it was most wrong
@@ -79,7 +85,9 @@ class Proof:
             return f"nothing is added: rollouts of held-out runs miss by {gap.before:.2f} {floor}"
         outcome = "is added" if self.added else "did not prove itself on held-out runs and is not added"
         better = f"95 % interval of the improvement {gap.improvement_95[0]:.2f} to {gap.improvement_95[1]:.2f}"
-        likelier = f"one second ahead a value is {step[0]:.3f} to {step[1]:.3f} nat likelier"
+        likelier = (
+            f"one second ahead a value is {step[0]:.3f} to {step[1]:.3f} nat likelier, the runs as a whole {self.log_bayes_factor:.0f} nat"
+        )
         return f"{self.effect} {outcome}: rollouts miss by {gap.after:.2f} instead of {gap.before:.2f} {floor} ({better}); {likelier}"
 
     def plain(self) -> dict[str, Any]:
@@ -87,8 +95,20 @@ class Proof:
         return {"gap": asdict(self.gap), "proof": asdict(self) | {"sentence": self.sentence}}
 
 
-Spread = Callable[[Callable[[Blocks], tuple[Half, Half]], Sequence[Blocks]], Iterable[tuple[Half, Half]]]
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """What a held-out run gives."""
+
+    halves: tuple[Half, Half]
+    evidences: list[float]  # [nat] of the whole run under each model
+
+
+Spread = Callable[[Callable[[Blocks], _Judged], Sequence[Blocks]], Iterable[_Judged]]
 """Applies a function to every run, in order: the built-in map, or a cluster."""
+
+
+def _judged(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> _Judged:
+    return _Judged(halves(nominal, models, run), evidences(nominal, models, run))
 
 
 def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks], seed: int = 0, spread: Spread = map) -> Proof:
@@ -102,7 +122,9 @@ def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks],
     models: tuple[Model, ...] = (Model(NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64)),)
     if candidate is not None:
         models += (Model(candidate.hypothesis, candidate.fit.point.shared, candidate.fit.covariance),)
-    judged = [half for pair in spread(partial(halves, nominal, models), runs) for half in pair]
+    told = list(spread(partial(_judged, nominal, models), runs))
+    judged = [half for each in told for half in each.halves]
+    likelier = sum(each.evidences[-1] - each.evidences[0] for each in told)
     regions = _joined(regions_of(runs))
     stepped = [_one_step(nominal, judged, number, model) for number, model in enumerate(models)]
     windows = windows_of(nominal, judged)
@@ -118,19 +140,21 @@ def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks],
     rows += scores("rollout", signal_names(axles), {name: here[seconds] for name, here in regions.items()}, *_pair(rolled))
     return Proof(
         "" if candidate is None else candidate.hypothesis.label,
-        _better(gap, step_gap),
+        better(gap, step_gap, likelier),
         gap,
         step_gap,
+        likelier if candidate else None,
         tuple(rows),
         tuple(_strength(half, number % 2) for number, half in enumerate(judged)),
         *_pictures(axles, judged, windows, driven, rolled[0]),
     )
 
 
-def _better(gap: Gap, step_gap: Gap) -> bool:
-    """The rule."""
+def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
+    """The rule, from rollouts, predictions of one second, and the log Bayes factor [nat]."""
     intervals = [ends for ends in (gap.improvement_95, step_gap.nll_improvement_95) if ends is not None]
-    return any(low > 0.0 for low, _ in intervals) and all(high > 0.0 for _, high in intervals)
+    proven = likelier >= LIKELIER or any(low > 0.0 for low, _ in intervals)
+    return proven and all(high > 0.0 for _, high in intervals)
 
 
 def _pair(each: Sequence[Predicted]) -> tuple[Predicted, Predicted | None]:

@@ -23,8 +23,8 @@ NOISE_TIME = 0.3
 """[s] Time constant of correlated noise: three samples."""
 TOGETHER = 4
 """Cases that are simulated together, each soil on two terrains, one of which is hills; the next four are on the other two."""
-SEED = 64_000
-"""Of the hidden cases; calibration has other seeds, and other ways to draw."""
+SEED = 65_000
+"""Of the hidden cases; calibration has other seeds, and other ways to draw. Cases of 64_000 were looked at."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from terrain_estimator.discovery import Blocks, Candidate, Proof, Run, RunError,
 from terrain_estimator.discovery.finding import Finding
 from terrain_estimator.discovery.held_out import Half, Model, halves, long_enough
 from terrain_estimator.discovery.library import NOTHING
+from terrain_estimator.discovery.proof import LIKELIER, better
 from terrain_estimator.discovery.rollout import simulated, windows_of
 from terrain_estimator.discovery.terrain import track_of
 from terrain_estimator.discovery.verdict import Gains, Judgement
@@ -84,6 +85,31 @@ def test_an_effect_that_the_held_out_run_lacks_is_not_added() -> None:
     assert proof.gap.after > proof.gap.before
     assert not proof.added
     assert "is not added" in proof.sentence
+
+
+def test_held_out_runs_are_likelier_with_the_effect_only_where_they_have_it() -> None:
+    there, not_there = proven(2).log_bayes_factor, proven(3).log_bayes_factor
+    assert there is not None
+    assert not_there is not None
+    assert there > LIKELIER
+    assert not_there < 0.0
+
+
+@pytest.mark.parametrize(
+    ("rollouts", "ahead", "likelier", "added"),
+    [
+        ((0.1, 0.3), (-0.1, 0.2), 0.0, True),
+        ((-0.1, 0.2), (0.1, 0.3), 0.0, True),
+        ((-0.1, 0.2), (-0.1, 0.2), 9.0, True),
+        ((-0.1, 0.2), (-0.1, 0.2), 7.0, False),
+        ((-0.3, -0.1), (0.1, 0.3), 9.0, False),
+    ],
+)
+def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
+    rollouts: tuple[float, float], ahead: tuple[float, float], likelier: float, *, added: bool
+) -> None:
+    gap = dataclasses.replace(proven(2).gap, improvement_95=rollouts)
+    assert better(gap, dataclasses.replace(gap, nll_improvement_95=ahead), likelier) == added
 
 
 def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
