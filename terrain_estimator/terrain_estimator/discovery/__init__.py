@@ -15,6 +15,7 @@
 - ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
 - ``equations``: normal equations of one run; what one run contributes does not depend on the others.
 - ``contributions``: who computes them, run by run: this process, or whoever is handed in.
+- ``point``: the unknowns of all runs and what is known of them before.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
 - ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.equations import Equations, Unknowns, places
-from terrain_estimator.discovery.fit import own_prior
+from terrain_estimator.discovery.point import own_prior
 from terrain_estimator.gaussian import cholesky, log_determinant
 
 

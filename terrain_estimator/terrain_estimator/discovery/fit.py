@@ -14,15 +14,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.equations import Ask, Equations, Unknowns, linear
+from terrain_estimator.discovery.equations import Ask, Equations, linear
+from terrain_estimator.discovery.point import Point, Shared, own_prior
 from terrain_estimator.gaussian import cholesky, log_determinant
 
-PRIOR_THETA = ((2.75, 1.3), (0.6, 0.22))
-"""Mean and deviation of c [kPa] and tan phi, as the shipped models have them."""
-PRIOR_BIAS_SD = 0.02
-"""[m/s^2] of the accelerometer's bias."""
-PRIOR_VELOCITY_SD = 10.0
-"""[m/s] which says nothing."""
 LONGEST_STEP = (1.0, 0.25)
 """Largest change of c [kPa] and tan phi in one step."""
 SETTLED = 0.3
@@ -31,24 +26,6 @@ SETTLED = 0.3
 
 Evaluate = Callable[[Sequence[Ask]], Sequence[Equations]]
 """The equations of every run under one hypothesis, in the order of the runs."""
-
-
-@dataclass(frozen=True, slots=True)
-class Shared:
-    """The shared unknowns of a hypothesis and what is known of them; K = sizes and weights together."""
-
-    low: Tensor  # [sizes] physical range
-    high: Tensor
-    sd: Tensor  # [K] prior deviations, mean zero
-    step: tuple[float, ...]  # of differences by each size
-
-
-@dataclass(frozen=True, slots=True)
-class Point:
-    """Values of all unknowns."""
-
-    runs: tuple[Unknowns, ...]
-    shared: Tensor  # [K]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,18 +54,6 @@ class _Normal:
     schur: Tensor  # [K, K]
     pull: Tensor  # [K] gradient with the runs' own unknowns eliminated
     log_volume: float  # of all own unknowns: log det of precision over prior precision
-
-
-def own_prior(unknowns: Unknowns) -> tuple[Tensor, Tensor]:
-    """Mean and precision of a run's own unknowns, [P] each."""
-    constants, velocities = unknowns.kappa.shape[0], unknowns.velocity.shape[0]
-    mean = torch.zeros(3 + constants + velocities, dtype=torch.float64)
-    precision = torch.ones_like(mean)
-    for k, (centre, sd) in enumerate(PRIOR_THETA):
-        mean[k], precision[k] = centre, sd**-2
-    precision[2 + constants] = PRIOR_BIAS_SD**-2
-    precision[3 + constants :] = PRIOR_VELOCITY_SD**-2
-    return mean, precision
 
 
 def _normal(point: Point, equations: Sequence[Equations], shared: Shared) -> _Normal:
@@ -292,22 +257,3 @@ def _log_inside(values: Tensor, factor: Tensor, shared: Shared) -> float:
 def _mass(mean: Tensor, sd: Tensor, shared: Shared) -> Tensor:
     upper, lower = (shared.high - mean) / sd, (shared.low - mean) / sd
     return 0.5 * (torch.special.erf(upper / math.sqrt(2.0)) - torch.special.erf(lower / math.sqrt(2.0)))
-
-
-def start_of(velocities: Sequence[Tensor], constants: int, theta: Sequence[tuple[float, float]], shared: int) -> Point:
-    """A start at ``theta`` (c [kPa], tan phi) of each run, with given velocities at the joints and everything else at zero."""
-    runs = tuple(
-        Unknowns(
-            torch.tensor(strength, dtype=torch.float64),
-            torch.zeros(constants, dtype=torch.float64),
-            torch.zeros(1, dtype=torch.float64),
-            velocity,
-        )
-        for strength, velocity in zip(theta, velocities, strict=True)
-    )
-    return Point(runs, torch.zeros(shared, dtype=torch.float64))
-
-
-def with_shared(point: Point, values: Tensor) -> Point:
-    """The same with other shared unknowns."""
-    return dataclasses.replace(point, shared=values)

@@ -13,10 +13,11 @@ from torch import Tensor
 
 from terrain_estimator.discovery.contributions import Law
 from terrain_estimator.discovery.equations import Ask, Equations, Unknowns, assembled
-from terrain_estimator.discovery.fit import Fit, own_prior
+from terrain_estimator.discovery.fit import Fit
 from terrain_estimator.discovery.flexible import no_columns
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.physics import Nominal
+from terrain_estimator.discovery.point import own_prior
 from terrain_estimator.discovery.runs import Blocks, RunError
 from terrain_estimator.discovery.search import Study
 from terrain_estimator.gaussian import cholesky

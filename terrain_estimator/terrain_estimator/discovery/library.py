@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import torch
 
-from terrain_estimator.discovery.fit import Shared
 from terrain_estimator.discovery.parts import Part
+from terrain_estimator.discovery.point import Shared
 from terramechanics.effects import EFFECTS, describe
 from terramechanics.loading import ConfigError
 

@@ -13,10 +13,11 @@ from torch import Tensor
 
 from terrain_estimator.discovery.contributions import Contributions, Law, here
 from terrain_estimator.discovery.equations import Ask, Equations
-from terrain_estimator.discovery.fit import PRIOR_THETA, Evaluate, Fit, Point, Shared, fit, foresee, start_of, with_shared
+from terrain_estimator.discovery.fit import Evaluate, Fit, fit, foresee
 from terrain_estimator.discovery.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.library import NOTHING, OTHER_LAW, OTHER_SOIL_LAW, SOIL_LAWS, Hypothesis
 from terrain_estimator.discovery.physics import Nominal
+from terrain_estimator.discovery.point import PRIOR_THETA, Point, Shared, start_of, with_shared
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.rows import row_names
 

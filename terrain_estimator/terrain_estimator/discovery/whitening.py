@@ -16,7 +16,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.equations import Equations, Unknowns
 from terrain_estimator.discovery.expected import own_columns
-from terrain_estimator.discovery.fit import own_prior
+from terrain_estimator.discovery.point import own_prior
 from terrain_estimator.gaussian import cholesky
 
 

@@ -20,8 +20,8 @@ from scipy.optimize import least_squares, minimize
 from scipy.stats import norm
 from torch import Tensor
 
-from terrain_estimator.discovery.fit import PRIOR_THETA
 from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.point import PRIOR_THETA
 from terrain_estimator.discovery.single_wheel.cells import Cells, Rig
 from terrain_estimator.prior import uncertain_constants
 from terrain_estimator.rows import PA_PER_UNIT
