@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.block import Posterior, Solution
-from terrain_estimator.gaussian import cholesky, project
+from terrain_estimator.gaussian import cholesky
 from terramechanics.batching import any_of
 
 
@@ -57,8 +57,8 @@ def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
 
     A prior that ends at zero multiplies the evidence of a posterior by its mass above zero over that of its prior.
     """
-    variance = torch.diagonal(covariance, dim1=-2, dim2=-1)[:, :2]
-    mass = 0.5 * torch.special.erfc(-mean[:, :2] / (2.0 * variance).sqrt())
+    variance = torch.diagonal(covariance, dim1=-2, dim2=-1).narrow(1, 0, 2)
+    mass = 0.5 * torch.special.erfc(-mean.narrow(1, 0, 2) / (2.0 * variance).sqrt())
     return torch.log(mass.clamp(min=1e-300)).sum(1)
 
 
@@ -75,8 +75,9 @@ def shared_noise(solved: Solved) -> Tensor:
 
 def weigh(posterior: Posterior, age: Tensor, kind: Tensor) -> Bank:
     """The bank of these posteriors, weighted by what of them is physical."""
-    mean, covariance = project(posterior.mean, posterior.precision, torch.eye(posterior.mean.shape[1], dtype=torch.float64))
-    return Bank(mean, covariance, posterior.precision, posterior.log_weight + log_physical(mean, covariance), age, kind)
+    covariance = torch.cholesky_inverse(cholesky(posterior.precision))
+    weight = posterior.log_weight + log_physical(posterior.mean, covariance)
+    return Bank(posterior.mean, covariance, posterior.precision, weight, age, kind)
 
 
 def take(bank: Bank, chosen: Tensor) -> Bank:
@@ -100,6 +101,8 @@ def merge(bank: Bank, nearest: float) -> Bank:
     Hypotheses that started from parts of one Gaussian prior come together as the data outweigh it; where the rows are linear, the
     one that has their moments is exactly their mixture (Runnalls 2007 on merging by moments).
     """
+    if bank.weight.shape[0] == 1:
+        return bank
     alive = bank.weight != -float("inf")
     index = torch.arange(bank.weight.shape[0])
     shift = bank.mean.unsqueeze(0) - bank.mean.unsqueeze(1)

@@ -85,31 +85,37 @@ def block_rows(
     v_j = v_start + SUM_(l <= j) step_l a_l the mean over j weights a_l by step_l (n - l) / n, l counted from 0.
     """
     n = step.shape[0]
-    count = rows.used[:, 1:].sum(0)
     weight = row_weights(rows.used, step)
-    doubled = [torch.cat([x[:, :1], x], 1) for x in (rows.target, rows.variance)]
     wide = weight.unsqueeze(-1)
-    features = (torch.cat([rows.features[:, :, :1], rows.features], 2) * wide).sum(1)  # [C, Q, 3]
-    learnt = (torch.cat([columns[:, :1], columns], 1) * wide).sum(0)
-    noise = torch.cat([rows.noise[:, :, :1], rows.noise], 2) * wide.unsqueeze(-1)
-    measured = velocity.sum(0) / n
-    present = torch.cat([torch.ones_like(count[:2]), (count > 0.0).to(step.dtype)])
-    target = (doubled[0] * weight).sum(0)
-    variance = (doubled[1] * weight**2).sum(0) + (1.0 - present)
-    zero = torch.zeros_like(target[2:])
-    sources = noise.permute(0, 4, 2, 1, 3).flatten(3)  # [C, 3, Q, n E]
+    features = (velocity_twice(rows.features, 2) * wide).sum(1)  # [C, Q, 3]
+    learnt = (velocity_twice(columns, 1) * wide).sum(0)
+    noise = velocity_twice(rows.noise, 2) * wide.unsqueeze(-1)
+    measured = (velocity.sum(0) / n).unsqueeze(1)
+    there = (rows.used.sum(0) > 0.0).to(step.dtype)
+    present = torch.cat([torch.ones_like(there[:2]), there[1:]])
     q = weight.shape[1]
+    target = (velocity_twice(rows.target, 1) * weight).sum(0) + nn.functional.pad(measured[0], [0, q - 1])
+    carried = torch.cat([measured[1] / n, torch.full_like(measured[1], link_variance)])
+    variance = (velocity_twice(rows.variance, 1) * weight**2).sum(0) + nn.functional.pad(carried, [0, q - 2])
+    sources = noise.permute(0, 4, 2, 1, 3).flatten(3)  # [C, 3, Q, n E]
     gram = (sources.flatten(0, 2) @ sources[0].flatten(0, 1).T).view(-1, 3, q, 3, q).permute(3, 0, 1, 2, 4).flatten(1)
+    constants = torch.zeros(q, expansion.shape[0], dtype=step.dtype)
+    by_strength, offset = features[0].split_with_sizes([2, 1], 1)
     return BlockRows(
-        linear=torch.cat([features[0, :, :2], learnt, torch.zeros_like(features[1:, :, 0]).T, fixed * present.unsqueeze(-1)], 1),
-        offset=features[0, :, 2],
+        linear=torch.cat([by_strength, learnt, constants, fixed * present.unsqueeze(-1)], 1),
+        offset=offset.squeeze(1),
         nuisance=features[1:].permute(2, 1, 0).flatten(1),
         expansion=expansion,
         gram=gram,
-        target=target + torch.cat([measured[:1], zero[:1], zero]),
-        variance=variance + torch.cat([measured[1:] / n, zero[:1] + link_variance, zero]),
+        target=target,
+        variance=variance + (1.0 - present),
         present=present,
     )
+
+
+def velocity_twice(values: Tensor, dim: int) -> Tensor:
+    """What belongs to R rows along ``dim``, with that of the velocity's row doubled: a block has two rows of it."""
+    return torch.cat([values.narrow(dim, 0, 1), values], dim)
 
 
 class Step(NamedTuple):
@@ -118,7 +124,7 @@ class Step(NamedTuple):
     mean: Tensor  # [H, D + 1] after the step
     precision: Tensor  # [H, D + 1, D + 1]
     factor: Tensor  # its Cholesky factor
-    noise: Tensor  # [H] log det of the covariance of the rows
+    noise: Tensor  # [H, Q, Q] Cholesky factor of the covariance of the rows
     misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step foresees it
     decrement: Tensor  # [] largest squared length of the step, in standard deviations of the posterior
 
@@ -138,16 +144,14 @@ def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
     return half, (half[:, 0] * theta.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
 
 
-def nuisance_columns(rows: BlockRows, mean: Tensor, theta: Tensor, fixed: int = FIXED) -> tuple[Tensor, Tensor]:
-    """What the soil constants add to the rows, SUM_m (kappa_m - expansion_m) nuisance_m theta.
+def nuisance_columns(rows: BlockRows, away: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+    """What the soil constants add to the rows, SUM_m away_m nuisance_m theta, ``away`` [H, M] from the expansion.
 
     Returns its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
     """
     q, m = rows.target.shape[0], rows.expansion.shape[0]
-    first = mean.shape[1] - fixed - m
-    away = mean[:, first : first + m] - rows.expansion
-    by_theta = (rows.nuisance[:2].reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
-    return by_theta, (theta @ rows.nuisance).view(-1, q, m)
+    by_theta = (rows.nuisance.narrow(0, 0, 2).reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
+    return by_theta, (theta @ rows.nuisance).view(theta.shape[0], q, m)
 
 
 def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor, fixed: int = FIXED) -> Step:
@@ -157,23 +161,22 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     are e = G(theta)' S^-1 r. The features at the inputs so corrected are Phi + G_a e, and with them the gradient is
     J' S^-1 r exactly, the dependence of S on theta included.
     """
-    theta = torch.cat([mean[:, :2], torch.ones_like(mean[:, :1])], 1)
+    hypotheses, size, constants = mean.shape[0], mean.shape[1], rows.expansion.shape[0]
+    others = min(fixed, size - 2 - constants)
+    sizes = [2, size - 2 - constants - others, constants, others]
+    strength, _, known, _ = mean.split_with_sizes(sizes, 1)
+    theta, away = nn.functional.pad(strength, [0, 1], value=1.0), known - rows.expansion
     half, covariance = row_noise(rows, theta)
     factor = cholesky(covariance)
-    residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(-1)
-    constants = rows.expansion.shape[0]
-    first = mean.shape[1] - fixed - constants
-    shift, by_constant = torch.zeros_like(residual), torch.zeros_like(residual[:, :, :0])
-    if constants > 0:
-        shift, by_constant = nuisance_columns(rows, mean, theta)
-        residual = residual - by_constant @ (mean[:, first:-fixed] - rows.expansion).unsqueeze(-1)
+    by_theta, by_constant = nuisance_columns(rows, away, theta)
+    residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(-1) - by_constant @ away.unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
     moved = (half @ weighted.unsqueeze(1).unsqueeze(1)).squeeze(-1)  # [H, C, 3, Q] G_a e
-    shift = shift + moved[:, 0, :2].transpose(1, 2)
-    jacobian = rows.linear + nn.functional.pad(shift, [0, mean.shape[1] - 2])
-    if constants > 0:
-        by_constant = by_constant + (moved[:, 1:] * theta.view(-1, 1, 3, 1)).sum(2).transpose(1, 2)
-        jacobian = jacobian + nn.functional.pad(by_constant, [first, fixed])
+    values, changed = moved.split_with_sizes([1, constants], 1)
+    by_theta = by_theta + values.squeeze(1).narrow(1, 0, 2).transpose(1, 2)
+    by_constant = by_constant + (changed * theta.view(-1, 1, 3, 1)).sum(2).transpose(1, 2)
+    linear, learnt, _, unchanging = rows.linear.expand(hypotheses, -1, -1).split_with_sizes(sizes, 2)
+    jacobian = torch.cat([linear + by_theta, learnt, by_constant, unchanging], 2)
     transposed = jacobian.transpose(1, 2)
     pull = (prior.mean - mean).unsqueeze(-1)
     restoring = prior.precision @ pull
@@ -181,11 +184,10 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     gradient = restoring + transposed @ weighted
     root = cholesky(precision)
     step = torch.cholesky_solve(gradient, root)
-    longest = (step[:, :2, 0].abs() / longest_step).amax(1, keepdim=True)
+    longest = (step.narrow(1, 0, 2).squeeze(-1).abs() / longest_step).amax(1, keepdim=True)
     gained = (gradient * step).sum(1)
     misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - gained).squeeze(-1)
-    after = mean + step.squeeze(-1) / longest.clamp(min=1.0)
-    return Step(after, precision, root, log_determinant(factor), misfit, gained.amax())
+    return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, factor, misfit, gained.amax())
 
 
 MOST_STEPS = 8
@@ -205,7 +207,12 @@ def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: i
         if bool(step.decrement < converged):
             break
         step = gauss_newton(padded, step.mean, rows, longest_step)
+    return solution_of(prior, step)
+
+
+def solution_of(prior: Posterior, step: Step) -> Solution:
+    """The posteriors after the last ``step`` from ``prior`` over D parameters; all may have leading dimensions."""
     before = log_determinant(cholesky(prior.precision))
-    volume = log_determinant(step.factor) - torch.log(step.precision[:, -1, -1]) - before
-    log_weight = prior.log_weight - 0.5 * (step.misfit + volume)
-    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit, step.noise)
+    last = step.precision.select(-1, -1).select(-1, -1)
+    log_weight = prior.log_weight - 0.5 * (step.misfit + log_determinant(step.factor) - torch.log(last) - before)
+    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit, log_determinant(step.noise))

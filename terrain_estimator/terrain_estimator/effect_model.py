@@ -23,8 +23,9 @@ from terrain_estimator.rows import (
     Rows,
     agreeing_inputs,
     changes,
-    expanded_wheels,
+    frame_of,
     measured_forces,
+    places,
     rows_of_forces,
     values_alone,
     varied_inputs,
@@ -117,10 +118,11 @@ class PAlpacaWithEffects(PAlpaca):
     def rows_under(self, packed: Tensor, away: Tensor, contact: Contact, values: Tensor) -> Rows:
         """Rows of ``packed`` with effects of these ``values`` [n or 1, V], expanded ``away`` from the inputs without them."""
         plain, contact = self.undone(packed, values), self.loaded(contact, values)
-        wheels = expanded_wheels(plain, plain + away, contact)
-        where = varied_inputs(wheels.place, contact)
+        frame = frame_of(plain, contact)
+        place = places(plain + away, frame, contact)
+        where = varied_inputs(place, contact)
         forces = self.forces(where.slip, where.sinkage, where.constants, rates(packed, self.axles), values)
-        return rows_of_forces(plain, wheels, measured_forces(wheels, changes(forces, where.scale, contact)), contact)
+        return rows_of_forces(frame, measured_forces(frame, place, changes(forces, where.scale, contact)))
 
     def rows(self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor) -> Rows:
         """See Physics; the changes by the effects' values follow those by the constants."""

@@ -23,6 +23,8 @@ def cholesky(matrix: Tensor) -> Tensor:
     their result with ``isfinite``.
     """
     factor, info = torch.linalg.cholesky_ex(matrix)
+    if not any_of(info):
+        return factor
     failed = info > 0
     jitter = 1e-12
     while any_of(failed) and jitter < 1e-5:
@@ -49,21 +51,21 @@ def project(mean: Tensor, precision: Tensor, directions: Tensor) -> tuple[Tensor
 
 
 def mixture(log_weight: Tensor, mean: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean [K] and covariance [K, K] of the mixture with weights softmax(log_weight [H])."""
-    weight = torch.softmax(log_weight, 0)
+    """Means [..., K] and covariances [..., K, K] of the mixtures with weights softmax(log_weight [..., H])."""
+    weight = torch.softmax(log_weight, -1)
     centre = weight @ mean
-    spread = mean - centre
-    return centre, (weight.view(-1, 1, 1) * covariance).sum(0) + spread.T @ (weight.unsqueeze(-1) * spread)
+    spread = mean - centre.unsqueeze(-2)
+    within = (weight @ covariance.flatten(1)).view(weight.shape[:-1] + covariance.shape[1:])
+    return centre, within + spread.transpose(-1, -2) @ (weight.unsqueeze(-1) * spread)
 
 
 def drop(mean: Tensor, precision: Tensor, index: int) -> tuple[Tensor, Tensor]:
     """Marginalise parameter ``index`` out (Schur complement); returns [H, D - 1] and [H, D - 1, D - 1]."""
     size = mean.shape[-1]
     keep = torch.cat([torch.arange(index), torch.arange(index + 1, size)])
-    cross = precision[:, keep, index]
-    rest = precision[:, keep][:, :, keep]
-    pivot = precision[:, index, index].view(-1, 1, 1)
-    return mean[:, keep], rest - cross.unsqueeze(-1) * cross.unsqueeze(-2) / pivot
+    cross = precision.select(2, index)
+    explained = cross.unsqueeze(-1) * cross.unsqueeze(-2) / cross.narrow(1, index, 1).unsqueeze(-1)
+    return mean.index_select(1, keep), (precision - explained).index_select(1, keep).index_select(2, keep)
 
 
 def random_walk(precision: Tensor, variance: Tensor) -> Tensor:

@@ -81,20 +81,21 @@ class Hypotheses(VelocityFilter):
         state["mean"], state["precision"], state["weight"] = bank.mean, bank.precision, weight
         state["log_weight"] = torch.log_softmax(bank.weight, 0) - log_physical(bank.mean, bank.covariance)
         state["age"], state["kind"] = bank.age, bank.kind
-        soil = bank.kind % self.known_soils
-        mean, covariance = mixture(bank.weight, bank.mean[:, :2], bank.covariance[:, :2, :2])
-        state["moments"] = torch.cat([mean.unsqueeze(0), covariance])
         index = torch.arange(self.known_soils)
-        share = weight * (index.unsqueeze(1) == soil)  # [K, H]
+        member = index.unsqueeze(1) == bank.kind % self.known_soils  # [K, H]
+        share = weight * member
         state["soils"] = share.sum(1)
+        leading = index == state["soils"].argmax()
+        within = (leading.unsqueeze(1) & member).any(0)
+        log_weights = torch.stack([bank.weight, torch.where(within, bank.weight, -float("inf"))])
+        means, covariances = mixture(log_weights, bank.mean, bank.covariance)
+        state["moments"] = torch.cat([means[:1, :2], covariances[0, :2, :2]])
+        state["expected"], state["covariance"] = means[1].clone(), covariances[1].clone()  # sums over a view may round otherwise
         apart = torch.cat([bank.mean[:, :2], bank.mean[:, self.first_constant : self.first_fixed]], 1)
         within_soil = (share @ apart) / state["soils"].clamp(min=1e-300).unsqueeze(1)
         own = 2 + self.uncertain_constants
         nothing = torch.cat([state["prior"][0], torch.zeros_like(apart[0, 2:own]), weight @ apart[:, own:]])
         state["expansion"] = torch.where(state["soils"].unsqueeze(1) > 0.0, within_soil, nothing)
-        leading = index == state["soils"].argmax()
-        within = (leading.unsqueeze(1) & (index.unsqueeze(1) == soil)).any(0)
-        state["expected"], state["covariance"] = mixture(torch.where(within, bank.weight, -float("inf")), bank.mean, bank.covariance)
         chosen = leading.to(torch.float64)
         uncertain = (chosen.view(-1, 1, 1) * self.uncertain).sum(0)
         state["constants"] = chosen @ self.constants + (chosen @ state["expansion"][:, 2:own]) @ uncertain

@@ -35,10 +35,12 @@ class NetFeatures(nn.Module):
 
     def forward(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:
         """Inputs [..., A] and pitch [..., 1]; returns [..., A + 5, columns]."""
-        x = torch.cat([slip, sinkage, angle, pitch], dim=-1) / self.input_scale
-        out = self.layers(x)
-        columns = out.unflatten(-1, [self.rows, self.columns]) * self.row_scale.unsqueeze(-1)
-        before = self.axles + 2
+        columns, before = self.distinct(slip, sinkage, angle, pitch), self.axles + 2
         if self.rows == before:
             return torch.cat([columns, columns[..., :1, :], torch.zeros_like(columns[..., :2, :])], dim=-2)
         return torch.cat([columns[..., :before, :], columns[..., :1, :], columns[..., before:, :]], dim=-2)
+
+    def distinct(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:
+        """The same without the rows that repeat another's or are zero: that of the velocity comes first."""
+        x = torch.cat([slip, sinkage, angle, pitch], dim=-1) / self.input_scale
+        return self.layers(x).unflatten(-1, [self.rows, self.columns]) * self.row_scale.unsqueeze(-1)

@@ -86,8 +86,7 @@ def pack(observation: Observation, torque: Floats, step_s: float, *, linked: boo
     known = np.where(np.isfinite(observation.wheel_rate), observation.slip, np.nan) if rates else observation.slip
     taken = {"slip": known, "torque": torque}
     groups = (taken.get(name, getattr(observation, name)) for name in AXLE_FIELDS)
-    values = [value for group in groups for value in group.tolist()]
-    values += (
+    scalars = (
         observation.velocity,
         observation.velocity_sd,
         observation.pitch,
@@ -99,7 +98,7 @@ def pack(observation: Observation, torque: Floats, step_s: float, *, linked: boo
         step_s,
         1.0 if linked else 0.0,
     )
-    return torch.tensor(values, dtype=torch.float64)
+    return torch.from_numpy(np.concatenate((*groups, scalars)))
 
 
 def pack_measurement(measurement: Measurement) -> Tensor:

@@ -34,7 +34,6 @@ from terrain_estimator.block import BlockRows, Posterior, Solution, solve_block
 from terrain_estimator.hypotheses import Hypotheses
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.prior import Body, Prior
-from terrain_estimator.rows import usable_wheels
 from terramechanics.simulation import TIME_STEP
 
 BLOCK = 10
@@ -130,25 +129,22 @@ class PAlpaca(Hypotheses):
     @torch.jit.export
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
         """Take one packed observation [8 A + 9] into the state; every tenth closes a block and moves the posterior."""
-        measured = observation[8 * self.axles :]
-        wheels = observation[: 8 * self.axles].view(1, 8, self.axles)
-        usable = usable_wheels(wheels, self.leading(state))[0]
-        if self.known_soils > 1:
-            usable = usable & self.in_every_range(wheels)[0]
-        linked = bool((measured[-1] > 0.0) & (state["velocity"][1] * self.open_precision < 0.5) & usable.all())
+        a, report = self.axles, state["report"]
+        usable = self.usable_by_all(observation[: 8 * a].view(8, a), state["constants"])
+        linked = bool(observation[-1] > 0.0) and bool(state["velocity"][1] * self.open_precision < 0.5) and bool(usable.all())
         closes = state["block"].shape[0] > 0 and not linked
         if linked:
             state = self.track(state, observation)
         else:
-            state = self.unlink(self.close(state) if closes else state, measured[0], measured[1] ** 2)
-            slip = torch.where(usable, wheels[0, 0], float("nan"))  # every soil has to explain the same rows
-            observation = torch.cat([slip, observation[self.axles : -2], torch.zeros_like(observation[:2])])  # it covers no time
+            state = self.unlink(self.close(state) if closes else state, observation[8 * a], observation[8 * a + 1] ** 2)
+            slip = torch.where(usable, observation[:a], float("nan"))  # every soil has to explain the same rows
+            observation = torch.cat([slip, observation[a:-2], torch.zeros_like(observation[:2])])  # it covers no time
         state["block"] = torch.cat([state["block"], observation.unsqueeze(0)])
         if state["block"].shape[0] == self.block_size:
             closes = True
             state = self.close(state)
+        changed = (state["weight"] * (state["age"] <= self.recent)).sum().unsqueeze(0) if closes else report[7:8]
         closed = torch.full((1,), 1.0 if closes else 0.0, dtype=torch.float64)
-        changed = (state["weight"] * (state["age"] <= self.recent)).sum().unsqueeze(0)
         ahead = self.forecast(state, self.step_s)
         state["report"] = torch.cat([ahead, state["innovation"], state["misfit"], closed, changed, usable.to(torch.float64)])
         return state
@@ -179,15 +175,20 @@ class PAlpaca(Hypotheses):
         rows: list[BlockRows] = []
         noise: list[Tensor] = []
         pieces: list[Solved] = []
+        soils = torch.where(state["log_weight"] != -float("inf"), state["kind"] % self.known_soils, -1)
+        alive: list[int] = soils.tolist()
         for soil in range(self.known_soils):
-            members = torch.nonzero((state["kind"] % self.known_soils == soil) & (state["log_weight"] != -float("inf"))).squeeze(1)
-            if members.shape[0] > 0:
-                before = Posterior(state["mean"][members], state["precision"][members], state["log_weight"][members])
+            if soil in alive:
+                before, age, kind = Posterior(state["mean"], state["precision"], state["log_weight"]), state["age"], state["kind"]
+                if alive.count(soil) < len(alive):
+                    members = torch.nonzero(soils == soil).squeeze(1)
+                    before = Posterior(before.mean[members], before.precision[members], before.log_weight[members])
+                    age, kind = age[members], kind[members]
                 solution, averaged, by_theta = self.solve(before, packed, soil, state["expansion"][soil])
                 seen.append(soil)
                 rows.append(averaged)
                 noise.append(by_theta)
-                pieces.append(Solved(solution, state["age"][members], state["kind"][members]))
+                pieces.append(Solved(solution, age, kind))
         solved = pieces[0]
         for piece in pieces[1:]:
             solved = join(solved, piece)
@@ -206,9 +207,9 @@ class PAlpaca(Hypotheses):
                 solution = solve_block(born, rows[seen.index(soil)], self.longest_step)
                 solved = join(solved, Solved(solution, age, torch.full_like(age, soil, dtype=torch.long)))
         bank, misfit = self.survive(solved)
-        alive = bank.weight != -float("inf")
-        if bool(alive.any()):  # else the block held a number beyond all bounds, and what follows is NaN
-            bank = take(bank, torch.nonzero(alive).squeeze(1))
+        survivors = torch.nonzero(bank.weight != -float("inf")).squeeze(1)
+        if 0 < survivors.shape[0] < bank.weight.shape[0]:  # none: the block held a number beyond all bounds, and what follows is NaN
+            bank = take(bank, survivors)
         state = self.commit(state, bank)
         leading = int(state["soils"].argmax())
         state = self.steer(state, noise[seen.index(leading) if leading in seen else 0])

@@ -9,7 +9,8 @@ from terrain_estimator.block import FIXED, LINK_VARIANCE, BlockRows, block_rows,
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.packing import packed_size
 from terrain_estimator.prior import Body, Prior, uncertain_constants
-from terrain_estimator.rows import MOMENT_VARIANCE, PA_PER_UNIT, Contact, Rows, likely_inputs, regression_rows, row_names
+from terrain_estimator.rows import MOMENT_VARIANCE, PA_PER_UNIT, Contact, Rows, agreeing_inputs, frame_of, row_names, rows_at, values_alone
+from terrain_estimator.stencil import Stencil, stencil
 from terramechanics.contact import in_range, quadrature
 from terramechanics.suspension import Geometry
 
@@ -24,6 +25,9 @@ class Physics(nn.Module):
     varied: Tensor
     constants: Tensor
     nodes: Tensor
+    stencil_moves: Tensor
+    stencil_constants: Tensor
+    stencil_weights: Tensor
     stand_in: Tensor
     body_scale: Tensor
     axle_x: Tensor
@@ -60,6 +64,8 @@ class Physics(nn.Module):
         self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
         self.register_buffer("constants", constants)
         self.register_buffer("nodes", quadrature())
+        for name, values in zip(Stencil._fields, stencil(self.uncertain_constants), strict=True):
+            self.register_buffer(f"stencil_{name}", values)
         self.register_buffer("body_scale", torch.tensor([by_mass, by_weight, by_moment, by_moment], dtype=torch.float64))
         self.register_buffer("axle_x", body.geometry.axle_x)
         self.register_buffer("centre", body.geometry.centre)
@@ -80,8 +86,10 @@ class Physics(nn.Module):
 
     def physics(self, constants: Tensor, varied: Tensor) -> Contact:
         """The same for given constants."""
+        differences = Stencil(self.stencil_moves, self.stencil_constants, self.stencil_weights)
+        geometry = Geometry(self.axle_x, self.centre, self.pivot, self.radius)
         return Contact(
-            constants, varied, self.nodes, self.column_unit, Geometry(self.axle_x, self.centre, self.pivot, self.radius),
+            constants, varied, differences, self.nodes, self.column_unit, geometry,
             self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius, self.width,
         )  # fmt: skip
 
@@ -93,11 +101,18 @@ class Physics(nn.Module):
         """Wheels [n, A] of packed groups [n, 8, A] that are in the range of every soil with its nominal constants."""
         return in_range(wheels[:, 0], wheels[:, 2], self.constants.view(-1, 1, 1, 6), self.radius).all(0)
 
+    def usable_by_all(self, wheels: Tensor, leading: Tensor) -> Tensor:
+        """Wheels [A] of one packed group [8, A] that are measured and in the range of every soil and of the ``leading`` constants [6]."""
+        constants = leading.view(1, 1, 6)
+        if self.known_soils > 1:
+            constants = torch.cat([constants, self.constants.unsqueeze(1)])
+        return in_range(wheels[0], wheels[2], constants, self.radius).all(0) & (wheels[4].abs() < float("inf"))
+
     def learnt(self, packed: Tensor) -> Tensor:
         """Net features [n, R, net] of packed observations [n, 8 A + 9]."""
         a = self.axles
-        wheels = packed[:, : 8 * a].view(-1, 8, a)
-        return self.net(wheels[:, 0], wheels[:, 2], wheels[:, 4], packed[:, 8 * a + 2 : 8 * a + 3])
+        slip, _, sinkage, _, angle, rest = packed.split_with_sizes([a, a, a, a, a, packed.shape[1] - 5 * a], 1)
+        return self.net(slip, sinkage, angle, rest.narrow(1, 3 * a + 2, 1))
 
     def within(self, deviations: Tensor) -> Tensor:
         """Where rows are evaluated for these expected ``deviations`` [M]."""
@@ -106,7 +121,9 @@ class Physics(nn.Module):
     def rows(self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor) -> Rows:
         """Rows of packed observations where those that are ``chosen`` agree best, given ``theta`` [3]."""
         del deviations
-        return regression_rows(packed, likely_inputs(packed, contact, theta, chosen), contact)
+        frame = frame_of(packed, contact)
+        measured = rows_at(frame, packed, values_alone(contact))
+        return rows_at(frame, agreeing_inputs(measured, packed, contact, theta, chosen), contact)
 
     def average(self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor) -> tuple[BlockRows, Tensor]:
         """Rows of a block on a soil, those ``chosen`` [R] (1 or 0), and the noise of its velocity rows [n, E, 3].

@@ -24,11 +24,12 @@ all rows of the instant agree best (``likely_inputs``), as orthogonal distance r
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from terrain_estimator.gaussian import cholesky
+from terrain_estimator.stencil import Stencil
 from terramechanics.contact import in_range, wheel_forces
-from terramechanics.suspension import Geometry, axle_places, balances, directions
+from terramechanics.suspension import Geometry, along_body, axle_places, balances, directions
 
 PA_PER_UNIT = 1000.0
 """c is carried in kPa, so that both parameters are of order one."""
@@ -60,6 +61,7 @@ class Contact(NamedTuple):
 
     constants: Tensor  # [6] of the soil, in the order of terramechanics.contact.CONSTANTS; or [n, 1, 6]
     varied: Tensor  # [C, 6] nothing, then a thousandth of the prior deviation of each of M uncertain constants
+    stencil: Stencil
     nodes: Tensor  # of terramechanics.contact.quadrature
     column_unit: Tensor  # [3] Pa per kPa, 1, 1
     geometry: Geometry
@@ -73,7 +75,12 @@ class Contact(NamedTuple):
 
 def usable_wheels(wheels: Tensor, contact: Contact) -> Tensor:
     """Wheels [n, A] of packed groups [n, 8, A] that are measured and inside the model's range."""
-    return in_range(wheels[:, 0], wheels[:, 2], contact.constants, contact.radius) & torch.isfinite(wheels[:, 4])
+    return are_usable(wheels.select(1, 0), wheels.select(1, 2), wheels.select(1, 4), contact)
+
+
+def are_usable(slip: Tensor, sinkage: Tensor, angle: Tensor, contact: Contact) -> Tensor:
+    """The same of slips, sinkages and contact angles [n, A]."""
+    return in_range(slip, sinkage, contact.constants, contact.radius) & (angle.abs() < float("inf"))
 
 
 def drive_row(wheels: Tensor, contact: Contact) -> Tensor:
@@ -81,15 +88,16 @@ def drive_row(wheels: Tensor, contact: Contact) -> Tensor:
 
     First the features, then their change for one prior deviation of each uncertain constant.
     """
+    slip, sinkage, angle = wheels[0], wheels[2], wheels[4]
     constants = (contact.constants + contact.varied).unsqueeze(1)
-    forces = wheel_forces(wheels[0], wheels[2], constants, contact.radius, contact.width, contact.nodes) * contact.column_unit
-    along = directions(wheels[4])[:, 0].unsqueeze(-1)
-    row = (along * forces).sum([1, 2]) * contact.body_scale[0]
-    return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
+    forces = wheel_forces(slip, sinkage, constants, contact.radius, contact.width, contact.nodes)
+    row = (along_body(angle).unsqueeze(-1) * forces).sum([1, 2]) * (contact.column_unit * contact.body_scale[0])
+    values = row[:1]
+    return torch.cat([values, 1e3 * (row[1:] - values)])
 
 
 class Variation(NamedTuple):
-    """Inputs at which the forces of n x A wheels are evaluated, and what is needed to read changes from them: K = 2 + 3 C."""
+    """Inputs at which the forces of n x A wheels are evaluated, and what is needed to read changes from them: K as in Stencil."""
 
     slip: Tensor  # [K, n, A]
     sinkage: Tensor  # [K, n, A] [m]
@@ -100,52 +108,37 @@ class Variation(NamedTuple):
 def varied_inputs(wheels: Tensor, contact: Contact) -> Variation:
     """Slip and sinkage with and without a deviation of each, for every set of soil constants.
 
-    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed groups. With the
-    constants as given both sides are taken; for the changes by the constants one side is enough.
+    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed groups. A sinkage smaller than its
+    deviation is varied by less.
     """
-    slip, slip_sd, sinkage, sinkage_sd = wheels[:, 0], wheels[:, 1], wheels[:, 2], wheels[:, 3]
+    slip, slip_sd, sinkage, sinkage_sd = wheels.narrow(1, 0, 4).unbind(1)
     shallow = torch.minimum(sinkage_sd, 0.9 * sinkage)
-    zero = torch.zeros_like(slip)
-    slips = [torch.stack([zero, -slip_sd])] + [torch.stack([zero, slip_sd, zero])] * contact.varied.shape[0]
-    sinkages = [torch.stack([-shallow, zero])] + [torch.stack([zero, zero, shallow])] * contact.varied.shape[0]
-    constants = contact.constants + contact.varied.unsqueeze(1).unsqueeze(1)
-    every = torch.cat([constants[:1], constants[:1], constants.repeat_interleave(3, 0)])
-    return Variation(slip + torch.cat(slips), sinkage + torch.cat(sinkages), every, sinkage_sd / shallow)
+    faster, deeper = contact.stencil.moves.view(-1, 2, 1, 1).unbind(1)
+    constants = contact.constants + contact.varied.index_select(0, contact.stencil.constants).view(-1, 1, 1, 6)
+    return Variation(torch.addcmul(slip, faster, slip_sd), torch.addcmul(sinkage, deeper, shallow), constants, sinkage_sd / shallow)
 
 
-def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Tensor:
-    """Forces and their change for one standard deviation of slip and of sinkage: [3, C, n, A, 3, 3], as ``wheel_forces``.
+class Forces(NamedTuple):
+    """Forces of n x A wheels as ``wheel_forces`` has them, but by c in kPa. C as in Rows."""
 
-    ``forces`` [K, n, A, 3, 3] are those at the inputs of a Variation with its ``scale``. The change is a central difference
-    over plus and minus one deviation, so that a curved law is averaged over the spread of its input; a sinkage smaller
-    than its deviation is varied by less. C as in Rows.
-    """
-    shallower, braked = forces[0], forces[1]
-    values, faster, deeper = forces[2::3], forces[3::3], forces[4::3]
-    scale = scale.unsqueeze(-1).unsqueeze(-1)
-    one_sided = torch.stack([values, faster - values, (deeper - values) * scale])
-    by_constant = 1e3 * (one_sided[:, 1:] - one_sided[:, :1])
-    central = torch.stack([values[0], 0.5 * (faster[0] - braked), 0.5 * (deeper[0] - shallower) * scale])
-    return torch.cat([central.unsqueeze(1), by_constant], 1) * contact.column_unit
+    values: Tensor  # [C, n, A, 3, 3]
+    by_slip: Tensor  # [C, n, A, 3, 3] change for one standard deviation
+    by_sinkage: Tensor  # [C, n, A, 3, 3] change for one standard deviation
 
 
-def body_parts(forces: Tensor, wheels: Tensor, bogie_angle: Tensor, contact: Contact) -> tuple[Tensor, Tensor]:
-    """What each wheel contributes to the four balances of the body, [..., n, 4, A, 3] for forces [..., n, A, 3, 3].
-
-    And its change for one standard deviation of the contact angle, of the first of the ``forces`` alone [C, n, A, 3, 3].
-    """
-    axle, action = axle_places(contact.geometry, bogie_angle), directions(wheels[:, 4])
-    along, up, turn = action.unbind(-2)
-    turned = torch.stack([-up, along, torch.zeros_like(turn)], -2) * wheels[:, 5].unsqueeze(-1).unsqueeze(-1)
-    scale = contact.body_scale.unsqueeze(-1).unsqueeze(-1)
-    part, change = (balances(contact.geometry, axle, x) * scale for x in (action, turned))
-    return (part.unsqueeze(-1) * forces.unsqueeze(-4)).sum(-2), (change.unsqueeze(-1) * forces[0].unsqueeze(-4)).sum(-2)
+def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Forces:
+    """Forces and their changes from those [K, n, A, 3, 3] at the inputs of a Variation with its ``scale``."""
+    weights = contact.stencil.weights
+    read = (weights.flatten(0, 1) @ (forces * contact.column_unit).flatten(1)).view(weights.shape[:2] + forces.shape[1:])
+    values, by_slip, by_sinkage = read.unbind(0)
+    return Forces(values, by_slip, by_sinkage * scale.unsqueeze(-1).unsqueeze(-1))
 
 
 def values_alone(contact: Contact) -> Contact:
     """The same without the changes for uncertain constants (TorchScript has no ``_replace``)."""
+    first = Stencil(contact.stencil.moves[:5], contact.stencil.constants[:5], contact.stencil.weights[:, :1, :5])
     return Contact(
-        contact.constants, contact.varied[:1], contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
+        contact.constants, contact.varied[:1], first, contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
     )  # fmt: skip
 
@@ -153,35 +146,79 @@ def values_alone(contact: Contact) -> Contact:
 def with_body(contact: Contact, geometry: Geometry, body_scale: Tensor) -> Contact:
     """The same with another body."""
     return Contact(
-        contact.constants, contact.varied, contact.nodes, contact.column_unit, geometry, body_scale,
+        contact.constants, contact.varied, contact.stencil, contact.nodes, contact.column_unit, geometry, body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
     )  # fmt: skip
 
 
-class Wheels(NamedTuple):
-    """The wheels of n observations and where their forces are expanded."""
+class Frame(NamedTuple):
+    """What in the rows of n observations does not depend on the forces between wheels and ground. R as in Rows."""
 
     measured: Tensor  # [n, 8, A] packed groups, harmless where a wheel is not usable
     usable: Tensor  # [n, A] bool
-    place: Tensor  # [n, 8, A] the same with the slip and sinkage around which forces are expanded
+    levers: Tensor  # [n, A, 2, R, 3] what N, T, M of a wheel do in a row, and the change for one deviation of the contact angle
+    tilt: Tensor  # [n, R] change of a row for one standard deviation of the pitch
+    target: Tensor  # as in Rows
+    variance: Tensor
+    used: Tensor
 
 
-def expanded_wheels(packed: Tensor, likely: Tensor, contact: Contact) -> Wheels:
-    """The wheels of ``packed``, to be expanded around the slips and sinkages of ``likely``; both [n, 8 A + SCALARS]."""
+def frame_of(packed: Tensor, contact: Contact) -> Frame:
+    """The frame of packed observations [n, 8 A + SCALARS]. A wheel that is not usable takes the rows that need it along."""
     axles = contact.geometry.axle_x.shape[0]
-    wheels = packed[:, : 8 * axles].view(-1, 8, axles)
+    wheels = packed.narrow(1, 0, 8 * axles).view(-1, 8, axles)
     usable = usable_wheels(wheels, contact)
     wheels = torch.where(usable.unsqueeze(1), wheels, contact.stand_in)
-    place = torch.where(usable.unsqueeze(1), likely[:, : 8 * axles].view(-1, 8, axles), contact.stand_in)
-    return Wheels(wheels, usable, place)
+    _, _, _, _, angle, angle_sd, torque, torque_sd = wheels.unbind(1)
+    _, _, pitch, pitch_sd, acceleration, acceleration_sd, bogie = packed.narrow(1, 8 * axles, 7).unbind(1)
+    known, every = torch.isfinite(bogie), usable.all(1, keepdim=True)
+    carried = every & known.unsqueeze(1)
+    levers = lever_arms(angle, angle_sd, torch.where(known, bogie, 0.0), contact)
+
+    sine, cosine = torch.sin(pitch), torch.cos(pitch)
+    balance = torch.stack([contact.gravity * sine, cosine], 1)
+    tilt = torch.stack([-contact.gravity * cosine, sine], 1) * pitch_sd.unsqueeze(1)
+    sensed, sensed_sd = torch.cat([torque, acceleration.unsqueeze(1)], 1), torch.cat([torque_sd, acceleration_sd.unsqueeze(1)], 1)
+    holds = torch.isfinite(sensed) & torch.isfinite(sensed_sd) & torch.cat([usable, every], 1)
+    sensed, own = torch.where(holds, sensed, 0.0), torch.where(holds, sensed_sd**2, 0.0)
+    return Frame(
+        measured=wheels,
+        usable=usable,
+        levers=levers,
+        tilt=nn.functional.pad(tilt, [0, axles + 3]),
+        target=nn.functional.pad(torch.cat([balance, sensed], 1), [0, 2]),
+        variance=nn.functional.pad(nn.functional.pad(own, [2, 0]), [0, 2], value=contact.moment_variance),
+        used=torch.cat([every, every, holds, carried, carried], 1).to(packed.dtype),
+    )
 
 
-def measured_forces(wheels: Wheels, forces: Tensor) -> Tensor:
-    """``forces`` of :func:`changes` with the values moved, to first order, to the measured slips and sinkages."""
-    measured, place = wheels.measured, wheels.place
-    away = torch.stack([(measured[:, 0] - place[:, 0]) / measured[:, 1], (measured[:, 2] - place[:, 2]) / measured[:, 3]])
-    shifted = forces[0] + (away.unsqueeze(1).unsqueeze(-1).unsqueeze(-1) * forces[1:]).sum(0)
-    return torch.cat([shifted.unsqueeze(0), forces[1:]])
+def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: Contact) -> Tensor:
+    """What N, T, M of each wheel do in each row at contact angles [n, A], and its change for one deviation of these: [n, A, 2, R, 3]."""
+    axles = angle.shape[1]
+    action = directions(angle)
+    along, up, turn = action.unbind(-2)
+    turned = torch.stack([-up, along, torch.zeros_like(turn)], -2) * angle_sd.unsqueeze(-1).unsqueeze(-1)
+    body = balances(contact.geometry, axle_places(contact.geometry, bogie), torch.stack([action, turned]))
+    velocity, load, moments = (body * contact.body_scale.unsqueeze(-1).unsqueeze(-1)).split_with_sizes([1, 1, 2], 2)
+    torque = nn.functional.pad(torch.eye(axles, dtype=angle.dtype).unsqueeze(-1), [2, 0])
+    torques = torch.stack([torque, torch.zeros_like(torque)]).unsqueeze(1).expand(-1, angle.shape[0], -1, -1, -1)
+    return torch.cat([velocity, load, torques, velocity, moments], 2).permute(1, 3, 0, 2, 4)
+
+
+def places(likely: Tensor, frame: Frame, contact: Contact) -> Tensor:
+    """Slips, sinkages and their deviations [n, 4, A] of the observations ``likely`` [n, 8 A + SCALARS], harmless where not usable."""
+    axles = frame.usable.shape[1]
+    wheels = likely.narrow(1, 0, 4 * axles).view(-1, 4, axles)
+    return torch.where(frame.usable.unsqueeze(1), wheels, contact.stand_in[:4])
+
+
+def measured_forces(frame: Frame, place: Tensor, forces: Forces) -> Forces:
+    """``forces`` at ``place`` [n, 4, A] with the values moved, to first order, to the measured slips and sinkages."""
+    slip, slip_sd, sinkage, sinkage_sd = frame.measured.narrow(1, 0, 4).unbind(1)
+    likely_slip, _, likely_sinkage, _ = place.unbind(1)
+    faster, deeper = (slip - likely_slip) / slip_sd, (sinkage - likely_sinkage) / sinkage_sd
+    values = torch.addcmul(forces.values, faster.unsqueeze(-1).unsqueeze(-1), forces.by_slip)
+    return Forces(torch.addcmul(values, deeper.unsqueeze(-1).unsqueeze(-1), forces.by_sinkage), forces.by_slip, forces.by_sinkage)
 
 
 LARGEST_ERROR = 3.0
@@ -190,7 +227,7 @@ LARGEST_ERROR = 3.0
 
 def likely_inputs(packed: Tensor, contact: Contact, theta: Tensor, chosen: Tensor, largest: float = LARGEST_ERROR) -> Tensor:
     """Packed observations with each slip and sinkage where the rows of its instant agree best, given ``theta`` [3]."""
-    rows = regression_rows(packed, packed, values_alone(contact))
+    rows = rows_at(frame_of(packed, contact), packed, values_alone(contact))
     return agreeing_inputs(rows, packed, contact, theta, chosen, largest)
 
 
@@ -201,60 +238,47 @@ def agreeing_inputs(rows: Rows, packed: Tensor, contact: Contact, theta: Tensor,
     [R] (1 or 0), without the velocity's, whose dv/dt no single instant measures. As a place to expand the rows around, it
     need not be exact, nor ``theta`` = (c [kPa], tan phi, 1).
     """
-    axles = contact.geometry.axle_x.shape[0]
-    used = (rows.used * chosen)[:, 1:]
-    noise = (rows.noise[0, :, 1:] @ theta) * used.unsqueeze(-1)
-    residual = (rows.target[:, 1:] - rows.features[0, :, 1:] @ theta) * used
-    covariance = noise @ noise.transpose(1, 2) + torch.diag_embed(rows.variance[:, 1:] * used + (1.0 - used))
+    axles, others = contact.geometry.axle_x.shape[0], rows.used.shape[1] - 1
+    used = (rows.used * chosen).narrow(1, 1, others)
+    noise = (rows.noise[0] @ theta).narrow(1, 1, others) * used.unsqueeze(-1)
+    residual = (rows.target - rows.features[0] @ theta).narrow(1, 1, others) * used
+    own = rows.variance.narrow(1, 1, others) * used + (1.0 - used)
+    covariance = noise @ noise.transpose(1, 2) + torch.diag_embed(own)
     error = (noise.transpose(1, 2) @ torch.cholesky_solve(residual.unsqueeze(-1), cholesky(covariance))).squeeze(-1)
-    error = error.clamp(-largest, largest)
-    wheels = packed[:, : 8 * axles].view(-1, 8, axles)
-    slip = wheels[:, 0] + wheels[:, 1] * error[:, :axles]
-    sinkage = torch.maximum(wheels[:, 2] + wheels[:, 3] * error[:, axles : 2 * axles], 0.3 * wheels[:, 2])
-    moved = torch.cat([torch.stack([slip, wheels[:, 1], sinkage], 1), wheels[:, 3:]], 1)
-    possible = usable_wheels(moved, contact).unsqueeze(1)
-    return torch.cat([torch.where(possible, moved, wheels).flatten(1), packed[:, 8 * axles :]], 1)
+    faster, deeper, _ = error.clamp(-largest, largest).split_with_sizes([axles, axles, axles + 1], 1)
+    slip, slip_sd, sinkage, sinkage_sd, angle, rest = packed.split_with_sizes([axles] * 5 + [packed.shape[1] - 5 * axles], 1)
+    moved, sunk = slip + slip_sd * faster, torch.maximum(sinkage + sinkage_sd * deeper, 0.3 * sinkage)
+    possible = are_usable(moved, sunk, angle, contact)
+    moved, sunk = torch.where(possible, moved, slip), torch.where(possible, sunk, sinkage)
+    return torch.cat([moved, slip_sd, sunk, sinkage_sd, angle, rest], 1)
 
 
 def regression_rows(packed: Tensor, likely: Tensor, contact: Contact) -> Rows:
-    """Rows of n packed observations [n, 8 A + SCALARS], expanded around the inputs of ``likely``, which has the same shape.
+    """Rows of n packed observations [n, 8 A + SCALARS], expanded around the inputs of ``likely``, which has the same shape."""
+    return rows_at(frame_of(packed, contact), likely, contact)
 
-    A wheel that is not usable takes the rows that need it along.
-    """
-    wheels = expanded_wheels(packed, likely, contact)
-    where = varied_inputs(wheels.place, contact)
+
+def rows_at(frame: Frame, likely: Tensor, contact: Contact) -> Rows:
+    """What :func:`regression_rows` returns, from the frame of the measured observations."""
+    place = places(likely, frame, contact)
+    where = varied_inputs(place, contact)
     forces = wheel_forces(where.slip, where.sinkage, where.constants, contact.radius, contact.width, contact.nodes)
-    return rows_of_forces(packed, wheels, measured_forces(wheels, changes(forces, where.scale, contact)), contact)
+    return rows_of_forces(frame, measured_forces(frame, place, changes(forces, where.scale, contact)))
 
 
-def rows_of_forces(packed: Tensor, expanded: Wheels, forces: Tensor, contact: Contact) -> Rows:
-    """Rows of n packed observations, given the ``forces`` [3, C, n, A, 3, 3] of :func:`measured_forces`."""
-    axles = contact.geometry.axle_x.shape[0]
-    wheels, usable = expanded.measured, expanded.usable
-    scalars = packed[:, 8 * axles :]
-    bogie = torch.isfinite(scalars[:, 6])
-    parts, by_angle = body_parts(forces, wheels, torch.where(bogie, scalars[:, 6], 0.0), contact)
-    body, body_noise = parts[0].sum(-2), torch.cat([parts[1], parts[2], by_angle], -2)  # [C, n, 4, 3], [C, n, 4, 3 A, 3]
-    eye = torch.eye(axles, dtype=packed.dtype).unsqueeze(-1)
-    own = [eye * forces[1, :, :, :, 2].unsqueeze(2), eye * forces[2, :, :, :, 2].unsqueeze(2)]
-    torque_noise = torch.cat([own[0], own[1], torch.zeros_like(own[0])], 3)  # [C, n, A, 3 A, 3]
-    noise = torch.cat([body_noise[:, :, :2], torque_noise, body_noise[:, :, :1], body_noise[:, :, 2:]], 2)
+def features_of(frame: Frame, values: Tensor) -> Tensor:
+    """Features [..., n, R, F] of forces [..., n, A, 3, F]."""
+    return (frame.levers[:, :, 0] @ values).sum(-3)
 
-    pitch, pitch_sd = scalars[:, 2], scalars[:, 3]
-    tilt = torch.zeros_like(noise[:, :, :, :1])
-    tilt[0, :, 0, 0, 2] = -contact.gravity * torch.cos(pitch) * pitch_sd
-    tilt[0, :, 1, 0, 2] = torch.sin(pitch) * pitch_sd
-    every = usable.all(1, keepdim=True)
-    measured = torch.cat([packed[:, 6 * axles : 7 * axles], scalars[:, 4:5]], 1)
-    measured_sd = torch.cat([packed[:, 7 * axles : 8 * axles], scalars[:, 5:6]], 1)
-    holds = torch.isfinite(measured) & torch.isfinite(measured_sd) & torch.cat([usable, every], 1)
-    balance = torch.stack([contact.gravity * torch.sin(pitch), torch.cos(pitch)], 1)
-    carried = every & bogie.unsqueeze(1)
-    nothing = torch.zeros_like(balance)
-    return Rows(
-        features=torch.cat([body[:, :, :2], forces[0, :, :, :, 2], body[:, :, :1], body[:, :, 2:]], 2),
-        noise=torch.cat([noise, tilt], 3),
-        target=torch.cat([balance, torch.where(holds, measured, 0.0), nothing], 1),
-        variance=torch.cat([nothing, torch.where(holds, measured_sd**2, 0.0), nothing + contact.moment_variance], 1),
-        used=torch.cat([every, every, holds, carried, carried], 1).to(packed.dtype),
-    )
+
+def rows_of_forces(frame: Frame, forces: Forces) -> Rows:
+    """Rows of n observations, given the forces of :func:`measured_forces`."""
+    n, axles, _, rows, _ = frame.levers.shape
+    by_source = torch.stack([forces.by_slip, forces.by_sinkage, forces.values]).permute(2, 3, 4, 0, 1, 5)  # [n, A, 3, 3, C, 3]
+    moved = (frame.levers.flatten(2, 3) @ by_source.flatten(3)).view(n, axles, 2, rows, 3, -1, 3)
+    acting, turned = moved.unbind(2)
+    features = acting.select(3, 2).sum(1).permute(2, 0, 1, 3)
+    noise = torch.cat([acting.narrow(3, 0, 2), turned.narrow(3, 2, 1)], 3).permute(4, 0, 2, 3, 1, 5).flatten(3, 4)
+    tilt = frame.tilt.view(1, n, rows, 1, 1)
+    tilt = nn.functional.pad(tilt, [2, 0, 0, 0, 0, 0, 0, 0, 0, noise.shape[0] - 1])
+    return Rows(features, torch.cat([noise, tilt], 3), frame.target, frame.variance, frame.used)

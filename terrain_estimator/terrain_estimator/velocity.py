@@ -18,51 +18,62 @@ OPEN = 1e-2
 class VelocityFilter(Physics):
     """Follows, foretells and re-opens the velocity of a state."""
 
+    by_time: Tensor
+    by_time_squared: Tensor
+
     def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0) -> None:
         """See Physics."""
         super().__init__(body, constants, prior, net, added)
         self.open_precision = OPEN
+        # what of acceleration, noise and change moves mean and variance of the velocity
+        self.register_buffer("by_time", torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], dtype=torch.float64))
+        self.register_buffer("by_time_squared", torch.tensor([[0.0, 0.0, 0.0], [0.0, 1.0, 1.0]], dtype=torch.float64))
 
     @torch.jit.export
     def predict(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """Posterior predictive of the velocity that ``observation`` measures: mean [m/s] and variance, shape [2]."""
-        predicted = self.foresee(state, observation)
-        return torch.stack([predicted[0], predicted[1] + observation[8 * self.axles + 1] ** 2])
+        mean, variance, _ = self.foresee(state, observation)
+        return torch.stack([mean, variance + observation[8 * self.axles + 1] ** 2])
 
     @torch.jit.export
     def forecast(self, state: dict[str, Tensor], horizon_s: float) -> Tensor:
         """The true velocity ``horizon_s`` after the last observation if slip persists: mean [m/s] and variance, shape [2]."""
-        velocity, drive = state["velocity"], state["drive"]
-        return torch.stack([velocity[0] + horizon_s * drive[0], velocity[1] + horizon_s**2 * (drive[1] + drive[2])])
+        moves = horizon_s * self.by_time + horizon_s**2 * self.by_time_squared
+        return state["velocity"] + (moves * state["drive"]).sum(1)
 
     def drive(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """The velocity row at ``observation`` and its changes by what is uncertain, as :func:`drive_row` has them."""
         return drive_row(observation[: 8 * self.axles].view(8, self.axles), self.leading(state))
 
-    def foresee(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
-        """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration [3]."""
+    def foresee(self, state: dict[str, Tensor], observation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration."""
         a, expected = self.axles, state["expected"]
-        rows = self.drive(state, observation)
-        by_constant = rows[1:] @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
-        direction = torch.cat([rows[0, :2], self.learnt(observation.unsqueeze(0))[0, 0], by_constant])
+        by_cohesion, by_friction, alone = self.drive(state, observation).unbind(1)
+        cohesion, friction = expected[:2].unbind(0)
+        row = torch.addcmul(torch.addcmul(alone, by_cohesion, cohesion), by_friction, friction)  # and its change by what is uncertain
+        slip, _, sinkage, _, angle, rest = observation.split_with_sizes([a, a, a, a, a, observation.shape[0] - 5 * a])
+        pitch = rest[3 * a + 2 : 3 * a + 3]
+        learnt = self.net.distinct(slip, sinkage, angle, pitch)[0]
+        direction = torch.cat([by_cohesion[:1], by_friction[:1], learnt, row[1:]])
         known = direction.shape[0]
-        explained = torch.dot(direction[: self.first_constant], expected[: self.first_constant]) + rows[0, 2]
-        acceleration = explained - self.gravity * torch.sin(observation[8 * a + 2])
+        explained = row[0] + (learnt * expected[2 : self.first_constant]).sum()
+        acceleration = explained - self.gravity * torch.sin(pitch[0])
         step = observation[-2]
         spread = torch.dot(direction, torch.mv(state["covariance"][:known, :known], direction)) + state["drive"][1]
-        velocity = state["velocity"]
-        return torch.stack([velocity[0] + step * acceleration, velocity[1] + step**2 * spread, acceleration])
+        velocity, variance = state["velocity"].unbind(0)
+        return torch.addcmul(velocity, step, acceleration), torch.addcmul(variance, step * step, spread), acceleration
 
     def track(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
         """Kalman step of the velocity."""
-        mean, variance, acceleration = self.foresee(state, observation).unbind(0)
-        noise = observation[8 * self.axles + 1] ** 2
-        innovation, total = observation[8 * self.axles] - mean, variance + noise
-        drive = state["drive"]
-        change = 0.95 * drive[2] + 0.05 * (acceleration - drive[0]) ** 2
+        mean, variance, acceleration = self.foresee(state, observation)
+        measured, deviation = observation[8 * self.axles : 8 * self.axles + 2].unbind(0)
+        before, noise, change = state["drive"].unbind(0)
+        own, innovation = deviation * deviation, measured - mean
+        total = variance + own
+        gain = variance / total
         state = state.copy()
-        state["velocity"] = torch.stack([mean + variance / total * innovation, variance / total * noise])
-        state["drive"] = torch.stack([acceleration, drive[1], change])
+        state["velocity"] = torch.stack([torch.addcmul(mean, gain, innovation), gain * own])
+        state["drive"] = torch.stack([acceleration, noise, torch.lerp(change, (acceleration - before).square(), 0.05)])
         state["innovation"] = torch.stack([innovation, total])
         return state
 

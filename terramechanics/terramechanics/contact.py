@@ -45,7 +45,7 @@ def entry_angle(sinkage: Tensor, radius: float) -> Tensor:
 
 def stress_ratio(slip: Tensor, constants: Tensor) -> Tensor:
     """theta_m / theta_1 = c1 + c2 i [1], the place of the largest normal stress (Banerjee et al. eq. 12)."""
-    return constants[..., 4] + constants[..., 5] * slip
+    return torch.addcmul(constants[..., 4], constants[..., 5], slip)
 
 
 def in_range(
@@ -75,14 +75,12 @@ def shear_reversal_angle(slip: Tensor, theta_1: Tensor) -> Tensor:
     return torch.minimum(theta, theta_1)
 
 
-def _split_nodes(theta_0: Tensor, theta_1: Tensor, theta_m: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
-    """Nodes and weights on [0, u_0] and [u_0, 1], u_0 the substituted place of the kink theta_0; shapes [..., 2 P]."""
+def _split_nodes(theta_0: Tensor, theta_1: Tensor, theta_m: Tensor, u: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
+    """Nodes and weights on [0, u_0] and [u_0, 1], u_0 the substituted place of the kink theta_0; shapes [2 P, ...]."""
     front = torch.sqrt(torch.clamp(theta_1 - theta_0, min=0.0) / (theta_1 - theta_m))
     rear = torch.sqrt(torch.clamp(theta_0, min=0.0) / theta_m)
-    kink = torch.where(theta_0 > theta_m, front, rear).clamp(0.0, 1.0).unsqueeze(-1)
-    u = torch.cat([kink * nodes[0], kink + (1.0 - kink) * nodes[0]], dim=-1)
-    weight = torch.cat([kink * nodes[1], (1.0 - kink) * nodes[1]], dim=-1)
-    return u, weight
+    kink = torch.where(theta_0 > theta_m, front, rear).clamp(0.0, 1.0)
+    return torch.cat([kink * u, kink + (1.0 - kink) * u]), torch.cat([kink * weight, (1.0 - kink) * weight])
 
 
 def wheel_forces(
@@ -102,33 +100,30 @@ def wheel_forces(
     """
     theta_1 = entry_angle(sinkage, radius)
     theta_m = theta_1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)
-    u, weight = nodes[0], nodes[1]
+    u, weight = nodes.view([2, -1] + [1] * theta_m.dim()).unbind(0)  # nodes first: what is computed of many wheels is contiguous
     braked = any_of(slip < 0.0)
     if braked:
         reach = torch.zeros_like(theta_1) if exit_angle is None else exit_angle
-        u, weight = _split_nodes(shear_reversal_angle(slip, theta_1) + reach, theta_1 + reach, theta_m + reach, nodes)
-    t1, tm = theta_1.unsqueeze(-1), theta_m.unsqueeze(-1)
-    rear = tm if exit_angle is None else tm + exit_angle.unsqueeze(-1)
-    length = t1 - tm
-    front = length * u**2
+        u, weight = _split_nodes(shear_reversal_angle(slip, theta_1) + reach, theta_1 + reach, theta_m + reach, u, weight)
+    square, arc = u * u, (2.0 * radius * width) * u * weight
+    length, rear = theta_1 - theta_m, theta_m if exit_angle is None else theta_m + exit_angle
+    front, behind = length * square, rear * square if exit_angle is None else rear * square - exit_angle
     half = 0.5 * front
-    height = 2.0 * radius * torch.sin(t1 - half) * torch.sin(half)
-    n, k_c, k_phi, shear_modulus = constants[..., :4].unsqueeze(-1).unbind(-2)
+    height = (2.0 * radius) * torch.sin(theta_1 - half) * torch.sin(half)
+    n, k_c, k_phi, shear_modulus = constants[..., :4].unbind(-1)
     sigma = (k_c / width + k_phi) * torch.pow(height, n)
 
-    behind = rear * u**2 if exit_angle is None else rear * u**2 - exit_angle.unsqueeze(-1)
-    theta = torch.cat([t1 - front, behind], dim=-1)
+    theta = torch.stack([theta_1 - front, behind])  # [2, P, ...], as all of both sides
     sine, cosine = torch.sin(theta), torch.cos(theta)
-    displacement = (t1 - theta) - (1.0 - slip).unsqueeze(-1) * (torch.sin(t1) - sine)
-    shear = displacement * (radius / shear_modulus)
-    mobilised = torch.sign(shear) * torch.expm1(-torch.abs(shear)) if braked else torch.expm1(-shear)  # this is -E
-    arc = (2.0 * radius * width) * u * weight
-    step = torch.cat([length * arc, rear * arc], dim=-1)
-    normal = torch.cat([sigma, sigma], dim=-1) * step
-    stress = torch.stack([step * mobilised, normal * mobilised], dim=-1)
-    affine = torch.matmul(torch.stack([sine, cosine, torch.full_like(sine, radius)], dim=-2), stress)
-    constant = torch.matmul(torch.stack([cosine, -sine, torch.zeros_like(sine)], dim=-2), normal.unsqueeze(-1))
-    return torch.cat([-affine, constant], dim=-1)
+    lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * (radius / shear_modulus)  # -j / K
+    mobilised = -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag)  # this is -E
+    step = torch.stack([length * arc, rear * arc])
+    normal = sigma * step
+    stresses = torch.stack([step * mobilised, normal * mobilised, normal])
+    integrals = torch.stack([(stresses * sine).sum([1, 2]), (stresses * cosine).sum([1, 2]), radius * stresses.sum([1, 2])])
+    by_sine, by_cosine, _ = integrals[:, 2].unbind(0)
+    constant = torch.stack([by_cosine, -by_sine, torch.zeros_like(by_sine)])
+    return torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1).movedim([0, 1], [-2, -1])
 
 
 def wheel_forces_linear_stress(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float) -> Tensor:

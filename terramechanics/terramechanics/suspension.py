@@ -109,12 +109,16 @@ def axle_places(geometry: Geometry, bogie: Tensor) -> Tensor:
     return torch.stack([torch.cat([front + geometry.axle_x[0], along], -1), torch.cat([front + geometry.radius, up], -1)], -1)
 
 
+def along_body(contact_angle: Tensor) -> Tensor:
+    """What N, T, M of a wheel do along body x: [..., axles, 3] for angles [..., axles]."""
+    return torch.stack([-torch.sin(contact_angle), torch.cos(contact_angle), torch.zeros_like(contact_angle)], dim=-1)
+
+
 def directions(contact_angle: Tensor) -> Tensor:
     """What N, T, M of a wheel do along body x, along body z and about the axle: [..., axles, 3, 3] for angles [..., axles]."""
-    sine, cosine = torch.sin(contact_angle), torch.cos(contact_angle)
-    zero = torch.zeros_like(sine)
-    along = torch.stack([-sine, cosine, zero], dim=-1)
-    up = torch.stack([cosine, sine, zero], dim=-1)
+    along = along_body(contact_angle)
+    minus_sine, cosine, zero = along.unbind(-1)
+    up = torch.stack([cosine, -minus_sine, zero], dim=-1)
     return torch.stack([along, up, torch.stack([zero, zero, zero + 1.0], dim=-1)], dim=-2)
 
 
@@ -127,9 +131,10 @@ def balances(geometry: Geometry, axle: Tensor, action: Tensor) -> Tensor:
     ``action`` from :func:`directions`.
     """
     along, up, turn = action.unbind(-2)
-    from_centre, from_pivot = (axle - geometry.centre).unsqueeze(-1), (axle - geometry.pivot).unsqueeze(-1)
-    whole = from_centre[..., 0, :] * up - from_centre[..., 1, :] * along + turn
-    bogie = from_pivot[..., 0, :] * up - from_pivot[..., 1, :] * along + turn
+    ahead, above = (axle - geometry.centre).unsqueeze(-1).unbind(-2)
+    whole = ahead * up - above * along + turn
+    ahead, above = (axle - geometry.pivot).unsqueeze(-1).unbind(-2)
+    bogie = ahead * up - above * along + turn
     carried = torch.cat([torch.zeros_like(bogie[..., :1, :]), bogie[..., 1:, :]], dim=-2)
     return torch.stack([along, up, whole, carried], dim=-3)
 

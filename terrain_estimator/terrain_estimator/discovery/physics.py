@@ -22,12 +22,14 @@ from terrain_estimator.rows import (
     Rows,
     agreeing_inputs,
     changes,
-    expanded_wheels,
+    frame_of,
     measured_forces,
+    places,
     rows_of_forces,
     values_alone,
     varied_inputs,
 )
+from terrain_estimator.stencil import stencil
 from terramechanics import plant
 from terramechanics.contact import quadrature, wheel_forces
 from terramechanics.plant import Plant, Situation
@@ -59,6 +61,7 @@ def nominal_of(rover: Rover, soil: Soil) -> Nominal:
     contact = Contact(
         constants=soil.constants(),
         varied=torch.cat([torch.zeros(1, 6, dtype=torch.float64), 1e-3 * uncertain]),
+        stencil=stencil(uncertain.shape[0]),
         nodes=quadrature(_POINTS),
         column_unit=torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64),
         geometry=geometry_of(rover),
@@ -129,15 +132,16 @@ class Laws:
         return acting, contact, torch.cat([packed[:, : 6 * axles], torque, packed[:, 7 * axles :]], 1)
 
     def _rows(self, packed: Tensor, likely: Tensor, contact: Contact, place: Place, acting: Plant) -> Rows:
-        wheels = expanded_wheels(packed, likely, contact)
-        varied = varied_inputs(wheels.place, contact)
+        frame = frame_of(packed, contact)
+        expanded = places(likely, frame, contact)
+        varied = varied_inputs(expanded, contact)
         strength = place.theta * contact.column_unit[:2]
         touching = plant.Contact(varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2))
         touching = acting.contact(self._where, touching)
         forces = self._forces(touching, contact)
         push = acting.push(self._where, touching, torch.zeros_like(forces[..., 0]))
         forces = torch.cat([forces[..., :2], (forces[..., 2] + push).unsqueeze(-1)], -1)
-        return rows_of_forces(packed, wheels, measured_forces(wheels, changes(forces, varied.scale, contact)), contact)
+        return rows_of_forces(frame, measured_forces(frame, expanded, changes(forces, varied.scale, contact)))
 
     def _forces(self, touching: plant.Contact, contact: Contact) -> Tensor:
         """The stress integrals, those of the last call where nothing that they depend on has changed: many effects act elsewhere."""

@@ -19,8 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.bank import Bank, Solved, join
-from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, gauss_newton
-from terrain_estimator.gaussian import cholesky, log_determinant
+from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, gauss_newton, solution_of
 from terrain_estimator.palpaca import PAlpaca, State
 from terrain_estimator.rows import LARGEST_ERROR, row_names
 
@@ -288,7 +287,4 @@ def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Sol
         chosen = Posterior(*(field[moving] for field in padded))
         further = newton(chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step)
         step = Step(*(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True)))
-    before = log_determinant(cholesky(prior.precision))
-    volume = log_determinant(step.factor) - torch.log(step.precision[..., -1, -1]) - before
-    log_weight = prior.log_weight - 0.5 * (step.misfit + volume)
-    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit, step.noise)
+    return solution_of(prior, step)

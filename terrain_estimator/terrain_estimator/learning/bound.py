@@ -16,7 +16,7 @@ from terrain_estimator.block import block_rows, row_noise
 from terrain_estimator.gaussian import cholesky, drop, symmetrize
 from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.palpaca import PAlpaca
-from terrain_estimator.rows import PA_PER_UNIT, Contact, Rows, body_parts, regression_rows, row_names, usable_wheels, values_alone
+from terrain_estimator.rows import PA_PER_UNIT, Contact, Rows, features_of, frame_of, regression_rows, row_names, values_alone
 from terramechanics.contact import CONSTANTS, wheel_forces
 
 CHUNK = 500
@@ -90,19 +90,14 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known) -> Tensor:
 
 def _by_constants(packed: Tensor, contact: Contact, theta: Tensor) -> Tensor:
     """Change of the rows for a relative change of each soil constant at the true ``theta`` [n, 2], shape [n, R, 6]."""
-    axles = contact.geometry.axle_x.shape[0]
-    wheels = packed[:, : 8 * axles].view(-1, 8, axles)
-    wheels = torch.where(usable_wheels(wheels, contact).unsqueeze(1), wheels, contact.stand_in)
-    bogie = packed[:, 8 * axles + 6].nan_to_num()
+    frame = frame_of(packed, contact)
     homogeneous = torch.cat([theta, torch.ones_like(theta[:, :1])], 1).view(-1, 1, 3, 1)
 
     def at(index: int, factor: float) -> Tensor:
         changed = contact.constants.clone()
         changed[..., index] *= factor
-        forces = wheel_forces(wheels[:, 0], wheels[:, 2], changed, contact.radius, contact.width, contact.nodes)
-        values = (forces * contact.column_unit) @ homogeneous
-        body = body_parts(values.unsqueeze(0).unsqueeze(0), wheels, bogie, contact)[0][0, 0].sum(-2)[..., 0]
-        return torch.cat([body[:, :2], values[:, :, 2, 0], body[:, :1], body[:, 2:]], 1)
+        forces = wheel_forces(frame.measured[:, 0], frame.measured[:, 2], changed, contact.radius, contact.width, contact.nodes)
+        return features_of(frame, (forces * contact.column_unit) @ homogeneous).squeeze(-1)
 
     return torch.stack([(at(k, 1.0 + _STEP) - at(k, 1.0 - _STEP)) / (2.0 * _STEP) for k in range(len(CONSTANTS))], -1)
 
