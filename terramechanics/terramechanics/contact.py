@@ -9,7 +9,17 @@ cohesion c and tan(phi) (Wong and Reece 1967, Iagnemma et al. 2004, Banerjee et 
     T = r b { c INT E cos + tan(phi) INT sigma E cos - INT sigma sin }
     M = r^2 b { c INT E + tan(phi) INT sigma E }
 
-with E = sgn(j) (1 - exp(-|j| / K)). Every function here takes and returns tensors, broadcasts over leading dimensions
+with E = sgn(j) (1 - exp(-|j| / K)). A wheel that moves at a slip angle beta to its heading shears the soil sideways too, by
+j_y = r (1 - i) (theta_1 - theta) tan(beta) (Yoshida and Ishigami 2004, Ishigami et al. 2007). Shear stress is directed along
+the displacement (j, j_y) and limited as a whole, as Mohr and Coulomb have it (Jia, Smith and Peng 2011)::
+
+    E, E_y = (j, j_y) / J (1 - exp(-J / K)), J = hypot(j, j_y)
+    Y = r b { c INT E_y + tan(phi) INT sigma E_y }
+
+Ishigami et al. limit each direction by itself, with a shear modulus each that depends on beta: together they then exceed the
+strength of the soil by up to sqrt(2). Both forms are affine in (c, tan(phi)) and the same at beta = 0.
+
+Every function here takes and returns tensors, broadcasts over leading dimensions
 and can be compiled by ``torch.jit.script``, so that simulator, regression features and exported model share it.
 """
 
@@ -83,8 +93,22 @@ def _split_nodes(theta_0: Tensor, theta_1: Tensor, theta_m: Tensor, u: Tensor, w
     return torch.cat([kink * u, kink + (1.0 - kink) * u]), torch.cat([kink * weight, (1.0 - kink) * weight])
 
 
+def _shared(lag: Tensor, sideways: Tensor) -> tuple[Tensor, Tensor]:
+    """-E and -E_y for -j / K and -j_y / K: one limit for both directions."""
+    whole = torch.sqrt(lag**2 + sideways**2)
+    share = -torch.expm1(-whole) / torch.clamp(whole, min=1e-30)
+    return lag * share, sideways * share
+
+
 def wheel_forces(
-    slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float, nodes: Tensor, exit_angle: Tensor | None = None
+    slip: Tensor,
+    sinkage: Tensor,
+    constants: Tensor,
+    radius: float,
+    width: float,
+    nodes: Tensor,
+    exit_angle: Tensor | None = None,
+    slip_angle: Tensor | None = None,
 ) -> Tensor:
     """Coefficients of N, T [N] and M [N m] of one wheel, affine in (c [Pa], tan(phi)).
 
@@ -97,6 +121,10 @@ def wheel_forces(
 
     With an ``exit_angle`` [...] [rad] contact reaches from theta_1 to theta_2 = -exit_angle behind the axle: the rear
     side is stretched to [theta_2, theta_m], theta_m stays (Ishigami et al. 2007).
+
+    With a ``slip_angle`` [rad] that broadcasts to ``slip``, of less than a right angle, there is a fourth row: the lateral force
+    Y [N]. Positive is a wheel that moves to the right of its heading, and the force that then pushes it to the left. ``slip`` is
+    that of the speed along the heading, 1 - V cos(beta) / (r w).
     """
     theta_1 = entry_angle(sinkage, radius)
     theta_m = theta_1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)
@@ -116,14 +144,22 @@ def wheel_forces(
     theta = torch.stack([theta_1 - front, behind])  # [2, P, ...], as all of both sides
     sine, cosine = torch.sin(theta), torch.cos(theta)
     lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * (radius / shear_modulus)  # -j / K
-    mobilised = -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag)  # this is -E
+    sideways = lag
+    if slip_angle is None:
+        mobilised = -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag)  # this is -E
+    else:
+        mobilised, sideways = _shared(lag, (theta - theta_1) * ((1.0 - slip) * torch.tan(slip_angle) * (radius / shear_modulus)))
     step = torch.stack([length * arc, rear * arc])
     normal = sigma * step
     stresses = torch.stack([step * mobilised, normal * mobilised, normal])
     integrals = torch.stack([(stresses * sine).sum([1, 2]), (stresses * cosine).sum([1, 2]), radius * stresses.sum([1, 2])])
     by_sine, by_cosine, _ = integrals[:, 2].unbind(0)
     constant = torch.stack([by_cosine, -by_sine, torch.zeros_like(by_sine)])
-    return torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1).movedim([0, 1], [-2, -1])
+    rows = torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1)
+    if slip_angle is not None:
+        lateral = torch.stack([step * sideways, normal * sideways, torch.zeros_like(sideways)]).sum([1, 2])
+        rows = torch.cat([rows, -lateral.unsqueeze(0)])
+    return rows.movedim([0, 1], [-2, -1])
 
 
 def wheel_forces_linear_stress(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float) -> Tensor:

@@ -66,6 +66,7 @@ class Contact:
     constants: Tensor  # [..., 6] in the order of CONSTANTS
     strength: Tensor  # [..., 2] c [Pa] and tan(phi) [1]
     exit_angle: Tensor | None = None  # [rad] contact reaches so far behind the axle; None: it ends below the axle
+    slip_angle: Tensor | None = None  # [rad] between heading and way, positive where the wheel moves to the right; None: straight ahead
 
     def with_constants(self, **factors: Tensor) -> "Contact":
         """The same with soil constants, by their names, multiplied by ``factors`` [..., rows, axles]."""
@@ -79,21 +80,21 @@ class Contact:
         return self.with_constants(k_c=factor, k_phi=factor)
 
     def forces(self, radius: float, width: float, nodes: Tensor) -> Tensor:
-        """N, T [N] and M [N m] of one wheel from the stress integrals, [..., rows, axles, 3]."""
-        coefficients = wheel_forces(self.slip, self.sinkage, self.constants, radius, width, nodes, self.exit_angle)
+        """N, T [N] and M [N m] of one wheel from the stress integrals, [..., rows, axles, 3]; at a slip angle the lateral force [N] too."""
+        coefficients = wheel_forces(self.slip, self.sinkage, self.constants, radius, width, nodes, self.exit_angle, self.slip_angle)
         return torch.matmul(coefficients[..., :2], self.strength.unsqueeze(-1)).squeeze(-1) + coefficients[..., 2]
 
     def expanded(self) -> "Contact":
         """The same with all leading dimensions spelled out."""
         parts = (self.slip, self.sinkage, self.constants[..., 0], self.strength[..., 0])
         slip, sinkage, *_ = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
-        reach = None if self.exit_angle is None else self.exit_angle.expand_as(slip)
-        return Contact(slip, sinkage, self.constants.expand(*slip.shape, 6), self.strength.expand(*slip.shape, 2), reach)
+        angles = (None if angle is None else angle.expand_as(slip) for angle in (self.exit_angle, self.slip_angle))
+        return Contact(slip, sinkage, self.constants.expand(*slip.shape, 6), self.strength.expand(*slip.shape, 2), *angles)
 
     def part(self, mask: Tensor) -> "Contact":
         """The wheels of an expanded contact where ``mask`` is set."""
-        reach = None if self.exit_angle is None else self.exit_angle[mask]
-        return Contact(self.slip[mask], self.sinkage[mask], self.constants[mask], self.strength[mask], reach)
+        angles = (None if angle is None else angle[mask] for angle in (self.exit_angle, self.slip_angle))
+        return Contact(self.slip[mask], self.sinkage[mask], self.constants[mask], self.strength[mask], *angles)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +128,10 @@ class Effect:
         return contact
 
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
-        """Change N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], which act on its axle; ``contact`` gave ``forces``."""
+        """Change N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], which act on its axle; ``contact`` gave ``forces``.
+
+        At a slip angle there are four: the lateral force [N] is the last.
+        """
         del where, contact
         return forces
 

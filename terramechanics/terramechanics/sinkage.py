@@ -35,6 +35,7 @@ class WheelGround:
     nodes: Tensor  # quadrature(points)
     plant: Plant | None = None  # what acts besides the nominal model
     where: Situation | None = None  # what that depends on; there if a plant is
+    slip_angle: Tensor | None = None  # [...] [rad] see Contact; None: the wheels move along their heading
 
     @classmethod
     def of(
@@ -44,8 +45,8 @@ class WheelGround:
         return cls(rover.wheel_radius, rover.wheel_width, constants, strength, quadrature(points), plant, where)
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
-        """N, T [N] and M [N m] of one wheel, shape [..., 3]."""
-        contact = Contact(slip, sinkage, self.constants, self.strength)
+        """N, T [N] and M [N m] of one wheel, shape [..., 3]; at a slip angle [..., 4] with the lateral force [N]."""
+        contact = Contact(slip, sinkage, self.constants, self.strength, slip_angle=self.slip_angle)
         if self.plant is None or self.where is None:
             return self._integrated(contact)
         contact = self.plant.contact(self.where, contact)
@@ -57,7 +58,7 @@ class WheelGround:
             return contact.forces(self.radius, self.width, self.nodes)
         # Braked wheels need twice the nodes: do not let a few of them make all the others pay.
         contact = contact.expanded()
-        forces = contact.slip.new_empty(*contact.slip.shape, 3)
+        forces = contact.slip.new_empty(*contact.slip.shape, 3 if contact.slip_angle is None else 4)
         braked = contact.slip < 0.0
         for part in (braked, ~braked):
             forces[part] = contact.part(part).forces(self.radius, self.width, self.nodes)
@@ -66,7 +67,8 @@ class WheelGround:
     def rows(self, index: Tensor) -> "WheelGround":
         """The same for some of the episodes."""
         where = None if self.where is None else self.where.rows(index)
-        return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes, self.plant, where)
+        angle = None if self.slip_angle is None else self.slip_angle[index]
+        return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes, self.plant, where, angle)
 
 
 def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: Tensor | None = None) -> Tensor:

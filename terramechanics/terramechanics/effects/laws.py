@@ -27,6 +27,22 @@ def bulldozing_resistance(size: Tensor, sinkage: Tensor) -> Tensor:
     return size * sinkage**2
 
 
+def side_resistance(size: Tensor, sinkage: Tensor, radius: float, nodes: Tensor) -> Tensor:
+    """Force [N] on the side of a wheel that moves straight sideways (Hegedus 1960 as in Ishigami et al. 2007, without cohesion)::
+
+        INT size h^2 (r - h cos) over 0..theta_1,    h = r (cos - cos(theta_1))
+
+    ``size`` is gamma / 2 D_1 D_2 [N/m^3], of the soil's unit weight gamma and two factors of its friction angle phi:
+    D_1 = cot X + tan(X + phi), D_2 = cot X + cot(X)^2 tan(phi), X = 45 deg - phi / 2; up to 4e5 at phi = 45 deg and 20 kN/m^3.
+    ``nodes`` are those of terramechanics.contact.quadrature.
+    """
+    theta_1 = entry_angle(sinkage, radius).unsqueeze(-1)
+    theta = theta_1 * nodes[0]
+    depth = 2.0 * radius * torch.sin(0.5 * (theta_1 + theta)) * torch.sin(0.5 * (theta_1 - theta))
+    pushed = depth**2 * (radius - depth * torch.cos(theta)) * nodes[1] * theta_1
+    return size * pushed.sum(-1)
+
+
 def grouser_thrust(size: Tensor, slip: Tensor, mobilised: Tensor) -> Tensor:
     """Thrust [N] of the lugs, of which 63 % are there at the slip ``mobilised`` [1]."""
     return -size * torch.sign(slip) * torch.expm1(-slip.abs() / mobilised)

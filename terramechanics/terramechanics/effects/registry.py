@@ -112,12 +112,12 @@ EFFECTS = {
         ),
         Description(
             "lateral_bulldozing", "The side of a wheel that moves at a slip angle ploughs through the soil.",
-            "lateral_bulldozing_n_per_m2", "N/m^2", 0.0, 1e6, ("lateral_force",),
+            "side_resistance_n_per_m3", "N/m^3", 0.0, 4e5, ("lateral_force",),
             "Hegedus 1960; Ishigami, Miwa, Nagatani and Yoshida 2007", None,
         ),
     )
 }  # fmt: skip
-"""All effects by name. lateral_bulldozing is for single-wheel data alone: a planar rover has no lateral force."""
+"""All effects by name. lateral_bulldozing (``soil.LateralBulldozing``) is for a single wheel alone: a planar rover has no lateral force."""
 
 
 def describe(name: str) -> Description:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from terramechanics.contact import quadrature
 from terramechanics.effects.laws import (
     GROUSER_SLIP,
     bulldozing_resistance,
@@ -16,14 +17,19 @@ from terramechanics.effects.laws import (
     rate_stiffness,
     rebound_angle,
     rut_stiffness,
+    side_resistance,
 )
 from terramechanics.plant import Contact, Effect, Situation, Size
 
+NODES = quadrature()
+"""For the side of a wheel."""
+
 
 def with_traction(forces: Tensor, extra: Tensor, torque: Tensor | None = None) -> Tensor:
-    """Forces [..., 3] with ``extra`` [...] [N] added to T, and ``torque`` [...] [N m] to M."""
-    turn = torch.zeros_like(extra) if torque is None else torque
-    return forces + torch.stack(torch.broadcast_tensors(torch.zeros_like(extra), extra, turn), dim=-1)  # type: ignore[no-untyped-call]
+    """Forces [..., 3 or 4] with ``extra`` [...] [N] added to T, and ``torque`` [...] [N m] to M."""
+    none = torch.zeros_like(extra)
+    added = [none, extra, none if torque is None else torque, none][: forces.shape[-1]]
+    return forces + torch.stack(torch.broadcast_tensors(*added), dim=-1)  # type: ignore[no-untyped-call]
 
 
 @dataclass
@@ -35,6 +41,20 @@ class Bulldozing(Effect):
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
         """See Effect."""
         return with_traction(forces, -bulldozing_resistance(where.of(self.size), contact.sinkage))
+
+
+@dataclass
+class LateralBulldozing(Effect):
+    """Y + F sin(beta), F of :func:`side_resistance`: the side of the wheel ploughs through the soil. [N/m^3]. Straight ahead nothing."""
+
+    size: Size
+
+    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+        """See Effect."""
+        if contact.slip_angle is None:
+            return forces
+        side = side_resistance(where.of(self.size), contact.sinkage, where.rover.wheel_radius, NODES) * torch.sin(contact.slip_angle)
+        return torch.cat([forces[..., :3], forces[..., 3:] + side.unsqueeze(-1)], dim=-1)
 
 
 @dataclass
