@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """find_missing_effect --wheel-table FILE.csv...: what the model of one wheel on a testbed lacks.
 
-Writes OUT/finding.json. Exit codes: 0 for any verdict, 2 for a bad argument or table. c and tan phi are never told: without drive
-torque they are not identified.
+Writes OUT/finding.json and OUT/report.html. Exit codes: 0 for any verdict, 2 for a bad argument or table. c and tan phi are never
+told: without drive torque they are not identified.
 """
 
 import argparse
@@ -15,16 +15,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.thresholds import read_thresholds
-from terrain_estimator.cli.wheel_table import SLIP_DEFINITIONS, WheelTableError, read_table
-from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles
-from terrain_estimator.discovery.single_wheel import Outcome, Rig, Row, investigate_wheel, shown_by_one_wheel
+from terrain_estimator.cli.wheel_table import SIDEWAYS_DEG, SLIP_DEFINITIONS, SLIP_SPEEDS, WheelTableError, read_table
+from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.single_wheel import Outcome, Rig, Row, investigate_wheel, of_one_wheel, shown_by_one_wheel
 from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of, wheel_alone
 from terrain_estimator.discovery.single_wheel.investigation import FLOOR
 from terrain_estimator.discovery.verdict import Verdict
+from terrain_estimator.pages.wheel_finding import wheel_page
 from terramechanics.effects import describe
 from terramechanics.loading import ConfigError, load, number
 from terramechanics.rover import load_rover
@@ -33,6 +35,7 @@ from terramechanics.soil import load_soil
 FEWEST = 3
 """Cells without which nothing can be said."""
 NOT_IDENTIFIED = "c and tan phi are not identified: these tables have no drive torque; they were left free and are not given"
+SIDEWAYS = "lateral_bulldozing"
 REPLICATES = "replicates of one setting are one measurement"
 
 
@@ -53,10 +56,11 @@ def main(arguments: list[str] | None = None) -> int:
         _check(options)
         wheel = load(Wheel, options.wheel)
         rover = wheel_alone(load_rover("mars_rover"), wheel.radius, wheel.width)
-        bed = Rig(rover, load_soil(options.soil), options.constants_sd, (options.sinkage_sd, options.pull_sd))
-        names = _names(options.library) or shown_by_one_wheel()
-        given = Hypothesis(tuple(each.parts[0] for each in singles(_names(options.given)))) if options.given else NOTHING
-        rows, left_out = _read(bed, [*options.wheel_table, *options.reference], options.slip_definition)
+        bed = Rig(rover, load_soil(options.soil), options.constants_sd, (options.sinkage_sd, options.pull_sd, options.lateral_sd))
+        asked, known = _names(options.library), _names(options.given)
+        given = Hypothesis(tuple(each.parts[0] for each in of_one_wheel(known)))
+        rows, left_out = _read(bed, [*options.wheel_table, *options.reference], options)
+        names = _testable(asked, known, rows)
         reference = frozenset(path.stem for path in options.reference)
         by_trial = options.hold_out_by == "trial"
         _check_trials(rows, reference, by_trial=by_trial)
@@ -64,14 +68,16 @@ def main(arguments: list[str] | None = None) -> int:
             outcome = investigate_wheel(
                 bed, rows, reference, given, names, read_thresholds(), report.at, by_trial=by_trial, seed=options.seed
             )
-        content = summary(outcome, bed, rows, reference, given, options) | {"left_out": left_out}
+        asked_for = {"wheel": wheel.name, "soil": bed.soil.name, "reference": [path.name for path in options.reference]}
+        content = summary(outcome, bed, rows, reference, given, options) | {"left_out": left_out, "asked": asked_for}
         options.out.mkdir(parents=True, exist_ok=True)
         text = json.dumps(content, indent=1, allow_nan=False) + "\n"
         (options.out / "finding.json").write_text(text, encoding="utf-8")
+        (options.out / "report.html").write_text(wheel_page(content), encoding="utf-8")
     except (ConfigError, WheelTableError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return 2
-    sys.stdout.write(f"{sentence(outcome, bed)}\n{options.out / 'finding.json'}\n")
+    sys.stdout.write(f"{sentence(outcome, bed)}\n{options.out / 'finding.json'}\n{options.out / 'report.html'}\n")
     return 0
 
 
@@ -91,8 +97,21 @@ def _parser() -> argparse.ArgumentParser:
         default="rim",
         help="1 - V / (r w), or (r w - V) / max(r w, V) (default: %(default)s)",
     )
+    parser.add_argument(
+        "--slip-speed",
+        choices=SLIP_SPEEDS,
+        default="carriage",
+        help="V in the slip of rows with a slip angle: the carriage's speed, or its part along the wheel's heading (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--largest-slip-angle",
+        type=float,
+        default=SIDEWAYS_DEG,
+        help="rows above it [deg] are left out: 0 keeps those in which the wheel moves straight ahead (default: %(default)s)",
+    )
     parser.add_argument("--sinkage-sd", type=float, default=0.65e-3, help="repeatability of the sinkage [m] (default: %(default)s)")
     parser.add_argument("--pull-sd", type=float, default=0.35, help="repeatability of the drawbar pull [N] (default: %(default)s)")
+    parser.add_argument("--lateral-sd", type=float, default=0.35, help="repeatability of the lateral force [N] (default: %(default)s)")
     parser.add_argument(
         "--hold-out-by",
         choices=("cell", "trial"),
@@ -106,10 +125,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raises ConfigError for a deviation that is none."""
-    for name in ("constants_sd", "sinkage_sd", "pull_sd"):
+    """Raises ConfigError for a deviation or an angle that is none."""
+    for name in ("constants_sd", "sinkage_sd", "pull_sd", "lateral_sd"):
         if not 0.0 < getattr(options, name) < math.inf:
             raise ConfigError(f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation is above zero")
+    if not 0.0 <= options.largest_slip_angle <= SIDEWAYS_DEG:
+        raise ConfigError(
+            f"--largest-slip-angle {options.largest_slip_angle:g}: give 0 to {SIDEWAYS_DEG:g} deg; beyond, a wheel does not roll"
+        )
 
 
 def _check_trials(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) -> None:
@@ -124,16 +147,25 @@ def _names(text: str) -> tuple[str, ...]:
         describe(name)
         if name not in shown_by_one_wheel():
             known = ", ".join(shown_by_one_wheel())
-            raise ConfigError(f"effect {name} is not testable with sinkage and drawbar pull of one wheel; testable are {known}")
+            raise ConfigError(f"effect {name} is not testable with one wheel; testable are {known}")
     return names
 
 
-def _read(bed: Rig, tables: Sequence[Path], definition: str) -> tuple[list[Row], list[str]]:
+def _testable(asked: Sequence[str], known: Sequence[str], rows: Sequence[Row]) -> tuple[str, ...]:
+    """The effects to look for. Raises ConfigError where one that was named needs a slip angle and there is none."""
+    if any(row.slip_angle for row in rows):
+        return tuple(asked) or shown_by_one_wheel()
+    if SIDEWAYS in (*asked, *known):
+        raise ConfigError(f"effect {SIDEWAYS} is not testable: no row has a slip angle and a lateral force")
+    return tuple(asked) or tuple(name for name in shown_by_one_wheel() if name != SIDEWAYS)
+
+
+def _read(bed: Rig, tables: Sequence[Path], options: argparse.Namespace) -> tuple[list[Row], list[str]]:
     """Rows that the contact model describes; the others are reported."""
     usable: list[Row] = []
     left_out: list[str] = []
     for path in tables:
-        rows, without = read_table(path, definition)
+        rows, without = read_table(path, options.slip_definition, options.slip_speed, options.largest_slip_angle)
         outside = [row for row in rows if not bed.usable(row.slip, row.sinkage)]
         left_out += without + [f"{path}: slip {row.slip:.3f}, trial {row.trial}: outside of the contact model" for row in outside]
         usable += [row for row in rows if row not in outside]
@@ -157,11 +189,12 @@ def summary(
         "confusable_with": [each.label for each in judgement.named[1:]],
         "separate_by": outcome.separate_by,
         "where": [],
+        "left": [dict(zip(("row", "signal"), outcome.left, strict=True))] if judgement.verdict is Verdict.UNKNOWN else [],
         "gap": _gap(outcome, bed, options.seed),
         "parameters": {"before": None, "after": None, "why": NOT_IDENTIFIED},
         "runs": [path.name for path in (*options.wheel_table, *options.reference)],
         "held_out": [f"each of {tried} settings in turn" if options.hold_out_by == "cell" else "each trial in turn"],
-        "rows": list(ROWS),
+        "rows": [name for name, seen in zip(ROWS, cells.seen.any(0).tolist(), strict=True) if seen],
         "settings": len(cells.slip),
         "measurements": len(rows),
         "given": list(given.names),
@@ -187,9 +220,12 @@ def _gap(outcome: Outcome, bed: Rig, seed: int) -> dict[str, Any]:
     interval = errors.improvement_95(bed.repeatability, seed)
     closed_95 = None if interval is None or before <= FLOOR else [end / (before - FLOOR) for end in interval]
     rows = {}
-    for k, (name, unit) in enumerate(zip(ROWS, ("m", "N"), strict=True)):
-        said = None if errors.after is None else float((errors.after[:, k] ** 2).mean() ** 0.5)
-        rows[name] = {"before": float((errors.before[:, k] ** 2).mean() ** 0.5), "after": said, "unit": unit}
+    for k, (name, unit) in enumerate(zip(ROWS, ("m", "N", "N"), strict=True)):
+        seen = ~np.isnan(errors.before[:, k])
+        if seen.any():
+            said = None if errors.after is None else float((errors.after[seen, k] ** 2).mean() ** 0.5)
+            said_before = float((errors.before[seen, k] ** 2).mean() ** 0.5)
+            rows[name] = {"before": said_before, "after": said, "noise_floor": bed.repeatability[k], "unit": unit}
     gap = {"before": before, "after": after, "noise_floor": FLOOR, "closed": closed, "closed_95": closed_95}
     return gap | {"rows": rows, "proven": outcome.proven, "settings": errors.settings}
 
@@ -202,7 +238,7 @@ def sentence(outcome: Outcome, bed: Rig) -> str:
         Verdict.NONE: "nothing is missing that these tables show",
         Verdict.NAMED: f"named: {labels}",
         Verdict.CONFUSABLE: f"confusable: {labels}. To separate: {outcome.separate_by}",
-        Verdict.UNKNOWN: f"unknown (closest: {labels})",
+        Verdict.UNKNOWN: f"unknown (closest: {labels}; what is left depends most on {outcome.left[1]} in the {outcome.left[0]} row)",
     }[judgement.verdict]
     before, after = outcome.held_out.rms(bed.repeatability)
     proven = {None: "too few settings to prove it", True: "proven", False: "not proven"}[outcome.proven]

@@ -17,12 +17,19 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "sinkage": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "drawbar_pull": {"N": 1.0, "kN": 1e3},
     "slip_angle": {"deg": 1.0, "rad": 180.0 / math.pi},
+    "lateral_force": {"N": 1.0, "kN": 1e3},
 }
-"""Columns, their units and the factors to [1], N, rad/s, m, N and degrees. slip_angle may be absent: straight ahead."""
+"""Columns, their units and the factors to [1], N, rad/s, m, N, degrees and N."""
+OPTIONAL = ("slip_angle", "lateral_force")
+"""Columns that may be absent: then the wheel moves straight ahead."""
 STRAIGHT_DEG = 1.0
 """[deg] Slip angle up to which the wheel rolls straight ahead."""
+SIDEWAYS_DEG = 89.0
+"""[deg] Slip angle up to which it rolls at all."""
 SLIP_DEFINITIONS = ("rim", "larger")
 """1 - V / (r w); or (r w - V) / max(r w, V), which divides by the carriage's speed where the wheel is braked."""
+SLIP_SPEEDS = ("carriage", "wheel")
+"""What V is at a slip angle: the speed of the carriage, or its part along the wheel's heading."""
 
 
 class WheelTableError(ValueError):
@@ -35,11 +42,14 @@ class _Column:
     factor: float
 
 
-def read_table(path: Path, slip_definition: str) -> tuple[list[Row], list[str]]:
+def read_table(
+    path: Path, slip_definition: str, slip_speed: str = "carriage", largest_angle: float = SIDEWAYS_DEG
+) -> tuple[list[Row], list[str]]:
     """The rows of a table, and why some are left out.
 
     Raises:
-        WheelTableError: it is no CSV in UTF-8, a column is missing or its unit unknown, or a cell is no finite number.
+        WheelTableError: it is no CSV in UTF-8, a column is missing or its unit unknown, a cell is no finite number, or the
+            lateral force pushes the wheel the way it moves.
         OSError: it cannot be read.
     """
     table = _lines(path)
@@ -50,13 +60,29 @@ def read_table(path: Path, slip_definition: str) -> tuple[list[Row], list[str]]:
         trial = _text(cells, columns["trial"][0]) if "trial" in columns else "1"
         angle = values.get("slip_angle", 0.0)
         slip = rim_slip(values["slip"], slip_definition)
-        if abs(angle) > STRAIGHT_DEG:
-            left_out.append(f"{path}:{number}: slip angle {angle:g} deg: the contact model has no lateral force")
+        if abs(angle) > STRAIGHT_DEG and "lateral_force" not in columns:
+            left_out.append(f"{path}:{number}: slip angle {angle:g} deg: there is no column lateral_force_N")
+        elif abs(angle) > max(largest_angle, STRAIGHT_DEG):
+            left_out.append(f"{path}:{number}: slip angle {angle:g} deg: above {largest_angle:g} deg")
         elif slip is None:
             left_out.append(f"{path}:{number}: slip {values['slip']:g}: the wheel does not turn")
         else:
-            rows.append(Row(path.stem, trial, slip, values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"]))
+            rows.append(_row(path, trial, slip, values, slip_speed))
+    if math.fsum(math.copysign(row.lateral_force, row.lateral_force * row.slip_angle) for row in rows if row.slip_angle) < 0.0:
+        raise WheelTableError(
+            f"{path}: lateral force and slip angle have opposite signs, as if the ground pushed the wheel its way; turn one of them"
+        )
     return rows, left_out
+
+
+def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_speed: str) -> Row:
+    """One steady state; straight ahead the lateral force is that of the testbed's misalignment, of which the model knows nothing."""
+    state = (values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"])
+    angle = math.radians(values.get("slip_angle", 0.0))
+    if abs(angle) <= math.radians(STRAIGHT_DEG):
+        return Row(path.stem, trial, slip, *state)
+    along = 1.0 - (1.0 - slip) * math.cos(angle) if slip_speed == "carriage" else slip
+    return Row(path.stem, trial, along, *state, angle, values["lateral_force"])
 
 
 def rim_slip(slip: float, definition: str) -> float | None:
@@ -79,7 +105,7 @@ def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, _Column]]:
                     raise WheelTableError(f"{path}:1: column {name!r}: unknown unit {unit!r}; known are {known}")
                 found[key] = index, _Column(name, units[unit])
     for key, units in UNITS.items():
-        if key not in found and key != "slip_angle":
+        if key not in found and key not in OPTIONAL:
             wanted = " or ".join(f"{key}_{each}" if each else key for each in units)
             raise WheelTableError(f"{path}:1: no column {wanted}; there are {', '.join(header) or 'none'}")
     return found

@@ -13,7 +13,7 @@ from torch import Tensor
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import make_effect
 from terramechanics.effects.laws import GROUSER_SLIP, SHALLOWEST, in_slip_range, reported_slip, sinkage_behind, slip_behind, uneven
-from terramechanics.effects.soil import Grousers, Multipass
+from terramechanics.effects.soil import Grousers, LateralBulldozing, Multipass
 from terramechanics.plant import Effect, Payload, Plant, Situation
 from terramechanics.sample import Sample
 
@@ -61,6 +61,8 @@ class Part:
             return Grousers(values[0], GROUSER_SLIP * math.exp(values[1]))
         if self.name == "odometry_scale":
             return UnevenScale(*values)
+        if self.name == "lateral_bulldozing":
+            return LateralBulldozing(*values)
         return make_effect(self.name, self.size(values[0]), self.axle)
 
 

@@ -25,7 +25,7 @@ _CLEAR_NATS = 3000.0
 
 EVERYWHERE = "everywhere"
 """Name of the region that holds all others."""
-_STYLES = {"before": (BEFORE, "s"), "after": (AFTER, "o")}
+STYLES = {"before": (BEFORE, "s"), "after": (AFTER, "o")}
 _STRENGTHS = (("cohesion_pa", "Cohesion c", "c [kPa]", 1e-3), ("tan_phi", "Friction angle, as tan phi", "tan phi [1]", 1.0))
 """Key, title, axis and factor to the unit of the axis."""
 _KINDS = {"one_step": "Prediction of the next second", "rollout": "Simulation of 5 s from the wheel rates alone"}
@@ -43,10 +43,7 @@ class Unsealed:
 
 def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
     """The page about one finding (the content of finding.json); ``unsealed`` is what was hidden, where somebody knows it."""
-    title = (
-        "Sizes of the effects that are named" if finding["verdict"] in {"named", "confusable"} else "The closest, which do not explain it"
-    )
-    listed, rest = _candidates(finding)
+    listed, rest = candidates(finding)
     return page(
         "finding.html",
         verdict=say.verdict(finding),
@@ -56,7 +53,7 @@ def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
         candidates=listed,
         rest=rest,
         effects=finding["effects"],
-        effects_title=title,
+        effects_title=effects_title(finding),
         proof=_proof(finding),
         parameters=_parameters(finding, unsealed),
         parameters_words=_PARAMETERS_WORDS,
@@ -73,13 +70,19 @@ _PARAMETERS_WORDS = (
 )
 
 
+def effects_title(finding: Finding) -> str:
+    """What stands above the sizes."""
+    named = finding["verdict"] in {"named", "confusable"}
+    return "Sizes of the effects that are named" if named else "The closest, which do not explain it"
+
+
 def _asked(finding: Finding) -> dict[str, Any]:
     library = [name for name in finding["probabilities"] if name not in {"none", "unknown"} and " + " not in name]
     told = {"rover": "", "soil": ""} | dict(finding.get("asked") or {})
     return told | {"runs": finding["runs"], "held_out": finding["held_out"], "library": library}
 
 
-def _candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
+def candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
     """Candidates worth a line, the most probable first, and the names of the others."""
     ranked = sorted(finding["probabilities"].items(), key=lambda pair: -pair[1])
     listed = [
@@ -131,7 +134,7 @@ def _proof(finding: Finding) -> dict[str, Any]:
 
 def _rollout(rollout: Mapping[str, Any]) -> Picture:
     series = [Series("measured", rollout["measured"], INK, "^")]
-    series += [Series(word, rollout[word], *_STYLES[word]) for word in _STYLES if rollout[word]]
+    series += [Series(word, rollout[word], *STYLES[word]) for word in STYLES if rollout[word]]
     title = f"{rollout['signal'].capitalize()} in {rollout['run']}"
     return lines(f"rollout-{rollout['signal']}", title, rollout["time_s"], series, ("time [s]", f"{rollout['signal']} [{rollout['unit']}]"))
 
@@ -153,9 +156,9 @@ def _halves(strengths: Sequence[Mapping[str, Any]]) -> list[Picture]:
 
 
 def _half_series(strengths: Sequence[Mapping[str, Any]], key: str, unit: float, k: int) -> Series:
-    word = tuple(_STYLES)[k]
+    word = tuple(STYLES)[k]
     halves = [NORMAL_95 * unit * each[f"{key}_sd"][k] for each in strengths]
-    return Series(word, [unit * each[key][k] for each in strengths], *_STYLES[word], halves)
+    return Series(word, [unit * each[key][k] for each in strengths], *STYLES[word], halves)
 
 
 def _gap_table(gap: Mapping[str, Any]) -> Table:
@@ -173,8 +176,8 @@ def _gap_table(gap: Mapping[str, Any]) -> Table:
 
 def _scores_picture(kind: str, rows: Sequence[Mapping[str, Any]]) -> Picture:
     """Errors in units of the noise floor, so that rows of different units share a picture."""
-    words = [word for k, word in enumerate(_STYLES) if any(each["error"][k] is not None for each in rows)]
-    series = [Series(word, [_over(each, k) for each in rows], *_STYLES[word]) for k, word in enumerate(words)]
+    words = [word for k, word in enumerate(STYLES) if any(each["error"][k] is not None for each in rows)]
+    series = [Series(word, [_over(each, k) for each in rows], *STYLES[word]) for k, word in enumerate(words)]
     labels = [each["row"] for each in rows]
     return points(f"scores-{kind}", _KINDS.get(kind, kind), labels, series, "root mean square error over the noise floor [1]", goal=1.0)
 
@@ -197,12 +200,12 @@ def _pairs(score: Mapping[str, Any]) -> Iterator[float | None]:
 
 def _parameters(finding: Finding, unsealed: Unsealed | None) -> list[Picture]:
     """c and tan phi of every run that was searched: before, after where something is named, and the truth where somebody knows it."""
-    found, words = finding["parameters"], tuple(_STYLES) if finding["verdict"] in {"named", "confusable"} else ("before",)
+    found, words = finding["parameters"], tuple(STYLES) if finding["verdict"] in {"named", "confusable"} else ("before",)
     if len(words) == 1 and unsealed is None:
         return []
     pictures = []
     for key, title, axis, unit in _STRENGTHS:
-        series = [Series(word, [unit * each for each in found[word][key]], *_STYLES[word]) for word in words]
+        series = [Series(word, [unit * each for each in found[word][key]], *STYLES[word]) for word in words]
         if unsealed is not None:
             series.append(Series("truth", [unit * unsealed.strengths[run][key] for run in finding["runs"]], INK, "D"))
         pictures.append(points(key, title, finding["runs"], series, axis))

@@ -4,6 +4,7 @@
 
 import csv
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,10 @@ from terramechanics.soil import load_soil
 RADIUS, WIDTH = 0.1, 0.08
 SLIPS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65)
 LOADS = (40.0, 90.0)
-NOISE = (0.2e-3, 0.2)
+NOISE = (0.2e-3, 0.2, 0.1)
 MEASURED = Path(__file__).parents[4] / "shared" / "data" / "single_wheel"
 HEADER = "slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N,trial"
+TURNED = f"{HEADER},slip_angle_deg,lateral_force_N"
 
 
 class Churned(Effect):
@@ -34,29 +36,52 @@ class Churned(Effect):
         return contact.stiffened(1.0 / (1.0 + 8.0 * contact.slip.abs()))
 
 
-def table(path: Path, effects: list[Effect], speeds: tuple[float, ...]) -> Path:
-    """Two replicates of every setting, of a soil with constants off by 5 %."""
+class Ploughed(Effect):
+    """The side of the wheel pushes soil away by Rankine's passive pressure over the chord: the library integrates along the rim."""
+
+    def push(self, where: Situation, contact: Contact, forces: torch.Tensor) -> torch.Tensor:
+        if contact.slip_angle is None:
+            return forces
+        depth = contact.sinkage
+        chord = 2.0 * torch.sqrt(2.0 * where.rover.wheel_radius * depth)
+        side = (0.5 * 15e3 * 3.0 * depth**2 + 2.0 * 500.0 * 3.0**0.5 * depth) * chord
+        return torch.cat([forces[..., :3], forces[..., 3:] + (side * torch.sin(contact.slip_angle)).unsqueeze(-1)], -1)
+
+
+def table(
+    path: Path, effects: list[Effect], speeds: tuple[float, ...], slips: tuple[float, ...] = SLIPS, angles: tuple[float, ...] = (0.0,)
+) -> Path:
+    """Two replicates of every setting, of a soil with constants off by 5 %; slip angles in degrees, with the carriage's slip."""
     generator = torch.Generator().manual_seed(3)
     soil = load_soil("loose_sand")
     bed = Rig(wheel_alone(load_rover("mars_rover"), RADIUS, WIDTH), soil, 0.05, NOISE)
-    settings = [(slip, load, speeds[k % len(speeds)]) for load in LOADS for k, slip in enumerate(SLIPS)]
-    rows = [Row("t", "1", slip, load, speed / RADIUS / (1.0 - slip), 0.01, 0.0) for slip, load, speed in settings]
+    settings = [
+        (slip, load, speeds[k % len(speeds)], math.radians(angle)) for angle in angles for load in LOADS for k, slip in enumerate(slips)
+    ]
+    rows = [
+        Row("t", "1", slip, load, speed * math.cos(angle) / RADIUS / (1.0 - slip), 0.01, 0.0, angle, 0.0)
+        for slip, load, speed, angle in settings
+    ]
     constants = soil.constants() * torch.tensor([1.02, 1.0, 0.95, 1.05, 1.0, 1.0], dtype=torch.float64)
     states = bed.states(cells_of(rows), soil.strength().unsqueeze(0), constants.unsqueeze(0), effects)[0]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(HEADER.split(","))
+        writer.writerow((TURNED if any(angles) else HEADER).split(","))
         for row, state in zip(rows, states, strict=True):
             for trial in (1, 2):
-                depth, pull = (state + torch.tensor(NOISE) * torch.randn(2, generator=generator, dtype=torch.float64)).tolist()
-                writer.writerow([row.slip, row.load, row.wheel_rate, 1e3 * depth + 3.0, pull, trial])
+                count = 3 if any(angles) else 2
+                noise = torch.tensor(NOISE[:count]) * torch.randn(count, generator=generator, dtype=torch.float64)
+                depth, pull, *lateral = (state[:count] + noise).tolist()
+                slip = 1.0 - (1.0 - row.slip) / math.cos(row.slip_angle)
+                turned = [math.degrees(row.slip_angle), *lateral][: 2 * len(lateral)]
+                writer.writerow([slip, row.load, row.wheel_rate, 1e3 * depth + 3.0, pull, trial, *turned])
     return path
 
 
 def found(path: Path, *extra: str) -> dict[str, Any]:
     wheel = path.with_name("wheel.yaml")
     wheel.write_text(f"name: testbed\nradius: {RADIUS}\nwidth: {WIDTH}\n", encoding="utf-8")
-    noise = ["--sinkage-sd", str(NOISE[0]), "--pull-sd", str(NOISE[1]), "--constants-sd", "0.05"]
+    noise = ["--sinkage-sd", str(NOISE[0]), "--pull-sd", str(NOISE[1]), "--lateral-sd", str(NOISE[2]), "--constants-sd", "0.05"]
     out = path.with_suffix("")
     assert main(["--wheel-table", str(path), "--wheel", str(wheel), *noise, "--out", str(out), *extra]) == 0
     content: dict[str, Any] = json.loads((out / "finding.json").read_text(encoding="utf-8"))
@@ -64,7 +89,7 @@ def found(path: Path, *extra: str) -> dict[str, Any]:
 
 
 def test_softening_that_goes_with_slip_is_named_where_the_speed_varies_and_helps_on_settings_held_out(tmp_path: Path) -> None:
-    finding = found(table(tmp_path / "churned.csv", [Churned()], (0.05, 0.2)), "--library", "slip_sinkage,rate_dependence,bulldozing")
+    finding = found(table(tmp_path / "churned.csv", [Churned()], (0.05, 0.2)), "--library", "slip_sinkage,rate_dependence")
     assert finding["verdict"] == "named"
     assert [each["name"] for each in finding["effects"]] == ["slip_sinkage"]
     gap = finding["gap"]
@@ -89,6 +114,50 @@ def test_at_one_speed_what_goes_with_slip_may_go_with_wheel_rate(tmp_path: Path)
 def test_where_nothing_is_missing_nothing_is_named(tmp_path: Path) -> None:
     finding = found(table(tmp_path / "nominal.csv", [], (0.05, 0.2)), "--library", "slip_sinkage,bulldozing", "--hold-out-by", "trial")
     assert finding["verdict"] == "none"
+
+
+def test_a_side_that_ploughs_is_named_and_the_lateral_force_of_another_trial_is_met_better(tmp_path: Path) -> None:
+    path = table(tmp_path / "ploughed.csv", [Ploughed()], (0.05, 0.2), (0.1, 0.35, 0.6), (0.0, 20.0, -40.0))
+    finding = found(path, "--library", "lateral_bulldozing,bulldozing", "--hold-out-by", "trial")
+    assert finding["verdict"] == "named"
+    assert [each["name"] for each in finding["effects"]] == ["lateral_bulldozing"]
+    assert finding["effects"][0]["unit"] == "N/m^3"
+    lateral = finding["gap"]["rows"]["lateral_force"]
+    assert lateral["after"] < 0.5 * lateral["before"]
+    assert finding["settings"] == 18
+    report = path.with_suffix("").joinpath("report.html").read_text(encoding="utf-8")
+    assert "The model lacks lateral_bulldozing" in report
+    assert "<svg" in report
+
+
+def test_where_no_side_ploughs_none_is_named(tmp_path: Path) -> None:
+    path = table(tmp_path / "turned.csv", [], (0.05, 0.2), (0.1, 0.35, 0.6), (0.0, 20.0, -40.0))
+    finding = found(path, "--library", "lateral_bulldozing", "--hold-out-by", "trial")
+    assert finding["verdict"] == "none"
+    assert finding["rows"] == ["sinkage", "drawbar_pull", "lateral_force"]
+    assert finding["gap"]["rows"]["lateral_force"]["before"] < 4.0 * NOISE[2]
+
+
+def test_rows_with_a_slip_angle_are_read_with_the_slip_along_the_wheel_and_those_without_lateral_force_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "turned.csv"
+    state = "40,1.0,12,3,1"
+    path.write_text(f"{TURNED}\n0.2,{state},0,0.4\n0.2,{state},60,4\n0.2,{state},-60,-4\n0.2,{state},90,4\n", encoding="utf-8")
+    rows, left_out = read_table(path, "rim")
+    assert [row.slip for row in rows] == pytest.approx([0.2, 0.6, 0.6])
+    assert [row.slip_angle for row in rows] == pytest.approx([0.0, math.radians(60.0), math.radians(-60.0)])
+    assert [row.lateral_force for row in rows] == pytest.approx([math.nan, 4.0, -4.0], nan_ok=True)
+    assert len(left_out) == 1
+    assert "slip angle 90 deg: above 89 deg" in left_out[0]
+    assert [row.slip_angle for row in read_table(path, "rim", "carriage", 0.0)[0]] == [0.0]
+    assert cells_of(rows).seen.tolist() == [[True, True, False], [True, True, True], [True, True, True]]
+    assert [row.slip for row in read_table(path, "rim", "wheel")[0]] == pytest.approx([0.2, 0.2, 0.2])
+    path.write_text(f"{HEADER},slip_angle_deg\n0.2,{state},0\n0.2,{state},15\n", encoding="utf-8")
+    rows, left_out = read_table(path, "rim")
+    assert len(rows) == 1
+    assert "no column lateral_force_N" in left_out[0]
+    path.write_text(f"{TURNED}\n0.2,{state},0,-9\n0.2,{state},15,-4\n", encoding="utf-8")
+    with pytest.raises(WheelTableError, match="opposite signs"):
+        read_table(path, "rim")
 
 
 @pytest.mark.parametrize(
@@ -134,6 +203,9 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(tmp_path: Path, capsy
         (("--sinkage-sd", "0"), "--sinkage-sd 0: a standard deviation is above zero"),
         (("--constants-sd", "-1"), "--constants-sd -1"),
         (("--pull-sd", "nan"), "--pull-sd nan"),
+        (("--lateral-sd", "-1"), "--lateral-sd -1"),
+        (("--largest-slip-angle", "90"), "--largest-slip-angle 90: give 0 to 89 deg"),
+        (("--library", "lateral_bulldozing"), "lateral_bulldozing is not testable: no row has a slip angle"),
     ],
 )
 def test_arguments_that_leave_nothing_to_fit_are_refused(
@@ -158,7 +230,9 @@ def test_slip_of_a_braked_wheel_is_converted() -> None:
 @pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured tables are not here (../shared)")
 def test_measured_tables_are_read_and_replicates_are_one_setting() -> None:
     rows, left_out = read_table(MEASURED / "smooth_wheel.csv", "larger")
-    assert all("slip angle" in reason or "does not turn" in reason for reason in left_out)
+    assert all("does not turn" in reason for reason in left_out)
+    assert {round(math.degrees(row.slip_angle)) for row in rows} == {0, 15, 45}
+    assert all(row.lateral_force > 0.0 for row in rows if row.slip_angle)
     cells = cells_of(rows)
     assert set(cells.replicates) == {2}
     assert len(rows) == 2 * len(cells.slip)
@@ -173,7 +247,16 @@ def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_th
     soil.write_text(json.dumps({"name": "dry_sand"} | constants), encoding="utf-8")
     wheel.write_text("name: testbed\nradius: 0.058\nwidth: 0.05\n", encoding="utf-8")
     tables = ["--wheel-table", str(MEASURED / "grouser_wheel.csv"), "--reference", str(MEASURED / "smooth_wheel.csv")]
-    asked = ["--slip-definition", "larger", "--hold-out-by", "trial", "--library", "slip_sinkage,rate_dependence,grousers"]
+    asked = [
+        "--slip-definition",
+        "larger",
+        "--largest-slip-angle",
+        "0",
+        "--hold-out-by",
+        "trial",
+        "--library",
+        "slip_sinkage,rate_dependence,grousers",
+    ]
     assert main([*tables, "--wheel", str(wheel), "--soil", str(soil), *asked, "--out", str(tmp_path)]) == 0
     finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
     assert finding["verdict"] != "named"

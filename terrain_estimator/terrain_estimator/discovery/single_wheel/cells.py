@@ -16,10 +16,10 @@ from terramechanics.rover import Rover
 from terramechanics.sinkage import WheelGround, equilibrium_sinkage
 from terramechanics.soil import Soil
 
-SAME_SLIP, SAME_LOAD = 0.02, 1.5
-"""[1] Largest difference of slips, and ratio of loads, of replicates of one setting."""
+SAME_SLIP, SAME_LOAD, SAME_ANGLE = 0.02, 1.5, math.radians(1.0)
+"""[1], [1], [rad] Largest difference of slips, ratio of loads and difference of slip angles of replicates of one setting."""
 POINTS = 6
-ROWS = ("sinkage", "drawbar_pull")
+ROWS = ("sinkage", "drawbar_pull", "lateral_force")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +28,13 @@ class Row:
 
     table: str
     trial: str
-    slip: float  # [1] 1 - V / (r w)
+    slip: float  # [1] 1 - V / (r w), V along the wheel's heading
     load: float  # [N]
     wheel_rate: float  # [rad/s]
     sinkage: float  # [m]
     drawbar_pull: float  # [N]
+    slip_angle: float = 0.0  # [rad] positive where the wheel moves to the right of its heading
+    lateral_force: float = math.nan  # [N] on the wheel, positive to the left; not a number straight ahead, where the model has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +45,22 @@ class Cells:
     slip: Tensor  # [B]
     load: Tensor  # [B] [N]
     wheel_rate: Tensor  # [B] [rad/s]
-    measured: Tensor  # [B, 2] sinkage [m], drawbar pull [N]
+    slip_angle: Tensor  # [B] [rad]
+    measured: Tensor  # [B, 3] sinkage [m], drawbar pull [N], lateral force [N] or not a number
     replicates: tuple[int, ...]
     acts: Tensor  # [B] bool: where the effects that are looked for may act
+
+    @property
+    def seen(self) -> Tensor:
+        """Which rows were measured [B, 3]."""
+        return ~self.measured.isnan()
 
     def part(self, index: Sequence[int]) -> "Cells":
         """Some of them."""
         of = torch.tensor(list(index), dtype=torch.long)
         return Cells(
-            tuple(self.table[k] for k in index), self.slip[of], self.load[of], self.wheel_rate[of], self.measured[of],
-            tuple(self.replicates[k] for k in index), self.acts[of],
+            tuple(self.table[k] for k in index), self.slip[of], self.load[of], self.wheel_rate[of], self.slip_angle[of],
+            self.measured[of], tuple(self.replicates[k] for k in index), self.acts[of],
         )  # fmt: skip
 
 
@@ -71,13 +79,14 @@ def cells_of(rows: Sequence[Row], reference: frozenset[str] = frozenset()) -> Ce
 
     tables = tuple(group[0].table for group in groups)
     acts = torch.tensor([table not in reference for table in tables])
-    measured = torch.stack([mean("sinkage"), mean("drawbar_pull")], 1)
-    return Cells(tables, mean("slip"), mean("load"), mean("wheel_rate"), measured, tuple(map(len, groups)), acts)
+    measured = torch.stack([mean(name) for name in ROWS], 1)
+    return Cells(tables, mean("slip"), mean("load"), mean("wheel_rate"), mean("slip_angle"), measured, tuple(map(len, groups)), acts)
 
 
 def _alike(first: Row, second: Row) -> bool:
     heavier, lighter = max(first.load, second.load), min(first.load, second.load)
-    return first.table == second.table and abs(first.slip - second.slip) < SAME_SLIP and heavier < SAME_LOAD * lighter
+    turned = abs(first.slip_angle - second.slip_angle) >= SAME_ANGLE
+    return first.table == second.table and not turned and abs(first.slip - second.slip) < SAME_SLIP and heavier < SAME_LOAD * lighter
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +96,7 @@ class Rig:
     rover: Rover  # of which the wheel alone counts
     soil: Soil
     constants_sd: float  # [1] relative deviation of each soil constant
-    repeatability: tuple[float, float]  # deviations of a cell: sinkage [m], drawbar pull [N]
+    repeatability: tuple[float, float, float]  # deviations of a cell: sinkage [m], drawbar pull [N], lateral force [N]
 
     def usable(self, slip: float, sinkage: float) -> bool:
         """Whether the contact model describes this state at all."""
@@ -95,7 +104,7 @@ class Rig:
         return bool(in_range(values[0], values[1], self.soil.constants(), self.rover.wheel_radius))
 
     def states(self, cells: Cells, strength: Tensor, constants: Tensor, effects: Sequence[Effect]) -> Tensor:
-        """Sinkage [m] and drawbar pull [N] of cells, [V, B, 2], for V soils: ``strength`` [V, 2] (c [Pa]), ``constants`` [V, 6]."""
+        """Rows of cells, [V, B, 3], for V soils: ``strength`` [V, 2] (c [Pa]), ``constants`` [V, 6]."""
         several, count = strength.shape[0], cells.slip.shape[0]
         slip, load, rate = (each.repeat(several).unsqueeze(1) for each in (cells.slip, cells.load, cells.wheel_rate))
         nowhere = torch.full_like(slip, math.nan)
@@ -109,8 +118,12 @@ class Rig:
         )
         soil, ground = (each.repeat_interleave(count, 0).unsqueeze(1) for each in (constants, strength))
         wheel = WheelGround.of(self.rover, soil, ground, POINTS, Plant(effects), where)
+        if bool(cells.slip_angle.any()):
+            wheel = dataclasses.replace(wheel, slip_angle=cells.slip_angle.repeat(several).unsqueeze(1))
         depth = equilibrium_sinkage(wheel, slip, load)
-        return torch.stack([depth, wheel.forces(slip, depth)[..., 1]], -1).view(several, count, 2)
+        forces = wheel.forces(slip, depth)
+        lateral = forces[..., 3] if wheel.slip_angle is not None else torch.zeros_like(depth)
+        return torch.stack([depth, forces[..., 1], lateral], -1).view(several, count, len(ROWS))
 
 
 def wheel_alone(rover: Rover, radius: float, width: float) -> Rover:

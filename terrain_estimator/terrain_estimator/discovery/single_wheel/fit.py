@@ -7,7 +7,8 @@ to act in all tables, sizes of those that are looked for. With J their Jacobian 
 
     y ~ N(f(x), C),   C = repeatability + excess of each row + (where asked for) s^2 F F' of each row,
 
-F smooth functions of slip: a discrepancy without a name. Excess and s are at their most likely values, with x integrated out.
+F smooth functions of slip and slip angle: a discrepancy without a name. Excess and s are at their most likely values, with x
+integrated out.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.point import PRIOR_THETA
-from terrain_estimator.discovery.single_wheel.cells import Cells, Rig
+from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig
 from terrain_estimator.prior import uncertain_constants
 from terrain_estimator.rows import PA_PER_UNIT
 from terramechanics.plant import Effect
@@ -31,6 +32,8 @@ Floats = npt.NDArray[np.float64]
 
 DATUM_SD = 0.005
 """[m] of the common offset of all sinkages."""
+PER_SIGNAL = 3
+"""Functions of one signal in a discrepancy without a name."""
 _STEP = 1e-4
 """[1] Prior deviations by which a parameter is varied for differences."""
 _ROUNDS = 4
@@ -45,6 +48,7 @@ class Explained:
     values: Floats  # [P] in prior deviations
     covariance: Floats  # [P, P]
     log_evidence: float  # [nat]
+    left: tuple[str, str]  # row and signal on which the discrepancy without a name depends most, where there is one
 
     def sizes(self, first: int) -> list[tuple[str, float, float]]:
         """Name, size and deviation of each effect that is looked for; ``first`` is the number of its first parameter."""
@@ -75,11 +79,11 @@ class WheelModel:
         return np.clip(np.concatenate([np.zeros(self.own), *map(_begin, (self._given, self.hypothesis))]), self.low, self.high)
 
     def of(self, cells: Cells, values: Floats) -> Floats:
-        """Sinkage and drawbar pull [B, 2]."""
+        """Sinkage, drawbar pull and lateral force [B, 3]."""
         return self._several(cells, values[None], values)[0]
 
     def jacobian(self, cells: Cells, values: Floats) -> tuple[Floats, Floats]:
-        """Those [B, 2], and their changes with each parameter [B, 2, P]."""
+        """Those [B, 3], and their changes with each parameter [B, 3, P]."""
         steps = np.where(values + _STEP > self.high, -_STEP, _STEP)
         moved = values + np.diag(steps)
         soil = self._several(cells, np.vstack([values[None], moved[: self.own]]), values)
@@ -95,7 +99,7 @@ class WheelModel:
         constants = self.bed.soil.constants() + table[:, 2 : self.own - 1] @ self._uncertain
         known = _effects(self._given, values[self.own : self.first])
         sought = known + _effects(self.hypothesis, values[self.first :])
-        found = torch.empty(len(soils), len(cells.slip), 2, dtype=torch.float64)
+        found = torch.empty(len(soils), len(cells.slip), len(ROWS), dtype=torch.float64)
         for acts, effects in ((True, sought), (False, known)):
             index = torch.nonzero(cells.acts == acts).flatten()
             if len(index):
@@ -126,78 +130,108 @@ def _effects(hypothesis: Hypothesis, values: Floats) -> list[Effect]:
     return [part.effect(tuple(next(sizes) for _ in range(1 + len(part.beside)))) for part in hypothesis.parts]
 
 
+@dataclass(frozen=True, slots=True)
+class _Spread:
+    """By what measurements differ from the model, in units of repeatability. ``hyper`` [6]: of each row the excess, then s."""
+
+    functions: Floats  # [B, F], PER_SIGNAL for each signal
+    seen: npt.NDArray[np.bool_]  # [3 B] cell by cell, the sinkage first
+
+    def covariance(self, hyper: Floats) -> Floats:
+        """Of the M measurements there are, [M, M]."""
+        rows, count = len(ROWS), len(self.functions)
+        shared = self.functions @ self.functions.T
+        covariance = np.zeros((rows * count, rows * count))
+        for row in range(rows):
+            covariance[row::rows, row::rows] = np.eye(count) * (1.0 + hyper[row] ** 2) + hyper[rows + row] ** 2 * shared
+        return covariance[np.ix_(self.seen, self.seen)]
+
+    def depends_on(self, hyper: Floats, residual: Floats, signals: Sequence[str]) -> tuple[str, str]:
+        """Row and signal of the largest part of a discrepancy [units of repeatability] that ``residual`` [M] holds."""
+        pulled = np.zeros(len(self.seen))
+        pulled[self.seen] = np.linalg.solve(self.covariance(hyper), residual)
+        parts = {}
+        for k, row in enumerate(ROWS):
+            weights = hyper[len(ROWS) + k] ** 2 * self.functions.T @ pulled[k :: len(ROWS)]
+            for j, signal in enumerate(signals):
+                own = slice(PER_SIGNAL * j, PER_SIGNAL * (j + 1))
+                parts[row, signal] = float(np.linalg.norm(self.functions[:, own] @ weights[own]))
+        return max(parts, key=lambda each: parts[each])
+
+
 def explain(model: WheelModel, cells: Cells, *, flexible: bool = False, start: Floats | None = None) -> Explained:
     """Fit a model to cells; ``flexible`` with a discrepancy without a name on top."""
     values = model.start() if start is None else start
-    noise = np.tile(model.bed.repeatability, len(cells.slip))
+    seen = cells.seen.numpy().ravel()
+    noise = np.tile(model.bed.repeatability, len(cells.slip))[seen]
     functions = smooth(cells)
-    hyper = np.array([1.0, 1.0, 1.0, 1.0] if flexible else [1.0, 1.0, 0.0, 0.0])
-    measured = cells.measured.numpy()
+    spread = _Spread(np.concatenate(list(functions.values()), 1), seen)
+    hyper = np.repeat([1.0, float(flexible)], len(ROWS))
+    measured = cells.measured.numpy().ravel()[seen]
     residual, jacobian = np.zeros(0), np.zeros(0)
     for _ in range(_ROUNDS):
-        white = np.linalg.inv(np.linalg.cholesky(_covariance(hyper, functions)))
+        white = np.linalg.inv(np.linalg.cholesky(spread.covariance(hyper)))
 
         def short(x: Floats, white: Floats = white) -> Floats:
-            return np.concatenate([white @ ((model.of(cells, x) - measured).ravel() / noise), x])
+            return np.concatenate([white @ ((model.of(cells, x).ravel()[seen] - measured) / noise), x])
 
         def slope(x: Floats, white: Floats = white) -> Floats:
-            by = model.jacobian(cells, x)[1].reshape(len(noise), -1) / noise[:, None]
+            by = model.jacobian(cells, x)[1].reshape(len(seen), -1)[seen] / noise[:, None]
             return np.vstack([white @ by, np.eye(len(x))])
 
         values = least_squares(short, values, slope, (model.low, model.high), max_nfev=12, xtol=1e-6).x
         said, by = model.jacobian(cells, values)
-        residual = (measured - said).ravel() / noise
-        jacobian = by.reshape(len(noise), -1) / noise[:, None]
-        hyper = _most_likely(residual + jacobian @ values, jacobian, functions, hyper, flexible=flexible)
-    return _finished(model, values, residual, jacobian, hyper, functions)
+        residual = (measured - said.ravel()[seen]) / noise
+        jacobian = by.reshape(len(seen), -1)[seen] / noise[:, None]
+        hyper = _most_likely(residual + jacobian @ values, jacobian, spread, hyper, flexible=flexible)
+    left = spread.depends_on(hyper, residual, list(functions))
+    return _finished(model, values, residual, jacobian, hyper, spread, left)
 
 
-def smooth(cells: Cells) -> Floats:
-    """Functions of slip that a discrepancy is made of, of unit mean square, [B, F]; their mean belongs to the datum and the soil."""
-    slip, acts = cells.slip.numpy(), cells.acts.numpy().astype(float)
-    columns = [slip, slip**2, np.maximum(slip - 0.5, 0.0)]
-    columns = [column - column.mean() for column in columns]
+def smooth(cells: Cells) -> dict[str, Floats]:
+    """Functions of each signal that a discrepancy is made of, of unit mean square, [B, PER_SIGNAL]; the mean belongs to datum and soil."""
+    slip, acts, side = cells.slip.numpy(), cells.acts.numpy().astype(float), np.sin(cells.slip_angle.numpy())
+    columns = np.stack([slip, slip**2, np.maximum(slip - 0.5, 0.0)], 1)
+    powers = np.stack([np.ones_like(slip), slip, slip**2], 1)
+    found = {"slip": columns - columns.mean(0)}
     if not acts.all():  # where tables of reference are there, what they lack may depend on the wheel alone
-        columns += [acts, acts * slip, acts * slip**2]
-    table = np.stack(columns, 1)
-    return table / np.sqrt((table**2).mean(0)).clip(_LEAST)
+        found["wheel"] = acts[:, None] * powers
+    if side.any():
+        found["slip angle"] = side[:, None] * powers
+    return {signal: table / np.sqrt((table**2).mean(0)).clip(_LEAST) for signal, table in found.items()}
 
 
-def _covariance(hyper: Floats, functions: Floats) -> Floats:
-    """Of all measurements [2 B, 2 B] in units of repeatability: cell by cell, the sinkage first."""
-    count = len(functions)
-    shared = functions @ functions.T
-    covariance = np.zeros((2 * count, 2 * count))
-    for row in (0, 1):
-        covariance[row::2, row::2] = np.eye(count) * (1.0 + hyper[row] ** 2) + hyper[2 + row] ** 2 * shared
-    return covariance
-
-
-def _marginal(hyper: Floats, target: Floats, jacobian: Floats, functions: Floats) -> float:
+def _marginal(hyper: Floats, target: Floats, jacobian: Floats, spread: _Spread) -> float:
     """-2 log of the density of the measurements with the parameters integrated out (linearised), up to a constant."""
-    covariance = _covariance(hyper, functions) + jacobian @ jacobian.T
+    covariance = spread.covariance(hyper) + jacobian @ jacobian.T
     factor = np.linalg.cholesky(covariance)
     pulled = np.linalg.solve(factor, target)
     return float(pulled @ pulled + 2.0 * np.log(np.diag(factor)).sum())
 
 
-def _most_likely(target: Floats, jacobian: Floats, functions: Floats, hyper: Floats, *, flexible: bool) -> Floats:
-    free = 4 if flexible else 2
+def _most_likely(target: Floats, jacobian: Floats, spread: _Spread, hyper: Floats, *, flexible: bool) -> Floats:
+    free = len(hyper) if flexible else len(ROWS)
 
     def cost(logs: Floats) -> float:
-        return _marginal(np.concatenate([np.exp(logs), np.zeros(4 - free)]), target, jacobian, functions)
+        return _marginal(np.concatenate([np.exp(logs), np.zeros(len(hyper) - free)]), target, jacobian, spread)
 
     found = minimize(cost, np.log(hyper[:free].clip(0.05)), method="L-BFGS-B", bounds=[(-4.0, 5.0)] * free)
-    return np.concatenate([np.exp(found.x), np.zeros(4 - free)])
+    return np.concatenate([np.exp(found.x), np.zeros(len(hyper) - free)])
 
 
-def _finished(model: WheelModel, values: Floats, residual: Floats, jacobian: Floats, hyper: Floats, functions: Floats) -> Explained:
-    evidence = -0.5 * _marginal(hyper, residual + jacobian @ values, jacobian, functions)
-    weight = np.linalg.inv(_covariance(hyper, functions))
+def _finished(
+    model: WheelModel, values: Floats, residual: Floats, jacobian: Floats, hyper: Floats, spread: _Spread, left: tuple[str, str]
+) -> Explained:
+    evidence = -0.5 * _marginal(hyper, residual + jacobian @ values, jacobian, spread)
+    weight = np.linalg.inv(spread.covariance(hyper))
     covariance: Floats = np.linalg.inv(jacobian.T @ weight @ jacobian + np.eye(len(values))).astype(np.float64)
+    # Where a limit holds a size, the Gaussian's middle is beyond it: its mass in the range is not a half.
+    middle = covariance @ (jacobian.T @ (weight @ (residual + jacobian @ values)))
+    held = np.minimum(values - model.low, model.high - values) < _LEAST
+    middle = np.where(held, middle, values)
     sizes = _ranged(model.hypothesis, model.first)
-    evidence += sum(_inside(values[k], np.sqrt(covariance[k, k]), model.low[k], model.high[k]) for k in sizes)
-    return Explained(model.hypothesis, values, covariance, float(evidence))
+    evidence += sum(_inside(middle[k], np.sqrt(covariance[k, k]), model.low[k], model.high[k]) for k in sizes)
+    return Explained(model.hypothesis, values, covariance, float(evidence), left)
 
 
 def _ranged(hypothesis: Hypothesis, first: int) -> Sequence[int]:

@@ -3,12 +3,14 @@
 """All hypotheses about one wheel, the verdict by the rule of drives, and what it is worth on cells that were held out."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, together
+from terrain_estimator.discovery.library import NOTHING, Hypothesis, together
+from terrain_estimator.discovery.parts import Part
 from terrain_estimator.discovery.search import Progress
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
@@ -27,24 +29,24 @@ _RESAMPLED = 2000
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors on what was not fitted: [F, 2] for F held-out cells, sinkage [m] and drawbar pull [N]."""
+    """Errors on what was not fitted: [F, 3] for F held-out cells, in the order of ROWS; not a number where there was no measurement."""
 
     before: Floats
     after: Floats | None  # None where nothing is to be added
     settings: int  # different ones among them
 
-    def rms(self, repeatability: tuple[float, float]) -> tuple[float, float | None]:
+    def rms(self, repeatability: tuple[float, float, float]) -> tuple[float, float | None]:
         """Before and after, in deviations of repeatability."""
         after = None if self.after is None else _rms(self.after / repeatability)
         return _rms(self.before / repeatability), after
 
-    def improvement_95(self, repeatability: tuple[float, float], seed: int) -> tuple[float, float] | None:
+    def improvement_95(self, repeatability: tuple[float, float, float], seed: int) -> tuple[float, float] | None:
         """95 % interval of before - after, cells resampled; None with fewer than FEWEST_HELD_OUT settings."""
         if self.after is None or self.settings < FEWEST_HELD_OUT:
             return None
         generator, count = np.random.default_rng(seed), len(self.before)
         drawn = generator.integers(count, size=(_RESAMPLED, count))
-        before, after = (np.sqrt(((each / repeatability) ** 2)[drawn].mean((1, 2))) for each in (self.before, self.after))
+        before, after = (np.sqrt(np.nanmean(((each / repeatability) ** 2)[drawn], (1, 2))) for each in (self.before, self.after))
         low, high = np.quantile(before - after, [0.025, 0.975])
         return float(low), float(high)
 
@@ -60,11 +62,17 @@ class Outcome:
     held_out: HeldOut
     proven: bool | None  # whether the best name helps on held-out settings; None where there are too few to tell
     separate_by: str
+    left: tuple[str, str]  # row and signal on which what the best name leaves depends most
 
 
 def shown_by_one_wheel() -> tuple[str, ...]:
-    """Effects that sinkage and drawbar pull of one wheel depend on; a bias of the sinkage is in the datum, which is unknown anyway."""
-    return tuple(name for name, each in EFFECTS.items() if each.make and set(ROWS) & set(each.rows) and name != "sinkage_bias")
+    """Effects that the rows of one wheel depend on; a bias of the sinkage is in the datum, which is unknown anyway."""
+    return tuple(name for name, each in EFFECTS.items() if set(ROWS) & set(each.rows) and name != "sinkage_bias")
+
+
+def of_one_wheel(names: Sequence[str]) -> list[Hypothesis]:
+    """One hypothesis for each of the effects that one wheel shows."""
+    return [Hypothesis((Part(name),)) for name in names]
 
 
 def investigate_wheel(
@@ -85,18 +93,22 @@ def investigate_wheel(
     their replicates; or ``by_trial`` all cells of one trial, which says how well it repeats and nothing about new settings.
     """
     cells = cells_of(rows, reference)
-    hypotheses = singles(tuple(names))
+    hypotheses = of_one_wheel(names)
     model = WheelModel(bed, given, NOTHING)
     say(0.0, "nothing missing")
-    nothing, free = explain(model, cells), explain(model, cells, flexible=True)
-    found, gains = _searched(bed, given, cells, hypotheses, nothing, free)
+    nothing = explain(model, cells)
+    found = _searched(bed, given, cells, hypotheses, nothing)
+    nothing = _better(nothing, explain(model, cells, start=found[0].values[: model.first]))
+    free = explain(model, cells, flexible=True, start=nothing.values)
+    gains, left = _weighed(bed, given, cells, found, nothing, free)
     if gains.explainable >= thresholds.anything and gains.share < thresholds.share:
         say(0.3, "pairs")
         best = found[0].hypothesis
         others = [together(best, each) for each in hypotheses if each != best]
-        pairs, paired = _searched(bed, given, cells, others, nothing, free) if others else ([], gains)
+        pairs = _searched(bed, given, cells, others, found[0])
+        paired, less = _weighed(bed, given, cells, pairs, nothing, free) if pairs else (gains, left)
         if paired.share >= thresholds.share:
-            found, gains = [*pairs, *found], paired
+            found, gains, left = [*pairs, *found], paired, less
     judgement = judge(gains, thresholds)
     probabilities = {name: 0.0 for each in hypotheses for name in each.names} | judgement.probabilities
     judgement = dataclasses.replace(judgement, probabilities=probabilities)
@@ -107,25 +119,35 @@ def investigate_wheel(
     proven = None if interval is None else interval[0] > 0.0
     judgement = _refuted(judgement) if proven is False else _by_design(judgement, rows, found)
     confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
-    return Outcome(judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable))
+    return Outcome(judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable), left)
 
 
-def _searched(
-    bed: Rig, given: Hypothesis, cells: Cells, hypotheses: Sequence[Hypothesis], nothing: Explained, free: Explained
-) -> tuple[list[Explained], Gains]:
-    """Fits of all, the most probable first, and what the rule looks at."""
-    models = [WheelModel(bed, given, each) for each in hypotheses]
-    found = sorted((explain(model, cells) for model in models), key=lambda each: -each.log_evidence)
-    best = next(model for model in models if model.hypothesis == found[0].hypothesis)
-    best_with = explain(best, cells, flexible=True)
-    base = nothing.log_evidence
+def _searched(bed: Rig, given: Hypothesis, cells: Cells, hypotheses: Sequence[Hypothesis], simpler: Explained) -> list[Explained]:
+    """Fits of all, the most probable first; each begins at the parameters of a ``simpler`` one, single effects at the nominal soil too."""
+    found = []
+    for model in (WheelModel(bed, given, each) for each in hypotheses):
+        fitted = explain(model, cells, start=np.concatenate([simpler.values, model.start()[len(simpler.values) :]]))
+        found.append(fitted if simpler.hypothesis.parts else _better(fitted, explain(model, cells)))
+    return sorted(found, key=lambda each: -each.log_evidence)
+
+
+def _better(first: Explained, second: Explained) -> Explained:
+    return first if first.log_evidence >= second.log_evidence else second
+
+
+def _weighed(
+    bed: Rig, given: Hypothesis, cells: Cells, found: Sequence[Explained], nothing: Explained, free: Explained
+) -> tuple[Gains, tuple[str, str]]:
+    """What the rule looks at, and on what the rest depends that the best leaves."""
+    best, base = found[0], nothing.log_evidence
+    best_with = explain(WheelModel(bed, given, best.hypothesis), cells, flexible=True, start=best.values)
     named = tuple((each.hypothesis, each.log_evidence - base) for each in found)
-    return found, Gains(named, free.log_evidence - base, best_with.log_evidence - base)
+    return Gains(named, free.log_evidence - base, best_with.log_evidence - base), best_with.left
 
 
 def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explained]) -> Judgement:
     """At one speed of the carriage a name that depends on slip may be one that depends on wheel rate: both are given."""
-    speeds = [row.wheel_rate * (1.0 - row.slip) for row in rows]
+    speeds = [row.wheel_rate * (1.0 - row.slip) / math.cos(row.slip_angle) for row in rows]
     named = [name for each in judgement.named for name in each.names]
     there = {each.hypothesis.names: each.hypothesis for each in found}
     both = [there[name,] for name in (BY_SLIP, BY_RATE) if (name,) in there]
@@ -153,7 +175,7 @@ def held_out(bed: Rig, rows: Sequence[Row], reference: frozenset[str], parts: Se
         for model, found in zip(models, errors, strict=True):
             fitted = explain(model, left)
             found.append(out.measured.numpy() - model.of(out, fitted.values))
-    before, *after = (np.concatenate(each) if each else np.zeros((0, 2)) for each in errors)
+    before, *after = (np.concatenate(each) if each else np.zeros((0, len(ROWS))) for each in errors)
     return HeldOut(before, after[0] if after else None, int(cells_of(rows, reference).acts.sum()))
 
 
@@ -172,4 +194,4 @@ def _folds(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) ->
 
 
 def _rms(values: Floats) -> float:
-    return float(np.sqrt((values**2).mean())) if values.size else 0.0
+    return float(np.sqrt(np.nanmean(values**2))) if values.size else 0.0

@@ -16,6 +16,7 @@ _ALONE = {
     "grousers": "slips from 0 to 0.4 at one load",
     "slip_sinkage": "two slips at equal load",
     "rate_dependence": "reach the same slip at two speeds of the carriage",
+    "lateral_bulldozing": "two loads at one slip angle, so that the depth of the side differs",
     "exit_angle": "measure the rut's depth behind the wheel against the wheel's sinkage",
 }
 """By effect that one wheel shows."""

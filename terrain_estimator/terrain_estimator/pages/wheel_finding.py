@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report about tables of one wheel: one page from what finding.json holds, in the look of that of drives."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from terrain_estimator.pages import finding_words as say
+from terrain_estimator.pages.finding import STYLES, Finding, candidates, effects_title
+from terrain_estimator.pages.page import page
+from terrain_estimator.pages.pictures import Picture, Series, Table, points
+
+_PROVEN = {
+    True: "The effect that is named helps to predict settings that were not fitted",
+    False: "The closest effect does not help to predict settings that were not fitted",
+    None: "These settings are too few to prove anything",
+}
+
+
+def wheel_page(finding: Finding) -> str:
+    """The page about one finding of ``--wheel-table`` (the content of finding.json)."""
+    listed, rest = candidates(finding)
+    library = [name for name in finding["probabilities"] if name not in {"none", "unknown"} and " + " not in name]
+    return page(
+        "wheel_finding.html",
+        verdict=say.verdict(finding),
+        asked={**finding, **finding["asked"], "library": library},
+        candidates=listed,
+        rest=rest,
+        effects=finding["effects"],
+        effects_title=effects_title(finding),
+        proof=_proof(finding["gap"]),
+        limits=finding["limits"],
+        left_out=finding["left_out"],
+        separate_by=say.separation(finding["separate_by"]),
+        everything=json.dumps(finding, indent=1, ensure_ascii=False),
+    )
+
+
+def _proof(gap: Mapping[str, Any]) -> dict[str, Any]:
+    rows = gap["rows"]
+    head = ("row", "unit", "before", "after", "noise floor")
+    table = Table(head, tuple((name, each["unit"], each["before"], each["after"], each["noise_floor"]) for name, each in rows.items()))
+    return {"sentence": _sentence(gap), "picture": _picture(rows), "rows": table}
+
+
+def _sentence(gap: Mapping[str, Any]) -> str:
+    floor = "of a model that is true: 1"
+    if gap["after"] is None:
+        return f"No effect was added; the error on held-out measurements is {gap['before']:.2g} deviations of repeatability ({floor})."
+    words = f"from {gap['before']:.2g} to {gap['after']:.2g} deviations of repeatability ({floor})"
+    return f"{_PROVEN[gap['proven']]}: their error goes {words}."
+
+
+def _picture(rows: Mapping[str, Any]) -> Picture:
+    """Errors in units of repeatability, so that rows of different units share a picture."""
+    words = [word for word in STYLES if any(each[word] is not None for each in rows.values())]
+    series = [Series(word, [each[word] / each["noise_floor"] for each in rows.values()], *STYLES[word]) for word in words]
+    axis = "root mean square error over the noise floor [1]"
+    return points("held-out", "Prediction of held-out settings", list(rows), series, axis, goal=1.0)
