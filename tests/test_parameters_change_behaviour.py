@@ -288,9 +288,9 @@ ELSEWHERE = {
     "terrain_map points": "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets",
     "terrain_map period": "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets",
     "terrain_map pairing_tolerance": "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets",
-    "watch period": "system/test_watch.py::test_it_says_what_it_hears_and_reports_rates_of_simulated_time",
-    "watch report": "system/test_watch.py::test_it_says_what_it_hears_and_reports_rates_of_simulated_time",
-    "watch real_time_factor": "system/test_watch.py::test_it_says_what_it_hears_and_reports_rates_of_simulated_time",
+    "watch period": "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates",
+    "watch report": "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates",
+    "watch real_time_factor": "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates",
 }
 """Parameters of whole processes, and the test that would fail if one had no effect."""
 

@@ -16,9 +16,7 @@ from tests.system.waiting import wait_until
 KINDS = {"wheel_slip": WheelSlip, "wheel_sinkage": WheelSinkage, "terrain_estimate": TerrainEstimate}
 
 
-def test_it_says_why_it_hears_nothing_then_what_it_hears_and_reports_rates_of_simulated_time(
-    start: Starter, listener: Listener, tmp_path: Path
-) -> None:
+def test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates(start: Starter, listener: Listener, tmp_path: Path) -> None:
     parameters = {"period": "0.1", "report": str(tmp_path / "report.json"), "real_time_factor": "2.0"}
     process = start("terrain_estimator", "watch", "--ros-args", *(w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")))
     for topic in KINDS:
