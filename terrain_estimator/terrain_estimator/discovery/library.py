@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The library of named effects as hypotheses; what each one is comes from the registry of terramechanics, one definition."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -46,6 +48,19 @@ class Hypothesis:
         """Such as ``payload + failed_wheel (axle 2)``."""
         words = [part.name if part.axle is None else f"{part.name} (axle {part.axle})" for part in self.parts]
         return " + ".join(words) or "none"
+
+    def sizes(self, values: Sequence[float], deviations: Sequence[float]) -> list[tuple[str, float, float]]:
+        """Name, size and standard deviation of each effect, in the units of the registry; that its law is another one is counted.
+
+        ``values`` and ``deviations`` are those of the shared unknowns, in the order of :meth:`shared`.
+        """
+        found, at = [], 0
+        for part in self.parts:
+            size, spread = part.size(values[at]), abs(part.slope(values[at])) * deviations[at]
+            law = OTHER_SOIL_LAW if part.name in SOIL_LAWS else OTHER_LAW
+            found.append((part.name, size, math.hypot(spread, law * size)))
+            at += 1 + len(part.beside)
+        return found
 
     def shared(self) -> Shared:
         """Ranges, priors and differences of the sizes, in the values that the fit moves (see ``Part.size``)."""

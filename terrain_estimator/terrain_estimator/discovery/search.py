@@ -3,7 +3,6 @@
 """Fits of every hypothesis to the same runs: nothing, each named effect, pairs, and a discrepancy without a name on top."""
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,7 @@ from terrain_estimator.discovery.contributions import Contributions, Law, here
 from terrain_estimator.discovery.equations import Ask, Equations
 from terrain_estimator.discovery.fit import Evaluate, Fit, fit, foresee
 from terrain_estimator.discovery.flexible import Flexible, flexible, no_columns
-from terrain_estimator.discovery.library import NOTHING, OTHER_LAW, OTHER_SOIL_LAW, SOIL_LAWS, Hypothesis
+from terrain_estimator.discovery.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.physics import Nominal
 from terrain_estimator.discovery.point import PRIOR_THETA, Point, Shared, start_of, with_shared
 from terrain_estimator.discovery.runs import Blocks
@@ -32,15 +31,8 @@ class Candidate:
 
     @property
     def sizes(self) -> list[tuple[str, float, float]]:
-        """Name, size and standard deviation of each effect, in the units of the registry; that the law is another one is counted."""
-        found, at = [], 0
-        for part in self.hypothesis.parts:
-            value = float(self.fit.point.shared[at])
-            size, spread = part.size(value), abs(part.slope(value)) * float(self.fit.covariance[at, at].sqrt())
-            law = OTHER_SOIL_LAW if part.name in SOIL_LAWS else OTHER_LAW
-            found.append((part.name, size, math.hypot(spread, law * size)))
-            at += 1 + len(part.beside)
-        return found
+        """See Hypothesis.sizes."""
+        return self.hypothesis.sizes(self.fit.point.shared.tolist(), self.fit.covariance.diagonal().sqrt().tolist())
 
 
 class Study:

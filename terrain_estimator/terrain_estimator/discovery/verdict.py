@@ -10,7 +10,7 @@ With L the log evidence of a hypothesis over "nothing is missing" and L+ that of
    hundreds of nats as soon as anything is missing. What tells them apart is the share of the gap that a name closes.
 3. Every effect that closes the share and comes within ``apart`` of the best, relative to what the best gains, is as good an
    explanation: together they are a confusable set.
-4. Two effects are named where together they close the ``share``, and the second gains ``anything`` and nearly all (SECOND) that the
+4. Two effects are named where together they close the ``share``, and the second gains ``anything`` and nearly all (SECOND_SHARE) that the
    first leaves. A right name whose law is slightly another leaves something too, of which another effect takes a part.
 
 The thresholds are calibrated by ``calibrate_discovery``.
@@ -94,7 +94,7 @@ def judge(gains: Gains, thresholds: Thresholds) -> Judgement:
     return Judgement(verdict, named, _probabilities(gains, thresholds))
 
 
-SECOND = 0.95
+SECOND_SHARE = 0.95
 """[1] Of what the first effect leaves the second closes at least so much. Two effects that were hidden together did so to 0.70 to 1
 (median 1, ten cases), the best second one beside a single effect of another law to 0.91 at most (slip_sinkage; twelve cases)."""
 
@@ -103,7 +103,7 @@ def is_pair(single: Gains, pair: Gains, thresholds: Thresholds) -> bool:
     """Whether the best ``pair`` is an answer, and not the best ``single`` effect."""
     gained = pair.best - single.best
     left = max(single.explainable, pair.explainable) - single.best
-    return pair.share >= thresholds.share and gained >= max(thresholds.anything, SECOND * left)
+    return pair.share >= thresholds.share and gained >= max(thresholds.anything, SECOND_SHARE * left)
 
 
 def _told_apart_by(gains: Gains, thresholds: Thresholds) -> float:

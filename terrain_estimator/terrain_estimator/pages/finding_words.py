@@ -41,7 +41,7 @@ def what_it_is(name: str) -> str:
 def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     sure = probability(finding["probabilities"]["none"])
     sentence = Markup(
-        "The model explains these runs as well as their noise allows (probability {}). "
+        "No effect explains what was measured better than the model without one, and nothing without a name does (probability {}). "
         "An effect that is too small to show here is not excluded."
     )
     return "Nothing is missing that these runs show", sentence.format(sure)
@@ -65,7 +65,7 @@ def _confusable(finding: Mapping[str, Any]) -> tuple[str, Markup]:
         Markup("{} (probability {})").format(Markup(" with ").join(map(_size, effects)), probability(effects[0]["probability"]))
         for effects in each_way
     )
-    sentence = Markup("Something is missing, and these runs cannot tell which of {} it is: {}. Each explains them about as well.")
+    sentence = Markup("Something is missing, and what was measured cannot tell which of {} it is: {}.")
     names = [" with ".join(each["name"] for each in effects) for effects in each_way]
     return f"The model lacks {words(names, 'or')}", sentence.format(len(names), listed)
 

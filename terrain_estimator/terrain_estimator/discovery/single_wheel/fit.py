@@ -51,15 +51,10 @@ class Explained:
     left: tuple[str, str]  # row and signal on which the discrepancy without a name depends most, where there is one
 
     def sizes(self, first: int) -> list[tuple[str, float, float]]:
-        """Name, size and deviation of each effect that is looked for; ``first`` is the number of its first parameter."""
-        found, at, sd = [], first, self.hypothesis.shared().sd.tolist()
-        for part in self.hypothesis.parts:
-            scale = sd[at - first]
-            value = self.values[at] * scale
-            deviation = float(np.sqrt(self.covariance[at, at])) * scale
-            found.append((part.name, float(part.size(value)), float(abs(part.slope(value)) * deviation)))
-            at += 1 + len(part.beside)
-        return found
+        """See Hypothesis.sizes, of the effects that are looked for; ``first`` is the number of their first parameter."""
+        scale = self.hypothesis.shared().sd.numpy()
+        deviations = np.sqrt(np.diag(self.covariance))[first:]
+        return self.hypothesis.sizes((self.values[first:] * scale).tolist(), (deviations * scale).tolist())
 
 
 class WheelModel:

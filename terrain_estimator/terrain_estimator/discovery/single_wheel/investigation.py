@@ -15,7 +15,7 @@ from terrain_estimator.discovery.search import Progress
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
 from terrain_estimator.discovery.single_wheel.separation import separate_by
-from terrain_estimator.discovery.verdict import Gains, Judgement, Thresholds, Verdict, judge
+from terrain_estimator.discovery.verdict import Gains, Judgement, Thresholds, Verdict, is_pair, judge
 from terramechanics.effects import EFFECTS
 
 FLOOR = 1.0
@@ -101,14 +101,15 @@ def investigate_wheel(
     nothing = _better(nothing, explain(model, cells, start=found[0].values[: model.first]))
     free = explain(model, cells, flexible=True, start=nothing.values)
     gains, left = _weighed(bed, given, cells, found, nothing, free)
-    if gains.explainable >= thresholds.anything and gains.share < thresholds.share:
+    if gains.explainable - gains.best >= thresholds.anything:
         say(0.3, "pairs")
         best = found[0].hypothesis
         others = [together(best, each) for each in hypotheses if each != best]
         pairs = _searched(bed, given, cells, others, found[0])
-        paired, less = _weighed(bed, given, cells, pairs, nothing, free) if pairs else (gains, left)
-        if paired.share >= thresholds.share:
-            found, gains, left = [*pairs, *found], paired, less
+        if pairs:
+            paired, less = _weighed(bed, given, cells, pairs, nothing, free)
+            if is_pair(gains, paired, thresholds):
+                found, gains, left = [*pairs, *found], dataclasses.replace(paired, single=gains.best), less
     judgement = judge(gains, thresholds)
     probabilities = {name: 0.0 for each in hypotheses for name in each.names} | judgement.probabilities
     judgement = dataclasses.replace(judgement, probabilities=probabilities)
