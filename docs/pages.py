@@ -44,7 +44,8 @@ All are read when a node starts, and stay as they are. They are given one by one
     ros2 run terrain_estimator estimator --dump-config > estimator.yaml      # a template: all values in force, with their meanings
     ros2 run terrain_estimator estimator --ros-args --params-file estimator.yaml
 
-`terrain_estimator/config` has such a file of each node, with when to change what; it is installed in `share/terrain_estimator/config`.
+`terrain_estimator/config` has such a file of each node that runs on a rover (not of `simulator` and `watch`), with when to change what;
+it is installed in `share/terrain_estimator/config`.
 
 An unknown or misspelt name is an error that says which is the nearest known one, at every level of a file; so are a value of another type
 or out of its range, and a file that has no section for the node (in a namespace the section is `/rover1/estimator`, or `/**`). An int is

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""selftest: drive a simulated rover through the real nodes and topics for some seconds, and say PASS or FAIL of every output.
+"""selftest: drive a simulated rover through estimator, planner, map and recorder for some seconds, and say PASS or FAIL of every output.
 
 Exit codes: 0 every output passed; 1 one failed; 2 wrong arguments, or a process failed.
 """
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def drive(folder: Path, domain_id: int, duration_s: float, real_time_factor: float) -> Path:
-    """Drive with every node and record every output; returns the bag. Raises FleetError."""
+    """Drive with the nodes that answer a rover and record every output; returns the bag. Raises FleetError."""
     bag = folder / "bag"
     with Fleet(folder / "log", domain_id) as fleet:
         others = [fleet.start("terrain_estimator", name) for name in ("estimator", "planner", "terrain_map")]
