@@ -20,18 +20,38 @@ _KINDS = {"<f4": 7, "<f8": 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64
 
 
 class Track:
-    """Points along the way, at least a spacing apart; when they are too many every second one goes and the spacing doubles."""
+    """Points along the way, at least a spacing apart; when they are too many every second one goes and the spacing doubles.
+
+    Where stamps go back (a bag loops, another run begins, a clock was set back) the track begins anew: places and times of two runs do
+    not belong on one map.
+    """
 
     def __init__(self, spacing_m: float, capacity: int) -> None:
         """Nothing was passed yet."""
-        self._spacing_m, self._capacity = spacing_m, capacity
+        self._least_m, self._capacity = spacing_m, capacity
+        self._latest_ns = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._spacing_m = self._least_m
         self._points: list[tuple[float, ...]] = []
 
     def __len__(self) -> int:
         return len(self._points)
 
     def add(self, estimate: Message, odometry: Message) -> bool:
-        """Take an estimate and where the rover was; whether it became a point. What is not finite becomes none."""
+        """Take an estimate and where the rover was; whether the points are others now. What is not finite becomes none.
+
+        Nor does an estimate without observations: it is the prior, which says nothing of this place.
+        """
+        now = stamp_ns(estimate)
+        anew = bool(self._points) and now < self._latest_ns
+        if anew:
+            self._begin()
+        self._latest_ns = now
+        return (estimate.observations_used > 0 and self._append(estimate, odometry)) or anew
+
+    def _append(self, estimate: Message, odometry: Message) -> bool:
         place = odometry.pose.pose.position
         values = (estimate.cohesion, estimate.tan_phi, estimate.cohesion_stddev, estimate.tan_phi_stddev)
         point = (place.x, place.y, place.z, *values, stamp_ns(estimate) * 1e-9)

@@ -20,16 +20,17 @@ def test_the_track_is_a_cloud_that_a_late_reader_gets(start: Starter, listener: 
     early = listener.collect(PointCloud2, "terrain_map", LATCHED)
     odometry = listener.publisher(factory.message_class("nav_msgs/msg/Odometry"), "odom")
     estimates = listener.publisher(TerrainEstimate, "terrain_estimate")
-    place = 0.0
-    for topic, _, message in drive_messages(factory.make, 3.0):
-        if topic == "odom":
-            place += 0.03
-            message.pose.pose.position.x = place
+
+    def drive() -> None:
+        for step, message in enumerate(message for topic, _, message in drive_messages(factory.make, 3.0) if topic == "odom"):
+            message.pose.pose.position.x = 0.03 * step
             header = message.header
             estimates.publish(TerrainEstimate(header=header, cohesion=1500.0, tan_phi=0.6, observations_used=1))
             message.header.stamp.nanosec += 5_000_000
             odometry.publish(message)
             listener.spin_until(lambda: True, "what came is taken")
+
+    drive()
     listener.wait_for_messages(early, 5)
     late = listener.collect(PointCloud2, "terrain_map", LATCHED)
     listener.wait_for_messages(late, 1)
@@ -39,4 +40,6 @@ def test_the_track_is_a_cloud_that_a_late_reader_gets(start: Starter, listener: 
     assert 6 <= cloud.width == len(points) <= 12
     np.testing.assert_allclose(np.diff(points["x"]), 0.12, atol=1e-5)  # 15 points of 0.06 m are too many
     assert points["cohesion"].tolist() == [1500.0] * len(points)
+    drive()  # the same stamps once more: another run
+    listener.spin_until(lambda: 1 in [each.width for each in late], "the map begins anew")
     assert process.interrupt(60.0) == 0

@@ -14,10 +14,10 @@ from terrain_estimator.track import POINT, Track, cloud_message
 TYPES = Types()
 
 
-def estimate(time_s: float, cohesion: float = 1500.0) -> Message:
+def estimate(time_s: float, cohesion: float = 1500.0, used: int = 1) -> Message:
     header = TYPES.make("std_msgs/msg/Header", stamp=TYPES.make("builtin_interfaces/msg/Time", sec=int(time_s), nanosec=0), frame_id="")
     values = {"cohesion": cohesion, "cohesion_stddev": 200.0, "tan_phi": 0.6, "tan_phi_stddev": 0.04}
-    return TYPES.make("msg_defs/msg/TerrainEstimate", header=header, covariance=np.zeros(4), **values)
+    return TYPES.make("msg_defs/msg/TerrainEstimate", header=header, covariance=np.zeros(4), observations_used=used, **values)
 
 
 def odometry(x: float, z: float = 0.0) -> Message:
@@ -57,6 +57,25 @@ def test_what_is_not_finite_is_no_point() -> None:
     assert not track.add(estimate(0.0), odometry(math.inf))
     assert len(track) == 0
     assert cloud_message(track, TYPES.make, estimate(0.0).header).width == 0
+
+
+def test_an_estimate_without_observations_is_no_point() -> None:
+    track = Track(0.1, 10)
+    assert not track.add(estimate(0.0, used=0), odometry(0.0))
+    assert len(track) == 0
+
+
+def test_stamps_that_go_back_begin_another_track_at_the_first_spacing() -> None:
+    track = filled(200, capacity=20, spacing_m=0.05)  # so many that the spacing has doubled
+    assert track.add(estimate(3.0, used=0), odometry(0.3))
+    assert len(track) == 0
+    assert cloud_message(track, TYPES.make, estimate(3.0).header).width == 0
+    for step in range(4, 8):
+        assert track.add(estimate(step), odometry(0.06 * step))
+    assert track.points()["time"].tolist() == [4.0, 5.0, 6.0, 7.0]
+    assert not track.add(estimate(9.0), odometry(0.06 * 7))
+    assert track.add(estimate(8.0, math.nan), odometry(0.5))
+    assert len(track) == 0
 
 
 def test_the_cloud_is_laid_out_as_its_fields_say() -> None:
