@@ -29,7 +29,7 @@ WHEN = {
         "default_sd.velocity": "where your odometry leaves its covariance zero",
         "default_sd.pitch": "where your imu leaves its covariance zero",
         "default_sd.acceleration": "where your imu leaves its covariance zero",
-        "pairing_tolerance": "where sensors are not triggered together: to half a period",
+        "pairing_tolerance": "where sensors are not triggered together: to half a period, in planner and terrain_map, too",
         "pairing_timeout": "where a sensor comes later than that; estimates then come as late",
         "auto_start": "to false under a manager of life cycles",
         "state.file": "where estimates are to go on after a restart",
@@ -60,6 +60,7 @@ WHEN = {
     "terrain_map": {
         "spacing": "to the resolution that your map wants",
         "points": "where a long track is to stay fine; a cloud has 36 bytes for each",
+        "pairing_tolerance": "as in the estimator",
     },
     "dashboard": {
         "port": "where another program has it, or to one a rover where several rovers share a machine",

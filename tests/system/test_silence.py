@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where nothing comes, a node says why, and what to do."""
 
+import itertools
 import re
+from types import SimpleNamespace
 
 import pytest
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from terrain_estimator.nodes.silence import Patience, why_silent
+from terrain_estimator.nodes.silence import Pairs, Patience, why_silent
 from tests.system.listening import Listener
 
 QOS = QoSProfile(depth=5)
@@ -52,3 +54,24 @@ def test_it_is_said_once_for_each_topic_without_a_message(listener: Listener, ca
     assert "--ros-args -r __ns:=/rover1" in text
     assert text.count("no data") == 1
     assert "silent: messages come now" in text
+
+
+def test_messages_that_are_never_of_one_instant_are_said_once_and_taken_back(
+    listener: Listener, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = itertools.count()
+    monkeypatch.setattr("terrain_estimator.nodes.silence.time", SimpleNamespace(monotonic=lambda: next(now)))
+    pairs = Pairs(listener.node, ("a", "b"), patience_s=5.0)
+
+    def said(topics: str, *, paired: bool = False) -> str:
+        for topic in topics:
+            pairs.heard(topic, paired=paired)
+        return capfd.readouterr().err
+
+    assert said("a" * 20) == ""  # b is silent, which is another fault
+    text = said("ab" * 20)
+    assert text.count("messages come on a and b, but for 5 s none of one instant") == 1
+    assert "set pairing_tolerance" in text
+    assert "a and b: messages of one instant come now" in said("a", paired=True)
+    assert said("a" * 20) == ""
+    assert said("ab" * 20).count("none of one instant") == 1

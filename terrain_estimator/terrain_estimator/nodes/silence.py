@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Says why nothing comes on a topic: a newcomer's first question, which ROS leaves open."""
+"""Says why nothing comes on a topic, or of messages that come: a newcomer's first questions, which ROS leaves open."""
 
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Mapping
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -32,6 +33,38 @@ def why_silent(node: Node, topic: str, type_name: str, qos: QoSProfile) -> str:
     listed, namespace = ", ".join(others[:SHOWN]), others[0].removesuffix(f"/{topic}")
     rule = f"__ns:={namespace}" if namespace not in {"", others[0]} else f"{topic}:=NAME"
     return f"nobody publishes {name}; of its type there is {listed}: start its publisher, or this node with --ros-args -r {rule}"
+
+
+class Pairs:
+    """Says once that none of the messages are of one instant, where all topics are heard; and when some are."""
+
+    def __init__(self, node: Node, topics: Iterable[str], patience_s: float = PATIENCE_S) -> None:
+        """Nothing came yet."""
+        self._node, self._topics, self._patience_s = node, tuple(topics), patience_s
+        self._said = False
+        self._begin()
+
+    def _begin(self) -> None:
+        self._since_s, self._unpaired = time.monotonic(), set[str]()
+
+    def heard(self, topic: str, *, paired: bool) -> None:
+        """A message came; whether it made messages of one instant complete."""
+        if paired:
+            if self._said:
+                self._node.get_logger().info(f"{' and '.join(self._topics)}: messages of one instant come now")
+            self._said = False
+            self._begin()
+            return
+        self._unpaired.add(topic)
+        if time.monotonic() - self._since_s < self._patience_s:
+            return
+        if not self._said and self._unpaired.issuperset(self._topics):
+            self._said = True
+            self._node.get_logger().warning(
+                f"messages come on {' and '.join(self._topics)}, but for {self._patience_s:g} s none of one instant: "
+                "publish them with equal stamps, or set pairing_tolerance of this node"
+            )
+        self._begin()
 
 
 class Patience:

@@ -11,7 +11,7 @@ from terrain_estimator.config import MapConfig
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import guarded, run
-from terrain_estimator.nodes.silence import Patience
+from terrain_estimator.nodes.silence import Pairs, Patience
 from terrain_estimator.pairing import Synchronizer, Topic
 from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message, stamp_ns
 from terrain_estimator.track import Track, cloud_message
@@ -22,7 +22,7 @@ TOPICS = {"terrain_estimate": ESTIMATE, "odom": INPUT_TYPES["odom"]}
 
 
 class MapNode(Node):
-    """Publishes the whole cloud whenever it has grown and a period has passed, by the stamps."""
+    """Publishes the whole cloud whenever it has changed and a period has passed, by the stamps."""
 
     def __init__(self) -> None:
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
@@ -31,9 +31,9 @@ class MapNode(Node):
         self._track = Track(config.spacing_m, config.points)
         topics = tuple(Topic(name, required=True) for name in TOPICS)
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
-        self._period_ns, self._published_ns, self._grown = round(config.period_s * 1e9), 0, False
+        self._period_ns, self._published_ns, self._changed = round(config.period_s * 1e9), 0, False
         self._output = self.create_publisher(message_class("sensor_msgs/msg/PointCloud2"), "terrain_map", LATCHED)
-        self._patience = Patience(self, TOPICS, QOS)
+        self._patience, self._pairs = Patience(self, TOPICS, QOS), Pairs(self, TOPICS)
         for index, (topic, kind) in enumerate(TOPICS.items()):
             self._subscribe(index, topic, kind)
         self.get_logger().info("ready")
@@ -41,19 +41,20 @@ class MapNode(Node):
     def _subscribe(self, index: int, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
             self._patience.heard(topic)
-            for complete in self._synchronizer.add(index, stamp_ns(message), message):
-                self._take(*complete.messages)
+            pairs = self._synchronizer.add(index, stamp_ns(message), message)
+            self._pairs.heard(topic, paired=bool(pairs))
+            for pair in pairs:
+                self._take(*pair.messages)
 
         self.create_subscription(message_class(kind), topic, guarded(self, receive), QOS)
 
     def _take(self, estimate: Message, odometry: Message) -> None:
-        if estimate.observations_used > 0:  # else it is the prior, which says nothing of this place
-            self._grown = self._track.add(estimate, odometry) or self._grown
+        self._changed = self._track.add(estimate, odometry) or self._changed
         now = stamp_ns(estimate)
-        if self._grown and not 0 <= now - self._published_ns < self._period_ns:
+        if self._changed and not 0 <= now - self._published_ns < self._period_ns:
             header = make("std_msgs/msg/Header", stamp=estimate.header.stamp, frame_id=odometry.header.frame_id)
             self._output.publish(cloud_message(self._track, make, header))
-            self._published_ns, self._grown = now, False
+            self._published_ns, self._changed = now, False
 
 
 def main() -> int:
