@@ -117,6 +117,11 @@ class Estimator:
         self._state = state
         self._estimate = self._summarise()
 
+    def unlink(self) -> None:
+        """Take what comes next whatever its stamp is, as after a pause of unknown length: all that is known of the ground stays."""
+        self._last = self._last_stamp = None
+        self._forecast = (_NAN, _NAN)
+
     def _without_unused(self, observation: Observation) -> Observation:
         changes: dict[str, Floats | float] = {}
         if not self._config.use_torque:

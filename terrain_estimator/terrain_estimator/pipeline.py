@@ -58,6 +58,8 @@ class Pipeline:
         self._converter = Converter(rover, config.conversion, config.core)
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)
+        self._restored = False  # and nothing was answered since
+        self.resets = 0  # times that the posterior became the prior
         self.meta = Meta(
             model_id=model.model_id,
             model_sha256=model.sha256,
@@ -106,21 +108,34 @@ class Pipeline:
         return self._estimator.save()
 
     def restore(self, arrays: Arrays) -> None:
-        """Go on from a saved state. Raises StateFileError, and changes nothing then."""
+        """Go on from a saved state. Raises StateFileError, and changes nothing then.
+
+        Its last stamp is that of another run: the first set that follows may have any, since clocks that nothing keeps begin anew.
+        """
         self._estimator.restore(arrays)
+        self._restored = True
 
     def _follow_the_clock(self, stamp_ns: int) -> str:
         """Reset where the clock was set back, and say so: pairing lets earlier stamps through only once that is certain."""
+        restored, self._restored = self._restored, False
         last_ns = self._estimator.last_stamp_ns
         if last_ns is None or stamp_ns >= last_ns:
             return ""
-        self._estimator.reset()
-        return f"the clock went back by {(last_ns - stamp_ns) / 1e9:.1f} s, as when a bag loops: the posterior is the prior again"
+        back_s = (last_ns - stamp_ns) / 1e9
+        if restored:
+            self._estimator.unlink()
+            return f"stamps begin {back_s:.1f} s before those of the saved state, as on a computer that keeps no time: what is known stays"
+        self._forget()
+        return f"the clock went back by {back_s:.1f} s, as when a bag loops: the posterior is the prior again"
 
     def reset(self) -> None:
         """Forget the ground and the waiting messages; counters and sequence numbers go on."""
         self._synchronizer.reset()
+        self._forget()
+
+    def _forget(self) -> None:
         self._estimator.reset()
+        self.resets += 1
 
 
 def configuration_sha256(model: LoadedModel, config: EstimatorConfig) -> str:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the stamps do, case by case, through pairing and estimator: every line of the table in docs/estimator.md."""
 
+import math
 from typing import Any
 
 import pytest
@@ -76,6 +77,37 @@ def test_after_a_minute_without_messages_what_was_known_holds(model: LoadedModel
     assert {each.update.decision.outcome for each in after} == {Outcome.ACCEPTED}
     assert after[-1].update.estimate.covariance[0, 0] < before[-1].update.estimate.covariance[0, 0]
     assert after[-1].update.estimate.time_used_s < STEPS / 10 + 1.0  # the gap is no time of driving
+
+
+def restarted(model: LoadedModel, saved: dict[str, Any]) -> Pipeline:
+    pipeline = Pipeline(model, EstimatorConfig())
+    pipeline.restore(saved)
+    return pipeline
+
+
+def test_a_saved_state_outlives_a_clock_that_begins_anew(model: LoadedModel) -> None:
+    first = Pipeline(model, EstimatorConfig())
+    before = play(first, steps()[:25])  # in the middle of a block
+    saved = first.save()
+    earlier = play(restarted(model, saved), [shifted(events, -100 * 10**9) for events in steps()[25:]])
+    later = play(restarted(model, saved), [shifted(events, 100 * 10**9) for events in steps()[25:]])
+    [warning] = told(earlier)
+    assert "stamps begin 99.9 s before those of the saved state" in warning
+    assert told(later) == []
+    assert [each[1:] for each in estimates(earlier)] == [each[1:] for each in estimates(later)], "as after a pause"
+    assert {each.update.decision.outcome for each in earlier} == {Outcome.ACCEPTED}
+    assert earlier[0].update.estimate.observations_used == before[-1].update.estimate.observations_used + 1
+    assert earlier[-1].update.estimate.covariance[0, 0] < before[-1].update.estimate.covariance[0, 0]
+    assert math.isnan(earlier[0].update.prediction.innovation)
+
+
+def test_a_bag_that_loops_after_a_restart_is_told_from_the_restart(model: LoadedModel) -> None:
+    first = Pipeline(model, EstimatorConfig())
+    play(first, steps()[:15])
+    pipeline = restarted(model, first.save())
+    answers = play(pipeline, [*steps()[:13], *steps()[:13]])
+    assert ["saved state" in warning for warning in told(answers)] == [True, False]
+    assert (pipeline.resets, first.resets) == (1, 0)
 
 
 def test_duplicates_and_late_messages_are_counted_and_change_nothing(model: LoadedModel) -> None:

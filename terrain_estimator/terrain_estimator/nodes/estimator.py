@@ -164,13 +164,12 @@ class EstimatorNode(ManagedNode):
             self._outputs[topic].publish(message)
         self._health.observe(answer.update, latency_s)
         for warning in answer.update.warnings:
-            self._health.resets += 1
             self.get_logger().warning(warning)
 
     def _publish_health(self) -> None:
         pipeline, now = self._configured, time.monotonic()
         ages = {topic: now - heard for topic, heard in self._heard_s.items()}
-        self._health.failures = self.failures
+        self._health.failures, self._health.resets = self.failures, pipeline.resets
         report = self._health.report(pipeline.counters, ages)
         self._judged = report.findings
         header = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg(), frame_id=pipeline.meta.body_frame)
@@ -185,7 +184,6 @@ class EstimatorNode(ManagedNode):
 
     def _reset(self) -> str:
         self._configured.reset()
-        self._health.resets += 1
         return "the posterior is the prior again"
 
     def _save(self) -> str:
