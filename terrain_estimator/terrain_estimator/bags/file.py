@@ -20,6 +20,7 @@ from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.metadata import Span
 from terrain_estimator.bags.records import (
     HEAD,
+    LARGEST_RECORD,
     MAGIC,
     Record,
     StoredMessage,
@@ -33,6 +34,7 @@ from terrain_estimator.bags.records import (
 
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 WINDOW = 1024  # messages within which those of a file without chunk index are put in order
+_OBJECT_BYTES = 200  # of a message in memory beside its data
 _LOG_TIME: Callable[[StoredMessage], int] = itemgetter(0)
 _FOREIGN = {
     b"#ROSBAG V": "a ROS 1 bag: convert it with `rosbags-convert`",
@@ -168,7 +170,8 @@ class McapFile:
         match record.opcode:
             case Opcode.CHUNK:
                 for inner in records_in(chunk_contents(record, self.path), record.offset):
-                    self._note(inner)
+                    if inner.opcode != Opcode.CHUNK:  # which no chunk may hold: their nesting could have no end
+                        self._note(inner)
             case _ if not record.whole:
                 return
             case Opcode.SCHEMA:
@@ -209,6 +212,7 @@ class McapFile:
                 msg = f"{self.path} is damaged: no chunk at byte {chunk.chunk_start_offset}; copy the file again from its source"
                 raise BagError(msg)
             waiting.extend(messages_in(chunk_contents(record, self.path), wanted))
+            self._check_waiting(waiting)
             waiting.sort(key=_LOG_TIME)
             following = relevant[index + 1].message_start_time if index + 1 < len(relevant) else waiting[-1].log_time_ns if waiting else 0
             ready = bisect_right(waiting, following, key=_LOG_TIME)
@@ -220,6 +224,7 @@ class McapFile:
         for record in self._data_records():
             if record.opcode == Opcode.CHUNK:
                 waiting.extend(messages_in(chunk_contents(record, self.path), wanted))
+                self._check_waiting(waiting)
             elif record.opcode == Opcode.MESSAGE and record.whole:
                 message = message_of(record.payload)
                 if message.channel_id in wanted:
@@ -230,3 +235,9 @@ class McapFile:
                 del waiting[:-WINDOW]
         waiting.sort(key=_LOG_TIME)
         yield from waiting
+
+    def _check_waiting(self, waiting: list[StoredMessage]) -> None:
+        """Small chunks can unpack to large ones that all share one time, so that none of their messages may go before the last is read."""
+        if sum(_OBJECT_BYTES + len(message.data) for message in waiting) > LARGEST_RECORD:
+            msg = f"{self.path} is damaged: more than {LARGEST_RECORD} bytes of messages are not in the order of their log times"
+            raise BagError(msg)

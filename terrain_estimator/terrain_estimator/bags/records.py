@@ -26,6 +26,7 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time [ns], publish time [ns]
 LARGEST_RECORD = 2**30  # bytes; a damaged length must not ask for all memory
+LARGEST_CONTENTS = 2**27  # bytes that a chunk unpacks to, a hundred times what writers put into one
 
 
 class Record(NamedTuple):
@@ -84,11 +85,14 @@ def chunk_contents(record: Record, path: Path) -> bytes:
     """Return the uncompressed records of a chunk; of a chunk that the file's end cuts, those that are left.
 
     Raises:
-        BagError: a whole chunk is damaged, or its compression is unknown.
+        BagError: a whole chunk is damaged, its compression is unknown, or the memory is too small for it.
     """
     try:
         chunk = parse(Chunk, record.payload)
         data = _decompress(chunk, whole=record.whole)
+    except MemoryError as error:
+        msg = f"{path}: the memory has no room for the chunk at byte {record.offset}; read it on a machine with more"
+        raise BagError(msg) from error
     except (zstandard.ZstdError, McapError, struct.error, RuntimeError, ValueError, OSError) as error:
         if not record.whole:
             return b""
@@ -130,20 +134,22 @@ def message_of(payload: bytes) -> StoredMessage:
 
 
 def _decompress(chunk: Chunk, *, whole: bool) -> bytes:
-    if chunk.uncompressed_size > LARGEST_RECORD:
-        msg = f"it claims {chunk.uncompressed_size} bytes, more than {LARGEST_RECORD}"
+    """The contents, unpacked no further than one byte beyond what the chunk claims: a few bytes can unpack to gigabytes."""
+    claimed = chunk.uncompressed_size
+    if claimed > LARGEST_CONTENTS:
+        msg = f"it claims {claimed} bytes, more than {LARGEST_CONTENTS}"
         raise ValueError(msg)
     match chunk.compression:
         case "":
-            return chunk.data
-        case "zstd" if whole:
-            return zstandard.decompress(chunk.data, chunk.uncompressed_size)
+            data = chunk.data
         case "zstd":
-            return zstandard.ZstdDecompressor().decompressobj().decompress(chunk.data)
-        case "lz4" if whole:
-            return bytes(lz4.frame.decompress(chunk.data))
+            data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(claimed + 1)
         case "lz4":
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data))
+            data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, claimed + 1))
         case other:
             msg = f"compression {other!r} is unknown"
             raise ValueError(msg)
+    if len(data) > claimed or (whole and len(data) < claimed):
+        msg = f"it unpacks to {'more' if len(data) > claimed else 'less'} than the {claimed} bytes that it claims"
+        raise ValueError(msg)
+    return data

@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Small files that ask for much memory: they are refused, and nothing like that is allocated."""
+
+import resource
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import lz4.frame
+import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Chunk, Header, Message, Schema
+
+from terrain_estimator.bags import BagError, BagReader, recover
+from terrain_estimator.bags.records import LARGEST_CONTENTS, MAGIC
+
+PACKERS: dict[str, Callable[[bytes], bytes]] = {"zstd": zstandard.compress, "lz4": lambda data: lz4.frame.compress(data, store_size=True)}
+UNPACKED = 64_000_000
+ALLOWED = 4_000_000
+"""[bytes] that the readers themselves may take."""
+
+
+def built(*contents: Header | Schema | Channel | Message | Chunk) -> bytes:
+    builder = RecordBuilder()
+    for each in contents:
+        each.write(builder)
+    return builder.end()
+
+
+def chunk(compression: str, data: bytes, claimed: int) -> Chunk:
+    packed = PACKERS[compression](data) if compression else data
+    return Chunk(compression, packed, message_end_time=0, message_start_time=0, uncompressed_crc=0, uncompressed_size=claimed)
+
+
+def topic(data: bytes = b"", log_time: int = 0) -> bytes:
+    """The contents of a chunk with one message."""
+    schema = Schema(id=1, data=b"uint8 x", encoding="ros2msg", name="x/msg/X")
+    channel = Channel(id=1, topic="/x", message_encoding="cdr", metadata={}, schema_id=1)
+    return built(schema, channel, Message(channel_id=1, log_time=log_time, data=data, publish_time=0, sequence=0))
+
+
+def bag(path: Path, *chunks: Chunk) -> Path:
+    path.write_bytes(MAGIC + built(Header(profile="ros2", library=""), *chunks))
+    return path
+
+
+def read(path: Path) -> int:
+    with BagReader(path) as reader:
+        return len(list(reader.messages()))
+
+
+@contextmanager
+def little_memory() -> Iterator[None]:
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < ALLOWED
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("compression", PACKERS)
+def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(compression: str, tmp_path: Path) -> None:
+    bomb = chunk(compression, topic(bytes(UNPACKED)), 1000)
+    assert len(bomb.data) < UNPACKED / 200
+    whole = bag(tmp_path / "whole.mcap", bomb)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:-10])
+    with little_memory():
+        with pytest.raises(BagError, match=r"whole\.mcap is damaged: chunk at byte .* more than the 1000 bytes that it claims"):
+            read(whole)
+        assert read(cut) == 0
+        for path in (whole, cut):
+            recovery = recover(path, tmp_path / f"{path.stem}_recovered")
+            assert (recovery.span.count, recovery.damage.chunks) == (0, 1)
+
+
+@pytest.mark.parametrize("compression", ["", *PACKERS])
+@pytest.mark.parametrize("wrong", [-1, 1, LARGEST_CONTENTS])
+def test_a_claim_has_to_be_right_and_below_the_limit(compression: str, wrong: int, tmp_path: Path) -> None:
+    contents = topic(b"1234")
+    assert read(bag(tmp_path / "right.mcap", chunk(compression, contents, len(contents)))) == 1
+    with pytest.raises(BagError, match=r"bytes that it claims|it claims .* bytes, more than"):
+        read(bag(tmp_path / "wrong.mcap", chunk(compression, contents, len(contents) + wrong)))
+
+
+@pytest.mark.parametrize("compression", PACKERS)
+def test_a_chunk_that_the_memory_has_no_room_for_is_an_error_that_names_the_file(compression: str, tmp_path: Path) -> None:
+    contents = topic(bytes(UNPACKED))
+    path = bag(tmp_path / "large.mcap", chunk(compression, contents, len(contents)))
+    used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (used + UNPACKED // 2, limits[1]))
+    try:
+        with pytest.raises(BagError, match=r"large\.mcap: the memory has no room for the chunk at byte"):
+            read(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+def test_chunks_in_chunks_are_passed_over(tmp_path: Path) -> None:
+    contents = topic()
+    nested = built(chunk("", contents, len(contents)))
+    for _ in range(1500):
+        nested = built(chunk("", nested, len(nested)))
+    both = topic() + nested
+    path = bag(tmp_path / "nested.mcap", chunk("", both, len(both)))
+    assert read(path) == recover(path, tmp_path / "recovered").span.count == 1
+
+
+def test_chunks_whose_messages_all_wait_for_each_other_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    contents = topic(bytes(900))
+    chunks = [chunk("zstd", contents, len(contents))] * 9
+    assert read(bag(tmp_path / "few.mcap", *chunks)) == 9
+    monkeypatch.setattr("terrain_estimator.bags.file.LARGEST_RECORD", 9000)
+    with pytest.raises(BagError, match=r"few\.mcap is damaged: more than 9000 bytes of messages are not in the order"):
+        read(tmp_path / "few.mcap")
