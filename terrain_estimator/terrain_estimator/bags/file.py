@@ -20,6 +20,7 @@ from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.metadata import Span
 from terrain_estimator.bags.records import (
     HEAD,
+    LARGEST_CONTENTS,
     LARGEST_RECORD,
     MAGIC,
     Record,
@@ -128,13 +129,16 @@ class McapFile:
             return 0
         self.finished = True
         footer = parse(Footer, tail[HEAD.size :])
-        if footer.summary_start > self._end - FOOTER_BYTES:
-            msg = f"{self.path} is damaged: its summary begins behind its end; copy the file again from its source"
+        if not footer.summary_start:
+            return 0
+        if not 0 <= self._end - FOOTER_BYTES - footer.summary_start <= LARGEST_CONTENTS:
+            place = f"byte {footer.summary_start} of {self._end}"
+            msg = f"{self.path} is damaged: its summary begins at {place}; copy the file again from its source"
             raise BagError(msg)
         self._file.seek(footer.summary_start)
         summary = self._file.read(self._end - FOOTER_BYTES - footer.summary_start)
         checked = zlib.crc32(tail[: -4 - len(MAGIC)], zlib.crc32(summary))
-        if footer.summary_start and footer.summary_crc not in {0, checked}:
+        if footer.summary_crc not in {0, checked}:
             msg = f"{self.path} is damaged: its summary has a wrong checksum; copy the file again from its source"
             raise BagError(msg)
         return footer.summary_start

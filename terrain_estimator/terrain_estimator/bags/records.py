@@ -26,7 +26,7 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time [ns], publish time [ns]
 LARGEST_RECORD = 2**30  # bytes; a damaged length must not ask for all memory
-LARGEST_CONTENTS = 2**27  # bytes that a chunk unpacks to, a hundred times what writers put into one
+LARGEST_CONTENTS = 2**27  # bytes that a chunk unpacks to, a hundred times what writers put into one, and of a summary
 
 
 class Record(NamedTuple):

@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from terrain_estimator.bags.errors import BagError
-from terrain_estimator.bags.records import HEAD, MAGIC, MESSAGE_HEAD, Record, chunk_contents, parse, records_in
+from terrain_estimator.bags.records import HEAD, LARGEST_RECORD, MAGIC, MESSAGE_HEAD, Record, chunk_contents, parse, records_in
 
 _LARGEST_OPCODE = max(Opcode)
 _HEAD_LIKE = re.compile(rb"(?=[\x01-\x0f].{4}\x00{4})", re.DOTALL)
@@ -69,11 +69,15 @@ def _records(data: mmap, damage: Damage) -> Iterator[Record]:
         followed = fits and (following == end or _begins(data, following, end))
         found = following if followed else _next(data, offset + 1, end)
         if fits and found >= following:  # else its length is wrong: a record begins within it
+            if length > LARGEST_RECORD:
+                damage.passed_over += following - offset
+                offset = following
+                continue
             yield Record(opcode, data[offset + HEAD.size : following], offset, whole=True)
             offset = following
             continue
         if found == end and opcode == Opcode.CHUNK:
-            yield Record(opcode, data[offset + HEAD.size : end], offset, whole=False)
+            yield Record(opcode, data[offset + HEAD.size : min(end, offset + HEAD.size + LARGEST_RECORD)], offset, whole=False)
         else:
             damage.passed_over += found - offset
             damage.torn += found == end and opcode == Opcode.MESSAGE

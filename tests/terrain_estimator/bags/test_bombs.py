@@ -12,10 +12,11 @@ import lz4.frame
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.records import Channel, Chunk, Header, Message, Schema
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Message, Schema
 
 from terrain_estimator.bags import BagError, BagReader, recover
-from terrain_estimator.bags.records import LARGEST_CONTENTS, MAGIC
+from terrain_estimator.bags.records import HEAD, LARGEST_CONTENTS, LARGEST_RECORD, MAGIC
 
 PACKERS: dict[str, Callable[[bytes], bytes]] = {"zstd": zstandard.compress, "lz4": lambda data: lz4.frame.compress(data, store_size=True)}
 UNPACKED = 64_000_000
@@ -23,7 +24,7 @@ ALLOWED = 4_000_000
 """[bytes] that the readers themselves may take."""
 
 
-def built(*contents: Header | Schema | Channel | Message | Chunk) -> bytes:
+def built(*contents: McapRecord) -> bytes:
     builder = RecordBuilder()
     for each in contents:
         each.write(builder)
@@ -60,6 +61,36 @@ def little_memory() -> Iterator[None]:
         assert tracemalloc.get_traced_memory()[1] < ALLOWED
     finally:
         tracemalloc.stop()
+
+
+def spread(path: Path, *parts: tuple[int, bytes]) -> Path:
+    """A file of so many bytes with these parts, by their places; between them are holes, which take no room on the disk."""
+    with path.open("wb") as file:
+        for place, part in parts:
+            file.seek(place)
+            file.write(part)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("summary_start", "words"), [(30, "its summary begins at byte 30 of 3000000"), (0, "the end of its data is not where")]
+)
+def test_a_summary_that_would_be_the_whole_file_is_refused(summary_start: int, words: str, tmp_path: Path) -> None:
+    head = MAGIC + built(Header(profile="ros2", library=""))
+    footer = built(Footer(summary_crc=0, summary_offset_start=0, summary_start=summary_start)) + MAGIC
+    path = spread(tmp_path / "large.mcap", (0, head), (3_000_000_000, footer))
+    with little_memory(), pytest.raises(BagError, match=rf"large\.mcap is damaged: {words}"):
+        read(path)
+
+
+def test_a_record_above_the_limit_is_passed_over(tmp_path: Path) -> None:
+    head = MAGIC + built(Header(profile="ros2", library=""))
+    length = LARGEST_RECORD + 1
+    path = spread(tmp_path / "large.mcap", (0, head + HEAD.pack(Opcode.ATTACHMENT, length)), (len(head) + HEAD.size + length, topic()))
+    with little_memory():
+        assert read(path) == 1
+        recovery = recover(path, tmp_path / "recovered")
+    assert (recovery.span.count, recovery.damage.passed_over) == (1, HEAD.size + length)
 
 
 @pytest.mark.parametrize("compression", PACKERS)
