@@ -21,10 +21,11 @@ from typing import NamedTuple
 
 import torch
 
+from terrain_estimator.cli.accuracy_lines import lines
 from terrain_estimator.cli.accuracy_records import digest, read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
 from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, cells, is_main, settings, study
+from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, is_main, settings, study
 from terramechanics.schedules import SCHEDULES
 
 BATCH = 100
@@ -90,7 +91,7 @@ def _gathered(batches: list[_Batch], args: argparse.Namespace) -> Run | None:
         date=datetime.now(UTC).date().isoformat(),
         episodes=args.episodes,
         seed=args.seed,
-        cells=[cell for setting, of_setting in parts.items() for cell in cells(setting, of_setting)],
+        cells=[line for setting, of_setting in parts.items() for line in lines(setting, of_setting)],
         reference=[check for part in first for check in part.reference],
         net=[share for part in first for share in part.net],
     )
