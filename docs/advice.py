@@ -1,20 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""When to change a parameter: "Change it ...". What is not here has its reason in its meaning."""
+"""When to change a parameter: "Change it ...". Of every parameter of the nodes that have a file of parameters."""
 
+_NAMES = "where your rover is the model's, but its wheels have other names"
 _DEVIATIONS = "to what a calibration of your drives says"
 _STILL = "where encoders tick while the rover stands; keep it well below the slowest drive, and the same in both nodes"
+_SITE = "where the ground is known, from orbit or from an earlier drive"
+_SITE_SD = "with the mean: to how far the ground of this place may be from it, rather too large than too small"
 _MODEL = "to the model of your rover; give it to estimator and planner alike"
 
 WHEN = {
     "estimator": {
         "model": _MODEL,
-        "rover": "where your rover is the model's, but its wheels have other names",
+        "rover": _NAMES,
         "use_torque": "to false where torques come from motor currents that nobody calibrated",
         "use_imu": "to false where the imu sits at an unknown angle",
         "use_moments": "to false where the suspension has springs or stiff joints",
-        "prior.cohesion_mean": "where the ground is known, from orbit or from an earlier drive",
-        "prior.tan_phi_mean": "where the ground is known, from orbit or from an earlier drive",
+        "prior.cohesion_mean": _SITE,
+        "prior.cohesion_sd": _SITE_SD,
+        "prior.tan_phi_mean": _SITE,
+        "prior.tan_phi_sd": _SITE_SD,
         "prior.soil": "where only one soil can be there",
         "drift": "where the ground changes slowly along the way; it costs accuracy everywhere else",
         "standstill_speed": _STILL,
@@ -37,6 +42,8 @@ WHEN = {
     },
     "planner": {
         "model": _MODEL,
+        "rover": _NAMES,
+        "period": "to a shorter one where your loop reacts faster; a piece of advice takes 8 ms of processor time",
         "slip_limit": "to the slip that your rover bears without digging itself in",
         "sinkage_limit": "to what the clearance of your rover allows",
         "stop_probability": "to a smaller value where a stop in vain costs less than a rover",
@@ -60,6 +67,7 @@ WHEN = {
     "terrain_map": {
         "spacing": "to the resolution that your map wants",
         "points": "where a long track is to stay fine; a cloud has 36 bytes for each",
+        "period": "to a longer one where the link to the reader is narrow: every cloud holds the whole track",
         "pairing_tolerance": "as in the estimator",
     },
     "dashboard": {
@@ -71,6 +79,7 @@ WHEN = {
     },
     "recorder": {
         "auto_start": "to false under a manager of life cycles",
+        "output": "to a place of your own; a folder that is there already is refused, so a service that starts again leaves it empty",
         "topics": "to record /diagnostics, /clock, traction_advice or terrain_map, too",
         "fsync_interval": "to spare a flash memory, or to lose less",
         "split.size": "for recordings of hours, so that a finished file can be copied away while the next one is written",
