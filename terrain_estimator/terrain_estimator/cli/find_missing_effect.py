@@ -87,7 +87,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (ConfigError, ClusterError, InputError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
-    sys.stdout.write("\n".join([sentence(finding, diagnosis, proof), *map(str, [*written, model])]) + "\n")
+    unproven = " (unproven: no run was held out)" if isinstance(model, Path) and proof is None else ""
+    sys.stdout.write("\n".join([sentence(finding, diagnosis, proof), *map(str, written), f"{model}{unproven}"]) + "\n")
     return 0
 
 
@@ -120,6 +121,7 @@ def _parser() -> argparse.ArgumentParser:
 def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     """Runs to look into and runs for the proof."""
     runs = list(options.runs)
+    _refuse_twice([*runs, *options.hold_out])
     if len(runs) < FEWEST:
         raise InputError(f"{len(runs)} run given, at least {FEWEST} are needed: an effect has to show in more than one drive")
     if options.hold_out:
@@ -128,6 +130,15 @@ def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     count = max(len(runs) // 4, 1) if len(runs) > FEWEST else 0
     held_out = set(random.Random(options.seed).sample(range(len(runs)), count))  # noqa: S311 - a reproducible choice, no secret
     return [run for k, run in enumerate(runs) if k not in held_out], [run for k, run in enumerate(runs) if k in held_out]
+
+
+def _refuse_twice(bags: Sequence[Path]) -> None:
+    """A run that is searched proves nothing, and one that is given twice counts twice. Raises InputError."""
+    seen: set[Path] = set()
+    for bag in bags:
+        if bag.resolve() in seen:
+            raise InputError(f"{bag} is given twice: every run counts once, to be searched or by --hold-out for the proof")
+        seen.add(bag.resolve())
 
 
 def _read(place: Workplace, bags: Sequence[Path], nominal: Nominal, report: ProgressReport, *, held_out: bool = False) -> Runs:

@@ -22,15 +22,15 @@ ONE_EFFECT = ["--library", "drive_drag"]
 def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     case = draw_cases(Plan((("drive_drag", 1.0),), soil="loose_sand", seconds=18.0), 1, seed=5)[0]
     folder = tmp_path_factory.mktemp("sealed")
-    found = [str(bag) for bag in seal(case, folder)][:3]
+    found = [str(bag) for bag in seal(case, folder)]
     broken = folder / "broken"
     broken.mkdir()
     (broken / "broken_0.mcap").write_bytes(b"no bag")
-    return [found[0], str(broken), *found[1:]]
+    return [found[0], str(broken), *found[1:4]]
 
 
 def finding(bags: list[str], out: Path, *extra: str) -> bytes:
-    assert main([*bags, "--hold-out", bags[0], *ONE_EFFECT, "--out", str(out), *extra]) == 0
+    assert main([*bags[:-1], "--hold-out", bags[-1], *ONE_EFFECT, "--out", str(out), *extra]) == 0
     return (out / "finding.json").read_bytes()
 
 

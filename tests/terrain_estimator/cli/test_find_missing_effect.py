@@ -71,6 +71,22 @@ def test_one_run_and_unreadable_runs_are_refused(bags: list[str], tmp_path: Path
     assert "1 of 2 runs can be used" in complaint
 
 
+def test_a_run_that_is_given_twice_is_refused_under_whatever_name(
+    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    again = tmp_path / "again"
+    again.symlink_to(Path(bags[0]).resolve())
+    for arguments in ([*bags[:2], "--hold-out", bags[0]], [*bags[:2], str(again)], [*bags[:2], "--hold-out", bags[2], bags[2]]):
+        assert main(arguments) == 2
+        assert f"{arguments[-1]} is given twice" in capsys.readouterr().err
+
+
+def test_a_model_of_two_runs_is_said_to_be_unproven(bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*bags[:2], "--library", "drive_drag", "--out", str(tmp_path)]) == 0
+    assert f"{tmp_path / 'model.pt'} (unproven: no run was held out)" in capsys.readouterr().out
+    assert (tmp_path / "model.pt").is_file()
+
+
 def test_the_model_that_is_to_be_extended_is_never_removed(tmp_path: Path) -> None:
     path = tmp_path / "model.pt"
     path.write_bytes(b"a model")
