@@ -66,7 +66,7 @@ soak: workspace  ## run three rovers for long, under 40 minutes: does memory, a 
 pages: workspace  ## write the pages and parameter files that follow from the code
 	ros2_ws/with python -m docs.pages
 
-workspace: environment
+workspace: environment  ## set up and build, and start nothing
 	@ros2_ws/compile
 
 environment:

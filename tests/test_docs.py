@@ -25,6 +25,7 @@ from terrain_estimator.nodes.terrain_map import TOPICS as MAPPED
 from terrain_estimator.nodes.watch import TOPICS as WATCHED
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
 from terramechanics.parameters import parameters
+from terramechanics.soil import load_soil
 from tests.launch_stand_in import declared
 
 ROOT = Path(__file__).parents[1]
@@ -171,6 +172,13 @@ def test_the_checks_find_commands_to_check() -> None:
     assert known_options("terrain_estimator.cli.replay") >= {"--compare", "--out", "-p"}
     of_ours = {module for page in PAGES for module, _ in modules(page)}
     assert of_ours >= {"tests.hidden.matters", "tests.hidden.judge", "tests.terrain_estimator.discovery.discover", "tests.fuzz"}
+
+
+def test_the_soil_that_the_page_shows_is_a_soil_file(tmp_path: Path) -> None:
+    (text,) = (token.content for token in tokens(ROOT / "docs/bring_your_own_soil.md") if token.type == "fence")
+    path = tmp_path / "my_sand.yaml"
+    path.write_text(text, encoding="utf-8")
+    assert load_soil(path).name == path.stem
 
 
 def test_versions_are_one() -> None:
