@@ -20,6 +20,8 @@ from terramechanics.simulation import simulate
 from terramechanics.soil import load_soil
 
 ROVER: Rover = load_rover("mars_rover")
+JOINTS = (*ROVER.wheel_names, "bogie")
+"""Names in joint_states."""
 COHESION_PA, TAN_PHI = 1500.0, 0.6
 START_NS = 100 * 1_000_000_000
 STEP_NS = 100_000_000
@@ -95,10 +97,10 @@ def _fields(make: Make, left: Measurement, right: Measurement, step: int, header
         },
         "joint_states": {
             "header": header,
-            "name": names,
-            "position": np.zeros(len(names)),
-            "velocity": wheels("wheel_rate"),
-            "effort": wheels("torque"),
+            "name": list(JOINTS),
+            "position": np.append(np.zeros(len(names)), scalar("bogie_angle")),
+            "velocity": np.append(wheels("wheel_rate"), np.nan),
+            "effort": np.append(wheels("torque"), np.nan),
         },
         "imu": {
             "header": header,

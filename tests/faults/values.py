@@ -56,7 +56,7 @@ def _huge(message: Any) -> None:
 
 
 def _huge_torque(message: Any) -> None:
-    message.effort = [1e308] * WHEELS
+    message.effort = [1e308] * len(message.name)
 
 
 def _negative(message: Any) -> None:

@@ -19,7 +19,7 @@ from msg_defs.msg import EstimatorHealth, MotionPrediction, TerrainEstimate
 from terrain_estimator.nodes import factory
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import INPUT_TYPES
-from tests.drives import STEP_NS, Event, drive_messages
+from tests.drives import JOINTS, STEP_NS, Event, drive_messages
 from tests.soundness import unsound
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter
@@ -158,7 +158,7 @@ BAD_INPUT = [
     ("odom", "twist.twist.linear.x", math.nan, Outcome.NOT_FINITE),
     ("odom", "twist.covariance", np.zeros(36), Outcome.BAD_DEVIATION),
     ("imu", "orientation.w", 0.0, Outcome.NOT_FINITE),
-    ("joint_states", "velocity", [0.0] * 6, Outcome.STANDSTILL),
+    ("joint_states", "velocity", [0.0] * len(JOINTS), Outcome.STANDSTILL),
 ]
 
 
@@ -182,9 +182,9 @@ def test_bad_input_is_a_counted_refusal_and_good_input_is_taken_after_it(rover: 
 
 
 ABSURD_INPUT = [
-    ("joint_states", "effort", [1e300] * 6),
-    ("joint_states", "effort", [math.inf] * 6),
-    ("joint_states", "velocity", [1e300] * 6),
+    ("joint_states", "effort", [1e300] * len(JOINTS)),
+    ("joint_states", "effort", [math.inf] * len(JOINTS)),
+    ("joint_states", "velocity", [1e300] * len(JOINTS)),
     ("odom", "twist.twist.linear.x", 1e300),
     ("odom", "twist.covariance", np.full(36, 1e-320)),
     ("odom", "twist.covariance", np.full(36, 1e300)),

@@ -205,7 +205,7 @@ def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_re
     assert code == 0
     assert changed["configuration_sha256"] != plain["configuration_sha256"]
     assert estimates(tmp_path / "changed/drive_estimates")[0].tan_phi == pytest.approx(0.5, abs=0.1)
-    assert set(estimates(tmp_path / "changed/drive_estimates")[-1].rows) == {"velocity", "load", "acceleration"}
+    assert set(estimates(tmp_path / "changed/drive_estimates")[-1].rows) == {"velocity", "load", "acceleration", "moment", "bogie_moment"}
     text, result = page.read_text(encoding="utf-8"), changed["bags"][0]
     for number in (1e-3 * result["estimate"]["cohesion_pa"]["mean"], result["estimate"]["tan_phi"]["sd"], float(result["estimates"])):
         assert repr(number) in text
