@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile
 from terrain_estimator.nodes import factory
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import ESTIMATE, HEALTH, Message
+from terramechanics.simulation import TIME_STEP
 from tests.system.processes import Process, Starter
 
 FACTOR = 4.0
@@ -34,13 +35,18 @@ class Series:
     """One rover over time; all lists are equally long."""
 
     rover: str
-    estimates: int = 0  # in all, one for each 0.1 s of simulated time that was driven and estimated
+    estimates: int = 0  # in all, one for each time step
     seconds: list[float] = field(default_factory=list)  # of wall time
     estimator_mb: list[float] = field(default_factory=list)
     simulator_mb: list[float] = field(default_factory=list)
     rate_hz: list[float] = field(default_factory=list)  # of estimates, since the sample before
     latency_ms: list[float] = field(default_factory=list)  # median of the last second
     counters: dict[str, list[float]] = field(default_factory=dict)  # that should not grow
+
+    @property
+    def hours(self) -> float:
+        """Of simulated time that were driven and estimated."""
+        return self.estimates * TIME_STEP / 3600.0
 
 
 class Watched:
@@ -86,8 +92,11 @@ def counters(health: Message) -> dict[str, float]:
     return {**found, "resets": float(health.resets), "unusual outcomes": float(unusual)}
 
 
-def drive(rovers: int, seconds: float, folder: Path, say: Callable[[str], None]) -> list[Series]:
-    """Drive for so many seconds of wall time; raises AssertionError where a process ends before."""
+def drive(rovers: int, hours: float, seconds: float, folder: Path, say: Callable[[str], None]) -> list[Series]:
+    """Drive until every rover has its simulated ``hours``, or the ``seconds`` of wall time are over.
+
+    Raises AssertionError where a process ends before.
+    """
     with reserve_domain_id() as domain_id, Starter(folder, domain_id) as start:
         context = Context()
         rclpy.init(context=context, domain_id=domain_id)
@@ -96,7 +105,7 @@ def drive(rovers: int, seconds: float, folder: Path, say: Callable[[str], None])
         try:
             watched = [_rover(f"rover{number}", number, watch, start) for number in range(1, rovers + 1)]
             begun_s, taken, next_s = time.monotonic(), 0, 0.0
-            while (past_s := time.monotonic() - begun_s) < seconds:
+            while (past_s := time.monotonic() - begun_s) < seconds and min(rover.series.hours for rover in watched) < hours:
                 executor.spin_once(timeout_sec=0.1)
                 if past_s >= next_s:
                     taken, next_s = taken + 1, past_s + max(SHORTEST_S, seconds / SAMPLES)

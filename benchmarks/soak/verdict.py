@@ -1,27 +1,66 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What of a soak must not grow, and by how much it may."""
+"""How long a soak has to run, what of it must not grow, and by how much it may."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
 
 from benchmarks.soak.core import Sample
-from benchmarks.soak.live import Series
+from benchmarks.soak.live import FACTOR, Series
 from benchmarks.trend import Trend, counted, trend
+from terramechanics.simulation import TIME_STEP
+
+HOURS, DDS_HOURS = 24.0, 2.0
+"""Of simulated time of every rover, through the core and over DDS."""
+RATE_HZ = FACTOR / TIME_STEP
+LEAST_RATE = 0.99
+"""[1] Of RATE_HZ."""
 
 MEMORY = 0.01
 """[1] Of the level over a run: 3 MB of 300, over 24 simulated hours 4 bytes an observation."""
 TIME = 0.1
-"""[1] Of an update: what else the machine does comes and goes."""
+"""[1] Of a set of messages: what else the machine does comes and goes."""
 RATE = 0.01
 """[1] Of the rate, up or down."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """How far a soak came, an entry for each rover."""
+
+    core_hours: list[float]
+    dds_hours: list[float]
+    dds_rate_hz: list[float]  # medians
+    minutes: float  # of wall time
+
+    @classmethod
+    def of(cls, core: Sequence[Sequence[Sample]], series: Sequence[Series], minutes: float) -> Self:
+        """From what was sampled."""
+        rates = [float(np.median(rover.rate_hz)) for rover in series]
+        return cls([samples[-1].hours for samples in core], [rover.hours for rover in series], rates, minutes)
+
+    def shortfalls(self) -> Iterator[str]:
+        """What is less than it should be, in words."""
+        parts = (
+            ("core", "simulated hours", self.core_hours, HOURS),
+            ("DDS", "simulated hours", self.dds_hours, DDS_HOURS),
+            ("DDS", "estimates/s", self.dds_rate_hz, LEAST_RATE * RATE_HZ),
+        )
+        for part, unit, values, least in parts:
+            for rover, value in enumerate(values, 1):
+                if value < least:
+                    yield f"{part}, rover{rover}: {value:.3g} {unit}, at least {least:.3g} are wanted"
 
 
 def core_trends(rover: str, samples: Sequence[Sample]) -> Iterator[Trend]:
     """Of one rover's hours without ROS."""
     hours = [sample.hours for sample in samples]
-    for name, allowed in (("memory_mb", MEMORY), ("blocks", MEMORY), ("update_us", TIME)):
+    for name, allowed in (("memory_mb", MEMORY), ("blocks", MEMORY), ("set_us", TIME)):
         yield trend(f"core, {rover}: {name}", hours, [getattr(sample, name) for sample in samples], allowed)
-    for name in ("abnormal", "not_finite"):
+    for name in ("abnormal", "not_finite", "troubled"):
         yield counted(f"core, {rover}: {name}", hours, [getattr(sample, name) for sample in samples])
 
 

@@ -1,34 +1,39 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The soak names what grows, and its core repeats a drive without leaving the path of a healthy rover."""
+"""The soak names what grows and what fell short, and its core repeats a drive without leaving the path of a healthy rover."""
 
+import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from benchmarks.drives import long_drive, observations
+from benchmarks.drives import long_drive
 from benchmarks.soak import core
 from benchmarks.soak.__main__ import verdict
 from benchmarks.soak.core import Sample
 from benchmarks.soak.live import Series
-from benchmarks.soak.verdict import core_trends, live_trends
+from benchmarks.soak.page import HEADING, section
+from benchmarks.soak.verdict import Ran, core_trends, live_trends
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.estimator import Estimator
 from terrain_estimator.model_file import load_model
+from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import stamp_ns
 from tests.drives import STEP_NS
+from tests.faults.page import PAGE
 
 SAMPLES = 120
+WHOLE = Ran([24.0] * 3, [2.0] * 3, [40.0] * 3, 38.0)
 
 
 def healthy(leak_mb: float = 0.0, abnormal: int = 0) -> list[Sample]:
     generator = np.random.default_rng(1)
     places = range(SAMPLES)
     return [
-        Sample(place / 5.0, 300.0 + generator.normal() + leak_mb * place / SAMPLES, 500_000, 400.0, abnormal * (place > 60), 0)
+        Sample(place / 5.0, 300.0 + generator.normal() + leak_mb * place / SAMPLES, 500_000, 400.0, abnormal * (place > 60), 0, 0)
         for place in places
     ]
 
@@ -50,9 +55,31 @@ def test_a_drifting_rate_and_lost_messages_are_named(capsys: pytest.CaptureFixtu
         series.counters.setdefault("resets", []).append(0.0)
     trends = list(live_trends(series))
     assert [each.what for each in trends if each.grows] == ["DDS, rover2: rate_hz", "DDS, rover2: lost"]
-    assert verdict(trends, {}) == 1
+    assert verdict(trends, WHOLE) == 1
     assert "GROWS DDS, rover2: rate_hz" in capsys.readouterr().out
-    assert verdict([each for each in trends if not each.grows], {}) == 0
+    assert verdict([each for each in trends if not each.grows], WHOLE) == 0
+    page = section(trends, WHOLE)
+    assert "| DDS: lost | 1 | 1 | none (a count) | **yes** |" in page
+    assert "| DDS: resets | 0 | 0 | none (a count) | no |" in page
+
+
+@pytest.mark.parametrize(
+    ("less", "words"),
+    [
+        ({"core_hours": [24.0, 5.0, 24.0]}, "core, rover2: 5 simulated hours, at least 24 are wanted"),
+        ({"dds_hours": [2.0, 2.0, 1.0]}, "DDS, rover3: 1 simulated hours, at least 2 are wanted"),
+        ({"dds_rate_hz": [25.0, 40.0, 40.0]}, "DDS, rover1: 25 estimates/s, at least 39.6 are wanted"),
+    ],
+)
+def test_a_soak_that_falls_short_fails_and_says_so(less: dict[str, Any], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    short = dataclasses.replace(WHOLE, **less)
+    assert verdict([], short) == 1
+    assert f"SHORT {words}" in capsys.readouterr().out
+    assert words in section([], short)
+
+
+def test_the_page_has_the_section_that_a_soak_replaces() -> None:
+    assert f"\n## {HEADING}\n" in PAGE.read_text(encoding="utf-8")
 
 
 def test_a_long_drive_goes_on_with_its_stamps_and_sequences(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,11 +90,12 @@ def test_a_long_drive_goes_on_with_its_stamps_and_sequences(monkeypatch: pytest.
     assert [stamp_ns(message) for _, _, message in events] == [stamp for _, stamp, _ in events]
 
 
-def test_the_core_goes_on_over_the_seams_of_a_repeated_drive() -> None:
-    model = load_model()
+def test_the_core_goes_on_over_the_seams_of_a_repeated_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.drives.PIECE_S", 3.0)
+    make = Types().make
     with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]  # noqa: FBT003 - so short a run is over before it pays
-        samples = core.run(observations(model, 3.0), Estimator(model, EstimatorConfig().core), hours=9.0 / 3600.0, seconds=1e6)
+        samples = core.run(Pipeline(load_model(), EstimatorConfig()), long_drive(make, 20.0), make, hours=9.0 / 3600.0, seconds=1e6)
     assert samples[-1].hours == pytest.approx(9.0 / 3600.0)
-    assert (samples[-1].abnormal, samples[-1].not_finite) == (0, 0)
+    assert (samples[-1].abnormal, samples[-1].not_finite, samples[-1].troubled) == (0, 0, 0)
     assert samples[0].hours < samples[-1].hours
     assert min(sample.memory_mb for sample in samples) > 50.0
