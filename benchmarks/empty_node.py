@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The reference of the live figures: a node with the estimator's topics that answers every imu message and estimates nothing."""
+"""The reference of the live figures: a node with the estimator's topics that answers every imu message, counts, and estimates nothing."""
+
+from functools import partial
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -8,9 +10,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from terrain_estimator.nodes import factory
-from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message
+from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
 
 QOS = QoSProfile(depth=50)
+PERIOD_S = 1.0
+"""[s] Of its health, as the estimator's."""
 
 
 class EmptyNode(Node):
@@ -20,16 +24,20 @@ class EmptyNode(Node):
         """Subscribe to the inputs; the imu's message is the last of a set."""
         super().__init__("empty")
         self._output = self.create_publisher(factory.message_class(ESTIMATE), "terrain_estimate", QOS)
+        self._health = self.create_publisher(factory.message_class(HEALTH), "estimator_health", QOS)
+        self._received = dict.fromkeys(INPUT_TYPES, 0)
         for name, type_name in INPUT_TYPES.items():
-            self.create_subscription(factory.message_class(type_name), name, self._answer if name == "imu" else _forget, QOS)
+            self.create_subscription(factory.message_class(type_name), name, partial(self._take, name), QOS)
+        self.create_timer(PERIOD_S, self._report)
         self.get_logger().info("ready")
 
-    def _answer(self, message: Message) -> None:
-        self._output.publish(factory.make(ESTIMATE, header=message.header))
+    def _take(self, topic: str, message: Message) -> None:
+        self._received[topic] += 1
+        if topic == "imu":
+            self._output.publish(factory.make(ESTIMATE, header=message.header))
 
-
-def _forget(_: Message) -> None:
-    """Deserialised, and that is all."""
+    def _report(self) -> None:
+        self._health.publish(factory.make(HEALTH, input_topic=list(self._received), input_received=list(self._received.values())))
 
 
 def main() -> None:

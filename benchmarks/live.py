@@ -22,7 +22,7 @@ from rclpy.serialization import serialize_message
 
 from benchmarks.drives import long_drive
 from terrain_estimator.nodes import factory
-from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES
+from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 
@@ -33,6 +33,8 @@ DEEP = QoSProfile(depth=10000)
 STAMP = struct.Struct("<iI")
 """Seconds and nanoseconds behind the four bytes of the encapsulation, in every message that begins with a header."""
 START_S, LAST_S = 60.0, 2.0
+COUNTED_S = 3.0
+"""[s] In which the node reports what it received: its health comes once a second."""
 ESTIMATOR, EMPTY = "estimator", "a node that answers without estimating"
 WARM_UP = 50
 """Observations before anything is measured."""
@@ -45,6 +47,7 @@ class Sent:
     sent_s: dict[int, float] = field(default_factory=dict)  # by stamp [ns], when the last message of the set went out
     latency_s: dict[int, float] = field(default_factory=dict)  # by stamp, until the estimate was here
     late_s: float = 0.0  # behind its own schedule at the end
+    missed: int = 0  # messages that the node has not received, by its own count: a set without an optional one is answered all the same
 
     @property
     def lost(self) -> int:
@@ -66,7 +69,8 @@ class Rover:
             name: self._node.create_publisher(factory.message_class(type_name), name, DEEP) for name, type_name in INPUT_TYPES.items()
         }
         self._answers = self._node.create_subscription(factory.message_class(ESTIMATE), "terrain_estimate", self._take, DEEP, raw=True)
-        self._now = Sent()
+        self._node.create_subscription(factory.message_class(HEALTH), "estimator_health", self._count, DEEP)
+        self._now, self._received = Sent(), 0
 
     def __enter__(self) -> Self:
         """Nothing is sent yet."""
@@ -84,8 +88,9 @@ class Rover:
         wait_until(lambda: self._answers.get_publisher_count() and all(end() for end in ends), "all topics are matched", START_S)
 
     def drive(self, sets: Iterator[Set], count: int, rate_hz: float) -> Sent:
-        """Send so many sets, and wait for the last answers."""
+        """Send so many sets, and wait for the last answers and for the count of what was received."""
         self._now = now = Sent()
+        before = self._received
         chosen = [next(sets) for _ in range(count)]
         begun_s = time.perf_counter()
         for place, messages in enumerate(chosen):
@@ -100,12 +105,19 @@ class Rover:
         end_s = time.perf_counter() + LAST_S
         while now.lost and time.perf_counter() < end_s:
             self._executor.spin_once(timeout_sec=0.01)
+        wanted, end_s = before + sum(map(len, chosen)), time.perf_counter() + COUNTED_S
+        while self._received < wanted and time.perf_counter() < end_s:
+            self._executor.spin_once(timeout_sec=0.01)
+        now.missed = wanted - self._received
         return now
 
     def _take(self, data: bytes) -> None:
         stamp_ns, here_s = _stamp_ns(data), time.perf_counter()
         if stamp_ns in self._now.sent_s:
             self._now.latency_s[stamp_ns] = here_s - self._now.sent_s[stamp_ns]
+
+    def _count(self, health: Message) -> None:
+        self._received = sum(health.input_received)
 
 
 @contextmanager

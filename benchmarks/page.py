@@ -54,5 +54,5 @@ def table_row(line: Line) -> str:
 def number(value: float) -> str:
     """Three digits."""
     if not math.isfinite(value):
-        return "not measured"
+        return "not measured" if math.isnan(value) else "infinite"
     return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"

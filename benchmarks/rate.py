@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The highest rate of observations, five topics each, at which the estimator node answers every one."""
+"""The highest rate of observations, five topics each, at which the estimator node receives every message and answers every one."""
 
 from collections.abc import Iterator
 
@@ -31,7 +31,10 @@ def highest(node: str, seconds: float) -> tuple[float, str]:
             sent = rover.drive(instants, round(seconds * rate), rate)
             if sent.late_s > LATE_S:
                 return best, f"at {rate:g} Hz the sender was late"
-            if sent.lost:
-                return best, f"at {rate:g} Hz {sent.lost} of {len(sent.sent_s)} were lost"
+            if sent.lost or sent.missed:
+                return (
+                    best,
+                    f"at {rate:g} Hz {sent.lost} of {len(sent.sent_s)} sets were not answered, {sent.missed} messages not received",
+                )
             best = rate
     return best, "the highest rate that is tried"
