@@ -10,8 +10,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import psutil
+from ament_index_python.packages import get_package_prefix
 
-LIBRARIES = ("torch", "numpy", "scipy", "rosbags", "mcap", "mcap-ros2-support")
+LIBRARIES = ("torch", "numpy", "scipy", "rosbags", "mcap", "mcap-ros2-support", "rclpy")
 
 
 def machine() -> dict[str, object]:
@@ -21,7 +22,11 @@ def machine() -> dict[str, object]:
         "cores": len(os.sched_getaffinity(0)),
         "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
         "system": platform.freedesktop_os_release().get("PRETTY_NAME", platform.system()),
-        "versions": {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in LIBRARIES}},
+        "versions": {
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in LIBRARIES},
+            "Fast DDS": _fast_dds(),
+        },
         "commit": _commit(),
         "date": datetime.now(UTC).date().isoformat(),
         "load_average": os.getloadavg()[0],
@@ -33,6 +38,12 @@ def _processor() -> str:
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.machine()
+
+
+def _fast_dds() -> str:
+    """Of the library that is loaded: it is no Python package, and its version is in its file's name alone."""
+    library = Path(get_package_prefix("rmw_fastrtps_cpp"), "lib", "libfastrtps.so").resolve()
+    return library.name.partition(".so.")[2] or "unknown"
 
 
 def _commit() -> str:
