@@ -104,7 +104,9 @@ INNOVATION = Check(
 )
 CONDITION = Check("condition", "condition number of the scaled covariance", "1", "drive so that c and tan phi act differently", 1e4, 1e8)
 LATENCY = Check("latency", "longest update since the last report, from message to estimate", "s", "the machine is too busy", 0.05, 0.1)
-SAVING = Check("saved state", "attempts to write the state that failed since the last one that did not", "", "see the log", 0.0)
+SAVING = Check(
+    "saved state", "time for which the disk has owed a state: writing it fails, or does not end", "s", "see to the disk", 1.0, 10.0
+)
 UNRECORDED = Check("recording", "topics of the recorder that have no publisher yet", "", "start their publishers, or leave them out", 0.0)
 DISK = Check(
     "disk",

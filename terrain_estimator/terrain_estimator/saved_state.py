@@ -97,7 +97,7 @@ def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
 
 
 _WRITING = threading.Lock()
-"""The temporary file has one name, which a crash cannot leave behind twice; autosave and a service may write at once."""
+"""The temporary file has one name, which a crash cannot leave behind twice; a thread that hung may write still when another does."""
 
 
 def write_state(path: Path, content: bytes) -> None:

@@ -14,10 +14,11 @@ from std_srvs.srv import Trigger
 from msg_defs.msg import EstimatorHealth, TerrainEstimate
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel, load_model
-from terrain_estimator.nodes import factory
+from terrain_estimator.nodes import factory, keeping
 from terrain_estimator.nodes.estimator import EstimatorNode
 from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.saved_state import read_state, write_state
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Starter
@@ -85,7 +86,7 @@ def test_a_transition_that_raises_leaves_nothing_half_done(node: EstimatorNode, 
     trigger(node, "activate")
     assert node.state == "active"
     node.end()
-    assert (node.state, held(node)) == ("unconfigured", idle)
+    assert (node.state, held(node)) == ("unconfigured", (*idle[:2], 0))
 
 
 def test_a_state_that_is_refused_is_put_aside_and_the_node_estimates(
@@ -131,6 +132,38 @@ class Rover:
     def counted(self) -> bool:
         """Whether it has counted as many messages as were meant for it, on every topic."""
         return bool(self.health) and set(self.health[-1].input_received) == {STEPS}
+
+
+def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_it_answers(
+    listener: Listener, path: Path, model: LoadedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs, answers = threading.Event(), threading.Event()
+
+    def write(path: Path, content: bytes) -> None:
+        hangs.set()
+        assert answers.wait(60.0)
+        write_state(path, content)
+
+    monkeypatch.setattr(keeping, "write_state", write)
+    parameters = [Parameter("state.file", value=str(path))]
+    node = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover1", parameter_overrides=parameters)
+    node.start()
+    rover = Rover(listener, "rover1", list(drive_messages(factory.make, 6.0)))
+    client = listener.node.create_client(Trigger, "/rover1/estimator/save_state")
+    listener.spin_until(client.service_is_ready, "the service is there")
+    saved = client.call_async(Trigger.Request())
+    listener.spin_until(hangs.is_set, "the state is being written")
+    rover.publish(0)
+    listener.wait_for_messages(rover.estimates, 1)
+    rover.reset()
+    assert not saved.done()
+    answers.set()
+    listener.spin_until(saved.done, "the service has answered")
+    assert (saved.result().success, saved.result().message) == (True, f"the state is in {path}")
+    assert read_state(path, model.sha256)["counts"][1] == 0, "the state is that of the call"
+    loaded = listener.call(Trigger, "/rover1/estimator/load_state", Trigger.Request())
+    assert (loaded.success, loaded.message) == (True, f"going on from the state in {path}")
+    node.end()
 
 
 def alone(model: LoadedModel, events: list[Event], *, reset: bool) -> list[tuple[float, ...]]:

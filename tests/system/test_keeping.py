@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The thread that keeps the state on the disk outlives what goes wrong there."""
 
+import threading
 from pathlib import Path
 
 import pytest
 
 from terrain_estimator.nodes import keeping
-from tests.system.waiting import wait_until
 
 
 def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,11 +22,48 @@ def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(tmp_
 
     monkeypatch.setattr(keeping, "write_state", write)
     keeper = keeping.StateKeeper(tmp_path / "state", said.append)
-    for failures in (1, 2, 0):
-        left = len(errors) - 1
-        keeper.give(b"state")
-        wait_until(lambda left=left, failures=failures: (len(errors), keeper.failures) == (left, failures), "the next write was tried")  # type: ignore[misc]
+    for words in ("No space left on device", "embedded null byte"):
+        with pytest.raises((OSError, ValueError), match=words):
+            keeper.give(b"state").result(20.0)
+        assert words in keeper.judge().text
+        assert keeper.judge().value > 0.0
+    keeper.give(b"state").result(20.0)
+    assert keeper.judge().value == 0.0
     keeper.end()
     assert written == [b"state"]
     assert len(said) == 1
     assert "No space left on device; trying on" in said[0]
+
+
+def test_a_disk_that_hangs_is_reported_and_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hangs, answers, written, said = threading.Event(), threading.Event(), list[bytes](), list[str]()
+
+    def write(_: Path, content: bytes) -> None:
+        hangs.set()
+        assert answers.wait(60.0)
+        written.append(content)
+
+    monkeypatch.setattr(keeping, "write_state", write)
+    keeper = keeping.StateKeeper(tmp_path / "state", said.append)
+    first = keeper.give(b"first")
+    assert hangs.wait(20.0)
+    assert keeper.judge().value > 0.0
+    assert "state yet: the disk is writing" in keeper.judge().text
+    second, third = keeper.give(b"second"), keeper.give(b"third")
+    assert second is third, "the newer state is in the place of the one that waited"
+    keeper.end(0.01)
+    assert said == [f"the disk has not written the state to {tmp_path / 'state'} within 0.01 s: it is left with the one of before"]
+    answers.set()
+    for each in (first, third):
+        each.result(20.0)
+    assert written == [b"first", b"third"]
+    assert keeper.judge().value == 0.0
+
+
+def test_a_state_is_on_the_disk_by_its_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[tuple[Path, bytes]] = []
+    monkeypatch.setattr(keeping, "sync_folder", lambda folder: synced.append((folder, (folder / "state").read_bytes())))
+    keeper = keeping.StateKeeper(tmp_path / "state", pytest.fail)
+    keeper.give(b"content").result(20.0)
+    keeper.end()
+    assert synced == [(tmp_path, b"content")]

@@ -8,12 +8,14 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import rclpy
 import torch
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -21,20 +23,20 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from terrain_estimator.config import EstimatorNodeConfig
-from terrain_estimator.diagnostics import REQUIRED, SAVING, Finding
+from terrain_estimator.diagnostics import REQUIRED, Finding
 from terrain_estimator.health import HealthMonitor
 from terrain_estimator.messages import health_message
 from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.nodes.keeping import StateKeeper, go_on
+from terrain_estimator.nodes.keeping import StateKeeper, beside, done, go_on
 from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.nodes.silence import why_silent
 from terrain_estimator.nodes.watchdog import unheard_publishers
 from terrain_estimator.pipeline import Answer, Pipeline
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
-from terrain_estimator.saved_state import StateFileError, pack_state, read_state, write_state
+from terrain_estimator.saved_state import StateFileError, pack_state, read_state
 from terramechanics.loading import ConfigError
 
 DEPTH = 50  # messages; 5 s at 10 Hz
@@ -60,8 +62,9 @@ class EstimatorNode(ManagedNode):
         self._listening: list[Subscription] = []
         self._ticking: list[Timer] = []
         self._judged: tuple[Finding, ...] = ()
+        meanwhile = ReentrantCallbackGroup()  # else nothing would be served while a service waits for the disk
         for name, action in (("reset", self._reset), ("save_state", self._save), ("load_state", self._load)):
-            self.create_service(Trigger, f"~/{name}", self._answering(action))
+            self.create_service(Trigger, f"~/{name}", self._answering(action), callback_group=meanwhile)
 
     def configure(self) -> None:
         """Load the model, warm it up, and go on from the saved state where there is one."""
@@ -71,6 +74,7 @@ class EstimatorNode(ManagedNode):
         if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
             pipeline = Pipeline(model, self.config.estimator)  # of the refused one it is not known what it took
         self._pipeline, self._health = pipeline, HealthMonitor()
+        self._keeper = StateKeeper(path, self.get_logger().error) if path else None
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would stall an update
 
@@ -79,8 +83,7 @@ class EstimatorNode(ManagedNode):
         pipeline = self._configured
         self._heard_s.clear()
         self._ticking.append(self.create_timer(HEALTH_PERIOD_S, self.guard(self._publish_health), clock=self.steady))
-        if path := self._state_path:
-            self._keeper = StateKeeper(path, self.get_logger().error)
+        if self._keeper:
             self._ticking.append(self.create_timer(self.config.autosave_period_s, self.guard(self._autosave), clock=self.steady))
         for topic in pipeline.inputs:
             self._subscribe(topic)
@@ -98,12 +101,12 @@ class EstimatorNode(ManagedNode):
             self.destroy_timer(timer)
         self._listening, self._ticking, self._judged = [], [], ()
         self._matched.clear()
+
+    def cleanup(self) -> None:
+        """Forget model and ground; the state that was given last is written first."""
         if self._keeper:
             self._keeper.end()
             self._keeper = None
-
-    def cleanup(self) -> None:
-        """Forget model and ground."""
         self._pipeline = None
         gc.unfreeze()
         gc.collect()
@@ -114,7 +117,7 @@ class EstimatorNode(ManagedNode):
         for topic in self._pipeline.inputs if self._pipeline else ():
             yield unheard_publishers(self, topic, INPUT_TYPES[topic], QOS)
         if self._keeper:
-            yield SAVING.judge(self._keeper.failures)
+            yield self._keeper.judge()
 
     def _explained(self, finding: Finding) -> Finding:
         """With the reason, where a required input was never heard."""
@@ -182,31 +185,37 @@ class EstimatorNode(ManagedNode):
     def _packed(self) -> bytes:
         return pack_state(self._configured.save(), self._configured.meta.model_sha256)
 
-    def _reset(self) -> str:
+    async def _reset(self) -> str:
         self._configured.reset()
         return "the posterior is the prior again"
 
-    def _save(self) -> str:
-        path = self._named_path()
-        write_state(path, self._packed())
-        return f"the state is in {path}"
+    async def _save(self) -> str:
+        keeper = self._kept
+        await done(keeper.give(self._packed()))
+        return f"the state is in {keeper.path}"
 
-    def _load(self) -> str:
-        path = self._named_path()
-        self._configured.restore(read_state(path, self._configured.meta.model_sha256))
+    async def _load(self) -> str:
+        path, model = self._kept.path, self._configured.meta.model_sha256
+        arrays = await done(beside(partial(read_state, path, model)))
+        self._configured.restore(arrays)
         return f"going on from the state in {path}"
 
-    def _named_path(self) -> Path:
+    @property
+    def _kept(self) -> StateKeeper:
         if self._state_path is None:
             raise StateFileError("no file is named: start the node with the parameter state.file")
-        return self._state_path
+        if self._keeper is None:
+            raise StateFileError("the node is not configured")
+        return self._keeper
 
-    def _answering(self, action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def _answering(
+        self, action: Callable[[], Awaitable[str]]
+    ) -> Callable[[Trigger.Request, Trigger.Response], Coroutine[Any, Any, Trigger.Response]]:
         """A service that says what it did, or why not."""
 
-        def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        async def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
-                response.success, response.message = True, action()
+                response.success, response.message = True, await action()
                 self.get_logger().info(response.message)
             except Exception as error:  # noqa: BLE001 - whatever the file holds, the node goes on
                 response.success, response.message = False, str(error)

@@ -2,19 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps the estimator's state on the disk, beside the thread that estimates: an fsync takes as long as it likes."""
 
+import math
 import shutil
 import threading
-from collections.abc import Callable
+import time
+import types
+from collections.abc import Callable, Generator
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
+from terrain_estimator.bags.syncing import sync_folder
+from terrain_estimator.diagnostics import SAVING, Finding
 from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.saved_state import read_state, write_state
 
 REFUSED, LOADED = ".refused", ".loaded"
 """Are added to the name of a state file that was put aside, and of a copy for replays."""
+PATIENCE_S = 10.0
+"""A disk that has not answered by then is not waited for."""
+ResultT = TypeVar("ResultT")
+
+
+class _Waiting(NamedTuple):
+    content: bytes
+    written: "Future[None]"
+    since_s: float  # by the steady clock
 
 
 class StateKeeper:
@@ -22,42 +38,96 @@ class StateKeeper:
 
     def __init__(self, path: Path, complain: Callable[[str], None]) -> None:
         """``complain`` takes why a state could not be written; it is called in the writing thread."""
-        self.failures = 0  # since the last success
-        self._path, self._complain = path, complain
+        self.path = path
+        self._complain = complain
+        self._wrong = ""  # why the last write failed
+        self._since_s = math.inf  # by the steady clock: of the oldest state that is not on the disk, nor a newer one
         self._changed = threading.Condition()
-        self._waiting: bytes | None = None
+        self._waiting: _Waiting | None = None
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="saved state", daemon=True)
         self._thread.start()
 
-    def give(self, content: bytes) -> None:
-        """Write this state soon."""
+    def give(self, content: bytes) -> "Future[None]":
+        """Write this state soon; the future is done when it, or a newer one, outlives a power cut, and raises why it does not."""
+        now = time.monotonic()
         with self._changed:
-            self._waiting = content
+            _, written, since_s = self._waiting or _Waiting(content, Future(), now)
+            self._waiting = _Waiting(content, written, since_s)
+            self._since_s = min(self._since_s, now)
             self._changed.notify()
+        return written
 
-    def end(self) -> None:
-        """Write what still waits, and end the thread."""
+    def judge(self) -> Finding:
+        """For how long the disk has owed a state: its writing fails, or takes so long."""
+        late_s = max(0.0, time.monotonic() - self._since_s)
+        text = f"the state of {late_s:.0f} s ago is not in {self.path} yet: {self._wrong or 'the disk is writing'}"
+        return SAVING.judge(late_s, text=text if late_s else f"{self.path} is up to date")
+
+    def end(self, patience_s: float = PATIENCE_S) -> None:
+        """Write what still waits, and end the thread; one that hangs in the disk is left to itself, so that the process can end."""
         with self._changed:
             self._ended = True
             self._changed.notify()
-        self._thread.join()
+        self._thread.join(patience_s)
+        if self._thread.is_alive():
+            self._complain(f"the disk has not written the state to {self.path} within {patience_s:g} s: it is left with the one of before")
 
     def _run(self) -> None:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._ended or self._waiting is not None)
-                content, self._waiting = self._waiting, None
-            if content is None:
+                taken, self._waiting = self._waiting, None
+            if taken is None:
                 return
             try:
-                write_state(self._path, content)
+                write_state(self.path, taken.content)
+                sync_folder(self.path.parent)
             except Exception as error:  # noqa: BLE001 - whatever the disk does, the next state is tried too
-                self.failures += 1
-                if self.failures == 1:
-                    self._complain(f"cannot write the state to {self._path}: {error}; trying on")
+                if not self._wrong:
+                    self._complain(f"cannot write the state to {self.path}: {error}; trying on")
+                self._wrong = str(error) or type(error).__name__
+                taken.written.set_exception(error)
             else:
-                self.failures = 0
+                self._owe_what_waits()
+                taken.written.set_result(None)
+
+    def _owe_what_waits(self) -> None:
+        with self._changed:
+            self._wrong, self._since_s = "", self._waiting.since_s if self._waiting else math.inf
+
+
+def beside(action: Callable[[], ResultT]) -> "Future[ResultT]":
+    """Run it in a thread of its own, which no end of the process waits for."""
+    result: Future[ResultT] = Future()
+
+    def run() -> None:
+        try:
+            result.set_result(action())
+        except Exception as error:  # noqa: BLE001 - who waits for the result raises it
+            result.set_exception(error)
+
+    threading.Thread(target=run, name="state file", daemon=True).start()
+    return result
+
+
+async def done(future: "Future[ResultT]", patience_s: float = PATIENCE_S) -> ResultT:
+    """What the future gives or raises, for a service: between two looks at it the executor serves the node's other callbacks.
+
+    Raises TimeoutError where it is not done in time.
+    """
+    end_s = time.monotonic() + patience_s
+    while not future.done():
+        if time.monotonic() > end_s:
+            raise TimeoutError(f"the disk has not answered within {patience_s:g} s")
+        await _turn()
+    return future.result()
+
+
+@types.coroutine
+def _turn() -> Generator[None, None, None]:
+    """Let the executor go on: it comes back to a callback that yields at its next turn."""
+    yield
 
 
 def go_on(pipeline: Pipeline, path: Path, logger: RcutilsLogger) -> bool:
