@@ -7,39 +7,25 @@ Drives are computed in batches, each of which is kept: a run that was ended, or 
 
 import argparse
 import dataclasses
-import itertools
 import json
 import os
 import sys
-import time
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from datetime import UTC, datetime
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import torch
 
 from terrain_estimator.cli.accuracy_lines import lines
-from terrain_estimator.cli.accuracy_records import digest, read_part, write_part
+from terrain_estimator.cli.accuracy_records import read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
-from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.records import Piece, compute, digest
 from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, is_main, settings, study
 from terramechanics.schedules import SCHEDULES
 
 BATCH = 100
 """Drives of a setting that are computed at once."""
 _CONSTANTS = ("exact", "wrong")
-
-
-class _Batch(NamedTuple):
-    """A piece of work and where its result is kept."""
-
-    setting: Setting
-    number: int
-    episodes: int
-    path: Path
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -52,7 +38,8 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     batches = _batches(chosen, args)
     try:
-        _compute([batch for batch in batches if read_part(batch.path) is None], args)
+        missing = [batch for _, batch in batches if read_part(batch.path) is None]
+        compute("accuracy", missing, args.jobs, args.minutes, write_part)
         run = _gathered(batches, args)
         if run is None:
             sys.stderr.write("accuracy: not one batch of every setting was done in this time; call it again, it goes on where it was\n")
@@ -67,23 +54,24 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _batches(chosen: list[Setting], args: argparse.Namespace) -> list[_Batch]:
+def _batches(chosen: list[Setting], args: argparse.Namespace) -> list[tuple[Setting, Piece[Part]]]:
     """Every setting's first batch, then every setting's second, and so on; after SIDE_BATCHES of the main settings alone."""
     folder, found = args.records / f"{digest()}-{args.seed}", []
     for number, start in enumerate(range(0, args.episodes, BATCH)):
         episodes = min(BATCH, args.episodes - start)
         for setting in chosen if number < SIDE_BATCHES else filter(is_main, chosen):
             place = (setting.rover, setting.soil, setting.schedule, _constants(setting), setting.truth, number, episodes)
-            found.append(_Batch(setting, number, episodes, folder / ("-".join(map(str, place)) + ".npz")))
+            work = partial(study, setting, episodes, args.seed, number)
+            found.append((setting, Piece(work, folder / ("-".join(map(str, place)) + ".npz"))))
     return found
 
 
-def _gathered(batches: list[_Batch], args: argparse.Namespace) -> Run | None:
+def _gathered(batches: list[tuple[Setting, Piece[Part]]], args: argparse.Namespace) -> Run | None:
     """The figures of all batches that are done, None where a setting has none."""
-    parts: dict[Setting, list[Part]] = {batch.setting: [] for batch in batches}
-    for batch in batches:
+    parts: dict[Setting, list[Part]] = {setting: [] for setting, _ in batches}
+    for setting, batch in batches:
         if part := read_part(batch.path):
-            parts[batch.setting].append(part)
+            parts[setting].append(part)
     if not all(parts.values()):
         return None
     first = [of_setting[0] for of_setting in parts.values()]
@@ -125,33 +113,6 @@ def _is_chosen(setting: Setting, args: argparse.Namespace) -> bool:
     constants = _constants(setting)
     here = (setting.rover in args.rover, setting.soil in args.soil, setting.schedule in args.schedule, constants in args.constants)
     return all(here)
-
-
-def _compute(missing: list[_Batch], args: argparse.Namespace) -> None:
-    """Compute and keep these batches, as many as there is time for."""
-    end = time.monotonic() + 60.0 * args.minutes if args.minutes else float("inf")
-    with ProgressReport(f"accuracy: {len(missing)} batches") as report:
-        for done, (batch, part) in enumerate(_finished(missing, args, end), 1):
-            write_part(part, batch.path)
-            report.at(done / len(missing), batch.path.stem)
-
-
-def _finished(missing: list[_Batch], args: argparse.Namespace, end: float) -> Iterator[tuple[_Batch, Part]]:
-    """Results as they come; after ``end`` no batch is begun."""
-    waiting = itertools.takewhile(lambda _: time.monotonic() < end, missing)
-    if args.jobs == 1:
-        for batch in waiting:
-            yield batch, study(batch.setting, batch.episodes, args.seed, batch.number)
-        return
-    with ProcessPoolExecutor(args.jobs, get_context("spawn"), torch.set_num_threads, (1,)) as pool:
-        running: dict[Future[Part], _Batch] = {}
-        while True:
-            for batch in itertools.islice(waiting, args.jobs - len(running)):
-                running[pool.submit(study, batch.setting, batch.episodes, args.seed, batch.number)] = batch
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
 
 
 if __name__ == "__main__":

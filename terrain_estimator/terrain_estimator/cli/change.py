@@ -1,25 +1,30 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``change``: drive onto other ground and judge how soon the estimator says so and follows; a JSON file and a page of tables."""
+"""``change``: drive onto other ground and judge how soon the estimator says so and follows; a JSON file and a page of tables.
+
+Drives are computed in parts, each of which is kept: a run that was ended, or had no more time, goes on where it was.
+"""
 
 import argparse
 import dataclasses
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import zlib
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from terrain_estimator.cli.change_table import Run, page
-from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record
 from terrain_estimator.config import CoreConfig
-from terrain_estimator.learning.change import Change, ChangeScore, FalseAlarms, study_change, study_constant
+from terrain_estimator.learning.change import Change, FalseAlarms, Followed, follow_change, pool, study_constant
+from terrain_estimator.learning.change_score import score_change
 from terrain_estimator.learning.study import ROVERS, SOILS
 from terrain_estimator.model_file import ModelFileError, load_model
 from terramechanics.loading import ConfigError
@@ -34,59 +39,90 @@ KINDS = (
     (LOOSE, LOOSE, 60.0),
 )
 """Soil before, soil after, and the time of a gradual change [s]."""
+PART_DRIVES = 25
+"""Drives of a change that are computed at once."""
+PART_HOURS = 1.0
+"""[h] Time on constant ground that is computed at once."""
+
+
+class _Constant(NamedTuple):
+    """Ground that does not change."""
+
+    rover: str
+    soil: str
+
+
+_Result = Followed | FalseAlarms
+_Part = tuple[Change | _Constant, Piece[_Result]]
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: measured, whatever the figures are; 2: an argument is wrong or a file cannot be read or written."""
+    """Entry point. 0: measured, whatever the figures are; 1: no time for one part of each line; 2: an argument or a file is wrong."""
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     try:
-        config = CoreConfig(drift=args.drift)
-        for rover in args.rover:
-            load_model(rover)
-        results = _measure(_jobs(args, config), args.jobs)
-        scores = [result for result in results if isinstance(result, ChangeScore)]
-        alarms = [result for result in results if isinstance(result, FalseAlarms)]
-        run = Run(datetime.now(UTC).date().isoformat(), args.drives, args.seed, args.drift, scores, alarms)
+        models = [load_model(rover).metadata.model_id for rover in args.rover]
+        parts = _parts(args, CoreConfig(drift=args.drift))
+        missing = [piece for _, piece in parts if read_record(piece.path) is None]
+        compute("change", missing, args.jobs, args.minutes, _keep)
+        run = _gathered(parts, args, models)
+        if run is None:
+            sys.stderr.write("change: not one part of every line was done in this time; call it again, it goes on where it was\n")
+            return 1
         for path, text in ((args.out, json.dumps(dataclasses.asdict(run), indent=1) + "\n"), (args.table, page(run))):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     except (ModelFileError, ConfigError, OSError) as error:
         sys.stderr.write(f"change: {error}\n")
         return 2
-    sys.stdout.write(f"{args.out} and {args.table}: {len(scores)} changes of {args.drives} drives\n")
+    sys.stdout.write(f"{args.out} and {args.table}: {len(run.changes)} changes, {sum(score.drives[0] for score in run.changes)} drives\n")
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--drives", type=int, default=100, help="drives of each change")
-    parser.add_argument("--hours", type=float, default=20.0, help="simulated hours on constant ground, for each rover")
+    parser.add_argument("--hours", type=float, default=20.0, help="simulated hours on constant ground, for each rover; 0: none")
     parser.add_argument("--seed", type=int, default=6_000_000, help="of all that is drawn; not the one of any choice")
     parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers, each with its model of several soils")
     parser.add_argument("--drift", type=float, default=CoreConfig().drift, help="the estimator's parameter drift [1/sqrt(s)]")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
+    parser.add_argument("--minutes", type=float, default=0.0, help="after which no part is begun; 0: until all is done")
+    parser.add_argument("--records", type=Path, default=Path("out/change"), help="folder of what is kept of every part")
     parser.add_argument("--out", type=Path, default=Path("out/change.json"), help="file of all figures")
     parser.add_argument("--table", type=Path, default=Path("docs/change.md"), help="page of the tables")
     return parser
 
 
-Result = ChangeScore | FalseAlarms
-
-
-def _jobs(args: argparse.Namespace, config: CoreConfig) -> list[Callable[[], Result]]:
-    jobs: list[Callable[[], Result]] = []
+def _parts(args: argparse.Namespace, config: CoreConfig) -> list[_Part]:
+    """Every line's first part, then every line's second, and so on; each has a seed of its own."""
+    found: list[tuple[int, _Part]] = []
+    folder = args.records / f"{digest(repr(config))}-{args.seed}"
     for rover in args.rover:
-        for index, (before, after, gradual) in enumerate(KINDS):
-            jobs.append(partial(judge_change, Change(rover, before, after, gradual), config, args.drives, args.seed + index))
-        for index, soil in enumerate(SOILS if args.hours > 0.0 else ()):
-            jobs.append(partial(judge_constant, rover, soil, config, args.hours / len(SOILS), args.seed + 100 + index))
-    return jobs
+        for change in (Change(rover, *kind) for kind in KINDS):
+            for number, drives in enumerate(_shares(args.drives, PART_DRIVES)):
+                name = f"{rover}-{change.before}-{change.after}-{change.gradual_s:g}-{number}-{drives:g}"
+                follow = partial(judge_change, change, config, int(drives), args.seed + zlib.crc32(name.encode()) % 1_000_000)
+                found.append((number, (change, Piece(follow, folder / f"{name}.npz"))))
+        for constant in (_Constant(rover, soil) for soil in SOILS):
+            for number, hours in enumerate(_shares(args.hours / len(SOILS), PART_HOURS)):
+                name = f"{rover}-{constant.soil}-{number}-{hours:g}"
+                watch = partial(judge_constant, *constant, config, hours, args.seed + zlib.crc32(name.encode()) % 1_000_000)
+                found.append((number, (constant, Piece(watch, folder / f"{name}.npz"))))
+    return [part for _, part in sorted(found, key=lambda numbered: numbered[0])]
 
 
-def judge_change(change: Change, config: CoreConfig, drives: int, seed: int) -> ChangeScore:
-    """One change with the rover's model."""
-    return study_change(change, load_model(change.rover), config, drives, seed)
+def _shares(whole: float, share: float) -> Iterable[float]:
+    """``whole`` in pieces of ``share`` and a last one of what is left."""
+    done = 0.0
+    while whole - done > 1e-9:
+        yield min(share, whole - done)
+        done += share
+
+
+def judge_change(change: Change, config: CoreConfig, drives: int, seed: int) -> Followed:
+    """Some drives of one change with the rover's model."""
+    return follow_change(change, load_model(change.rover), config, drives, seed)
 
 
 def judge_constant(rover: str, soil: str, config: CoreConfig, hours: float, seed: int) -> FalseAlarms:
@@ -94,21 +130,28 @@ def judge_constant(rover: str, soil: str, config: CoreConfig, hours: float, seed
     return study_constant(load_model(rover), soil, config, hours, seed)
 
 
-def _measure(jobs: Sequence[Callable[[], Result]], processes: int) -> list[Result]:
-    """Results in the order of the jobs, whatever finishes first."""
-    results: dict[int, Result] = {}
-    with ProgressReport(f"change: {len(jobs)} settings") as report:
-        if processes == 1:
-            for index, job in enumerate(jobs):
-                results[index] = job()
-                report.at(len(results) / len(jobs), "")
+def _keep(result: _Result, path: Path) -> None:
+    fields = result._asdict() if isinstance(result, Followed) else dataclasses.asdict(result)
+    write_record({name: np.asarray(value) for name, value in fields.items()}, path)
+
+
+def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -> Run | None:
+    """The figures of all parts that are done, None where a line of the tables has none."""
+    changes: dict[Change, list[Followed]] = {}
+    constant: dict[_Constant, list[FalseAlarms]] = {}
+    for line, piece in parts:
+        record = read_record(piece.path)
+        if isinstance(line, Change):
+            changes.setdefault(line, []).extend([] if record is None else [Followed(**record)])
         else:
-            with ProcessPoolExecutor(processes, get_context("spawn"), torch.set_num_threads, (1,)) as pool:
-                futures = {pool.submit(job): index for index, job in enumerate(jobs)}
-                for future in as_completed(futures):
-                    results[futures[future]] = future.result()
-                    report.at(len(results) / len(jobs), "")
-    return [results[index] for index in range(len(jobs))]
+            found = [] if record is None else [FalseAlarms(**{name: value.item() for name, value in record.items()})]
+            constant.setdefault(line, []).extend(found)
+    followed = [(change, pool(of_change, change)) for change, of_change in changes.items()]
+    if not all(len(drives.error) for _, drives in followed) or not all(constant.values()):
+        return None
+    scores = [score_change(change, drives) for change, drives in followed]
+    alarms = [FalseAlarms(*line, sum(e.hours for e in each), sum(e.alarms for e in each)) for line, each in constant.items()]
+    return Run(datetime.now(UTC).date().isoformat(), args.drives, args.hours, args.seed, args.drift, models, scores, alarms)
 
 
 if __name__ == "__main__":

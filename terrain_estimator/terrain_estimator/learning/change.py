@@ -3,21 +3,21 @@
 """Ground that changes under the rover: how soon the estimator says so, and how soon it knows the new ground.
 
 Every drive goes through the whole estimator, gates included. Time counts from the place where the first axle meets the
-new ground. A second estimator starts afresh once the last axle has reached it: what it knows is what the data of the new ground allow.
+new ground; an alarm before it is a false one. A second estimator starts afresh once the last axle has reached it: what it knows is
+what the data of the new ground allow.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.stats import binom, chi2
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator import Estimator
-from terrain_estimator.learning.accuracy import CONFIDENCE, share_of
 from terrain_estimator.learning.observations import observations_of
 from terrain_estimator.learning.tasks import BENCHMARK, random_ground
 from terrain_estimator.model_file import LoadedModel
@@ -32,12 +32,9 @@ from terramechanics.simulation import TIME_STEP, simulate
 from terramechanics.soil import load_soil
 
 HORIZON_S = 45
-"""[s] Estimates are judged every second up to this time after the first axle's crossing."""
+"""[s] Estimates are judged every second up to this time after the first axle's crossing, and the time that a gradual change takes."""
 ALARM = 0.5
 """[1] A change is told where its probability is above this."""
-WORSE = 1.3
-"""[1] Re-converged: the median error is at most this multiple of that of the estimator that started afresh."""
-NOMINAL = 0.95
 _BEFORE_S = 25.0  # on the first ground, at mean speed
 _SLOW = 0.75  # of the lowest cruise speed: slip takes the rest
 _SPREAD = 0.05  # each soil constant is wrong by up to this share
@@ -53,61 +50,32 @@ class Change:
     after: str
     gradual_s: float = 0.0  # time in which one axle passes from one to the other at mean speed
 
-
-@dataclass(frozen=True, slots=True)
-class Quantile:
-    """A quantile with its distribution-free confidence limits."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
-class ChangeScore:
-    """What the drives of one change gave; times in s from the first axle's crossing, infinite where it never happened."""
-
-    change: Change
-    model: str
-    drives: int
-    crossing_s: float  # median time until the last axle is on the new ground
-    found: float  # share of drives that told it within HORIZON_S
-    delay_median_s: Quantile
-    delay_p90_s: Quantile
-    reconverged_s: tuple[float, float]  # c and tan phi: from here on as good as afresh, and covered as the nominal rate allows
-    error_15_s: tuple[float, float]  # median relative error after 15 s
-    fresh_15_s: tuple[float, float]  # the same of the fresh estimator
-    coverage_15_s: tuple[float, float]  # of the 95 % interval after 15 s
-    coverage_40_s: tuple[float, float]
+    @property
+    def horizon_s(self) -> int:
+        """Seconds after the first axle's crossing in which estimates are judged."""
+        return HORIZON_S + math.ceil(self.gradual_s)
 
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """Alarms on ground that does not change."""
+    """Alarms on ground that does not change, or has not yet."""
 
     rover: str
     soil: str
-    model: str
     hours: float
     alarms: int
 
 
-def rate_limits(count: int, hours: float) -> tuple[float, float]:
-    """Limits of a rate per hour with CONFIDENCE (Poisson)."""
-    tail = 0.5 * (1.0 - CONFIDENCE)
-    low = float(chi2.ppf(tail, 2 * count)) / 2.0 if count else 0.0
-    return low / hours, float(chi2.isf(tail, 2 * count + 2)) / 2.0 / hours
+class Followed(NamedTuple):
+    """N drives of one change; over time T, every second from the crossing on, NaN where a drive has ended."""
 
-
-@dataclass(frozen=True, slots=True)
-class Series:
-    """One drive, every second from the crossing on; NaN where it has ended."""
-
-    delay_s: float
-    error: NDArray[np.float64]  # [T, 2] relative
-    covered: NDArray[np.float64]  # [T, 2] 1 or 0
-    fresh: NDArray[np.float64]  # [T, 2] relative error of the fresh estimator, of its prior before it started
-    crossing_s: float
+    delay_s: NDArray[np.float64]  # [N] infinite where no alarm rose from the crossing on
+    crossing_s: NDArray[np.float64]  # [N] until the last axle has crossed
+    error: NDArray[np.float64]  # [N, T, 2] relative
+    covered: NDArray[np.float64]  # [N, T, 2] 1 or 0
+    fresh: NDArray[np.float64]  # [N, T, 2] relative error of the fresh estimator, of its prior before it started
+    early_s: NDArray[np.float64]  # [N] time before the crossing
+    early_alarms: NDArray[np.float64]  # [N] alarms in it
 
 
 def changed_ground(rover: Rover, change: Change, batch: int, generator: torch.Generator) -> Ground:
@@ -139,27 +107,35 @@ def _shifted(strength: torch.Tensor) -> torch.Tensor:
 
 
 def drive_over(rover: Rover, change: Change, batch: int, generator: torch.Generator) -> Drive:
-    """Drives long enough for the slowest rover to know the new ground."""
+    """Drives long enough for the slowest rover to know the new ground, and to be judged up to the horizon."""
     ground = changed_ground(rover, change, batch, generator)
-    patch = ground.patches[1]
+    patch, slow = ground.patches[1], _SLOW * rover.cruise_speed[0]
     length = patch.start + patch.transition + max(rover.axle_x) - min(rover.axle_x)
-    return simulate(rover, ground, "S1", length / (_SLOW * rover.cruise_speed[0]) + _LEAST_AFTER_S, generator, batch)
+    duration = max(length / slow + _LEAST_AFTER_S, patch.start / slow + change.horizon_s)
+    return simulate(rover, ground, "S1", duration, generator, batch)
 
 
-def study_change(change: Change, model: LoadedModel, config: CoreConfig, drives: int, seed: int) -> ChangeScore:
-    """Simulate and judge; drives that get stuck, or end before they know the new ground, are drawn anew."""
+def follow_change(change: Change, model: LoadedModel, config: CoreConfig, drives: int, seed: int) -> Followed:
+    """Simulate and follow; drives that get stuck, or end before they know the new ground, are drawn anew, so there may be fewer."""
     rover, generator = model.rover, torch.Generator().manual_seed(seed)
-    series: list[Series] = []
+    found: list[Followed] = []
     for _ in range(8):
         drive = drive_over(rover, change, drives, generator)
         measurement = measure_drive(rover, drive.sample, Noise(), generator)
         for index in range(drives):
             place = places_of(drive, index, change)
-            if place is not None and len(series) < drives:
-                series.append(_follow(model, config, observations_of(measurement, index), _truth(drive, index), place))
-        if len(series) == drives:
+            if place is not None and len(found) < drives:
+                observations = observations_of(measurement, index)
+                found.append(_follow(model, config, observations, _truth(drive, index), place, change.horizon_s))
+        if len(found) == drives:
             break
-    return _score(change, model.metadata.model_id, series)
+    return pool(found, change)
+
+
+def pool(parts: Sequence[Followed], change: Change) -> Followed:
+    """All drives of these parts."""
+    none = Followed(*(np.empty((0, *shape)) for shape in [(), (), *[(change.horizon_s + 1, 2)] * 3, (), ()]))
+    return Followed(*(np.concatenate(values) for values in zip(none, *parts, strict=True)))
 
 
 def places_of(drive: Drive, index: int, change: Change) -> tuple[int, int, int] | None:
@@ -178,77 +154,38 @@ def _truth(drive: Drive, index: int) -> NDArray[np.float64]:
 
 
 def _follow(
-    model: LoadedModel, config: CoreConfig, observations: Sequence[Observation], truth: NDArray[np.float64], place: tuple[int, int, int]
-) -> Series:
+    model: LoadedModel,
+    config: CoreConfig,
+    observations: Sequence[Observation],
+    truth: NDArray[np.float64],
+    place: tuple[int, int, int],
+    horizon_s: int,
+) -> Followed:
     first, last, end = place
     per_second = round(1.0 / TIME_STEP)
-    end = min(end, first + HORIZON_S * per_second + 1)
     known, fresh = Estimator(model, config), Estimator(model, config)
     prior = fresh.reject(0, Outcome.DUPLICATE, "").estimate
-    error, covered, afresh = (np.full((HORIZON_S + 1, 2), np.nan) for _ in range(3))
-    delay = math.inf
-    for k, observation in enumerate(observations[:end]):
+    error, covered, afresh = (np.full((1, horizon_s + 1, 2), np.nan) for _ in range(3))
+    risen, above = [], False
+    for k, observation in enumerate(observations[: min(end, first + horizon_s * per_second + 1)]):
         estimate = known.update(observation).estimate
         newest = fresh.update(observation).estimate if k >= last else prior
-        if k >= first and delay == math.inf and estimate.change_probability > ALARM:
-            delay = (k - first) * TIME_STEP
+        told = estimate.change_probability > ALARM
+        risen += [k] if told and not above else []
+        above = told
         second, part = divmod(k - first, per_second)
         if k >= first and part == 0:
-            error[second], afresh[second] = (_error(x, truth[k]) for x in (estimate, newest))
-            covered[second] = (estimate.lower_95 <= truth[k]) & (truth[k] <= estimate.upper_95)
-    return Series(delay, error, covered, afresh, (last - first) * TIME_STEP)
+            error[0, second], afresh[0, second] = (_error(x, truth[k]) for x in (estimate, newest))
+            covered[0, second] = (estimate.lower_95 <= truth[k]) & (truth[k] <= estimate.upper_95)
+    delay = min(((k - first) * TIME_STEP for k in risen if k >= first), default=math.inf)
+    early = sum(k < first for k in risen)
+    crossing, before, alarms = (np.array([x], dtype=np.float64) for x in ((last - first) * TIME_STEP, first * TIME_STEP, early))
+    return Followed(np.array([delay]), crossing, error, covered, afresh, before, alarms)
 
 
 def _error(estimate: Estimate, truth: NDArray[np.float64]) -> NDArray[np.float64]:
     relative: NDArray[np.float64] = np.abs(estimate.mean - truth) / truth
     return relative
-
-
-def _score(change: Change, model: str, series: Sequence[Series]) -> ChangeScore:
-    error, covered, fresh = (np.stack([getattr(s, name) for s in series]) for name in ("error", "covered", "fresh"))
-    delays = np.array([s.delay_s for s in series])
-    return ChangeScore(
-        change=change,
-        model=model,
-        drives=len(series),
-        crossing_s=float(np.median([s.crossing_s for s in series])),
-        found=float(np.mean(delays <= HORIZON_S)),
-        delay_median_s=quantile_of(delays, 0.5),
-        delay_p90_s=quantile_of(delays, 0.9),
-        reconverged_s=_pair([_reconverged(error[..., k], covered[..., k], fresh[..., k]) for k in range(2)]),
-        error_15_s=_pair(np.nanmedian(error[:, 15], 0)),
-        fresh_15_s=_pair(np.nanmedian(fresh[:, 15], 0)),
-        coverage_15_s=_pair(np.nanmean(covered[:, 15], 0)),
-        coverage_40_s=_pair(np.nanmean(covered[:, 40], 0)),
-    )
-
-
-def _pair(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
-
-
-def _reconverged(error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]) -> float:
-    """First second from which on the median error is near the fresh one's and the coverage is not excluded by its limits."""
-    good = [_good(error[:, second], covered[:, second], fresh[:, second]) for second in range(HORIZON_S + 1)]
-    bad = [second for second, well in enumerate(good) if not well]
-    return float(bad[-1] + 1) if not good[-1] or bad else 0.0
-
-
-def _good(error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]) -> bool:
-    there = ~np.isnan(error)
-    if not there.any():
-        return True
-    share = share_of(torch.from_numpy(covered[there] > 0.0))
-    return bool(np.median(error[there]) <= WORSE * np.median(fresh[there])) and share.high >= NOMINAL
-
-
-def quantile_of(values: NDArray[np.float64], share: float) -> Quantile:
-    """The quantile of a sample, with the order statistics between which the true one lies with CONFIDENCE."""
-    ordered, count = np.sort(values), values.shape[0]
-    low, high = (int(binom.ppf(0.5 + side * CONFIDENCE / 2.0, count, share)) for side in (-1.0, 1.0))
-    last = count - 1
-    place = min(max(math.ceil(share * count) - 1, 0), last)
-    return Quantile(float(ordered[place]), float(ordered[min(max(low - 1, 0), last)]), float(ordered[min(high, last)]))
 
 
 def study_constant(model: LoadedModel, soil: str, config: CoreConfig, hours: float, seed: int) -> FalseAlarms:
@@ -266,7 +203,7 @@ def study_constant(model: LoadedModel, soil: str, config: CoreConfig, hours: flo
                 alarms += told and not above
                 above = told
             seconds += end * TIME_STEP
-    return FalseAlarms(rover.name, soil, model.metadata.model_id, seconds / 3600.0, alarms)
+    return FalseAlarms(rover.name, soil, seconds / 3600.0, alarms)
 
 
 _CONSTANT_S = 100.0  # duration of a drive on ground that does not change

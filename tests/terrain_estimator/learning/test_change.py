@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of ground that changes: its grounds, its figures and its page, on few drives."""
+"""The study of ground that changes: its grounds and its figures."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,14 +13,13 @@ from scipy.stats import binom, poisson
 
 from terrain_estimator.cli.change_table import Run, page
 from terrain_estimator.config import CoreConfig
-from terrain_estimator.learning.change import Change, changed_ground, quantile_of, rate_limits, study_change, study_constant
-from terrain_estimator.model_file import LoadedModel, load_model
+from terrain_estimator.learning import change
+from terrain_estimator.learning.change import Change, changed_ground
+from terrain_estimator.learning.change_score import quantile_of, rate_limits, score_change
+from terrain_estimator.model_file import load_model
 from terramechanics.rover import load_rover
 
-
-@pytest.fixture(scope="module")
-def model() -> LoadedModel:
-    return load_model("mars_rover")
+NONE = np.zeros(2)
 
 
 def test_another_strength_is_half_a_range_away_and_inside_it() -> None:
@@ -39,19 +40,59 @@ def test_a_gradual_change_takes_its_time_at_mean_speed() -> None:
     assert ground.patches[1].transition == pytest.approx(20.0 * 0.5 * sum(rover.cruise_speed))
 
 
-def test_two_sharp_changes_are_told_and_known_and_the_page_says_so(model: LoadedModel) -> None:
-    """Two drives onto compact sand: each is told within 3 s; 90 % of drives take less than 1 s. One short drive without a change."""
-    score = study_change(Change("mars_rover", "loose_sand", "compact_sand"), model, CoreConfig(), 2, seed=3)
-    assert score.drives == 2
-    assert score.found == 1.0
-    assert score.delay_p90_s.value <= 3.0
-    assert score.crossing_s > 3.0
-    assert np.isfinite(score.error_15_s).all()
-    constant = study_constant(model, "loose_sand", CoreConfig(), 0.02, seed=4)
-    assert constant.hours >= 0.02
-    text = page(Run("2026-01-01", 2, 3, 0.0, [score], [constant]))
-    for words in ("loose to compact", "told, median, mars_rover", "false alarms an hour, mars_rover"):
-        assert words in text
+@pytest.mark.parametrize(
+    ("above", "delay", "early"),
+    [
+        ({*range(32, 40)}, 1.2, 0),
+        ({*range(15, 40)}, math.inf, 1),  # stood already: tells nothing
+        ({5, 7, 8, *range(15, 25), 41, 50}, 2.1, 3),
+    ],
+)
+def test_an_alarm_has_to_rise_after_the_crossing(above: set[int], delay: float, early: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first axle crosses at observation 20; alarms that rise before are false ones."""
+
+    class Alarming:
+        def __init__(self, *_: object) -> None:
+            self.count = -1
+
+        def update(self, _: object) -> SimpleNamespace:
+            self.count += 1
+            return self.reject(self.count)
+
+        def reject(self, count: int, *_: object) -> SimpleNamespace:
+            alarm = 1.0 if count in above else 0.0
+            return SimpleNamespace(estimate=SimpleNamespace(change_probability=alarm, mean=NONE, lower_95=NONE, upper_95=NONE))
+
+    monkeypatch.setattr(change, "Estimator", Alarming)
+    observations: list[Any] = [None] * 60
+    followed = change._follow(load_model("mars_rover"), CoreConfig(), observations, np.ones((60, 2)), (20, 30, 55), 45)
+    assert followed.delay_s == pytest.approx([delay])
+    assert followed.early_alarms == [early]
+    assert followed.early_s == pytest.approx([2.0])
+    assert np.isfinite(followed.error[0, :, 0]).sum() == 4  # seconds 0 to 3, until the drive ends
+
+
+def test_a_second_in_which_nobody_drives_is_not_a_good_one() -> None:
+    """Ten drives that are exact; all end after 30 s, or know the ground from 4 s on, sooner than the last axle is there."""
+    kind = Change("mars_rover", "loose_sand", "compact_sand")
+    delay, crossing = np.full(10, 0.5), np.full(10, 9.0)
+    error, covered = np.zeros((10, kind.horizon_s + 1, 2)), np.ones((10, kind.horizon_s + 1, 2))
+    error[:, :4] = 1.0
+    fresh = np.full_like(error, 0.1)
+    whole = change.Followed(delay, crossing, error, covered, fresh, np.full(10, 1800.0), np.array([3.0, *[0.0] * 9]))
+    score = score_change(kind, whole)
+    assert score.drives == (10, 10, 10)
+    assert score.known_s == (9.0, 9.0)
+    assert score_change(kind, whole._replace(crossing_s=np.full(10, 2.0))).known_s == (4.0, 4.0)
+    assert score.before == change.FalseAlarms("mars_rover", "loose_sand", 5.0, 3)
+    ended = error.copy()
+    ended[:, 31:] = math.nan
+    short = score_change(kind, whole._replace(error=ended))
+    assert short.drives == (10, 10, 0)
+    assert short.known_s == (math.inf, math.inf)
+    assert math.isnan(short.coverage_40_s[0])
+    assert "| 10 / 10 / 0 |" in page(Run("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], []))
+    assert "| never | **no** |" in page(Run("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], []))
 
 
 def test_the_limits_of_a_quantile_are_order_statistics() -> None:
