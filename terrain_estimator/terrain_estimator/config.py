@@ -148,7 +148,7 @@ class RecorderConfig:
 
     auto_start: bool = entry(_AUTO_START, default=True)
 
-    output: str = entry("folder of the bag, must not exist; empty: bags/<UTC time>", "")
+    output: str = entry("folder of the bag, must not exist; empty: bags/<UTC time>, with -2, -3 where that is taken", "")
     topics: str = entry("names, as a list or separated by spaces; a relative name follows the namespace", " ".join(RECORDED_TOPICS))
     fsync_interval_s: float = number("what a power cut may cost; a kill costs nothing", "s", 0.01, 60.0, default=1.0, key="fsync_interval")
     split_size_mb: float = number(

@@ -3,6 +3,7 @@
 """The recorder's node in the test's own process: long recordings, and topics that change under it."""
 
 import threading
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ from tests.system.listening import Listener
 SLIP = "msg_defs/msg/WheelSlip"
 
 
-def recorder(listener: Listener, folder: Path, parameters: dict[str, float] | None = None) -> RecorderNode:
+def recorder(listener: Listener, folder: Path | str, parameters: dict[str, float] | None = None) -> RecorderNode:
     values = {"output": str(folder), "topics": "wheel_slip"} | (parameters or {})
     given = [Parameter(name, value=value) for name, value in values.items()]
     node = listener.host(partial(RecorderNode, threading.Event()), parameter_overrides=given)
@@ -49,6 +50,19 @@ def test_a_long_recording_goes_on_in_the_next_file(listener: Listener, tmp_path:
             assert [reader.decode(message).sequence for message in reader.messages()] == list(range(10))
             assert reader.finished
         assert len(list(folder.glob("*.mcap"))) > 1
+
+
+def test_a_name_by_the_time_is_never_taken(listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    same = SimpleNamespace(now=lambda zone: datetime(2026, 1, 2, 3, 4, 5, tzinfo=zone))
+    monkeypatch.setattr("terrain_estimator.nodes.recorder.datetime", same)
+    nodes = [recorder(listener, output) for output in ("", "", "", "~/run", "~/run")]
+    assert [node.state for node in nodes] == ["active"] * 4 + ["unconfigured"]
+    for node in nodes:
+        node.end()
+    time = "bags/2026-01-02T03-04-05Z"
+    assert all((tmp_path / folder / "metadata.yaml").exists() for folder in (time, f"{time}-2", f"{time}-3", "run"))
 
 
 def test_a_publisher_of_another_type_is_said_and_nothing_is_lost(

@@ -4,7 +4,7 @@
 
 from terrain_estimator.bags.compare import Difference, compare
 from terrain_estimator.bags.definitions import Definition, installed_definition
-from terrain_estimator.bags.errors import BagError
+from terrain_estimator.bags.errors import BagError, BagExistsError
 from terrain_estimator.bags.part import Topic
 from terrain_estimator.bags.qos import STATE, Qos
 from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo
@@ -15,6 +15,7 @@ from terrain_estimator.bags.writer import BagWriter, Split
 __all__ = [
     "STATE",
     "BagError",
+    "BagExistsError",
     "BagReader",
     "BagWriter",
     "Definition",

@@ -1,7 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one exception of this layer."""
+"""The exceptions of this layer."""
 
 
 class BagError(ValueError):
     """A bag cannot be read or written; the message names the file and says what to do."""
+
+
+class BagExistsError(BagError):
+    """The folder of a new bag is there already."""

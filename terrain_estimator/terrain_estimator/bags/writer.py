@@ -14,7 +14,7 @@ from typing import Self
 
 from terrain_estimator.bags.compaction import compact
 from terrain_estimator.bags.definitions import Definition, installed_definition
-from terrain_estimator.bags.errors import BagError
+from terrain_estimator.bags.errors import BagError, BagExistsError
 from terrain_estimator.bags.metadata import Span, TopicCount, information, write_metadata
 from terrain_estimator.bags.part import Part, Topic
 from terrain_estimator.bags.qos import Qos
@@ -45,7 +45,8 @@ class BagWriter:
     file, which :class:`BagReader` reads, and no metadata.yaml.
 
     Raises:
-        BagError: the folder exists already or cannot be made.
+        BagExistsError: the folder exists already.
+        BagError: it cannot be made.
     """
 
     def __init__(
@@ -236,7 +237,7 @@ class BagWriter:
                 sync_folder(folder.parent)
         except FileExistsError as error:
             msg = f"{self.folder} exists already: choose another name, bags are never overwritten"
-            raise BagError(msg) from error
+            raise BagExistsError(msg) from error
         except OSError as error:
             raise _cannot_write(self.folder, error) from error
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records topics to a bag: raw subscriptions in, MCAP out. Survives kill -9 with every message that reached it."""
 
+import itertools
 import math
 import sys
 import threading
@@ -9,6 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, cast
 
 from rclpy.clock import ROSClock
@@ -21,7 +23,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
-from terrain_estimator.bags import BagError, BagWriter, Split, Topic
+from terrain_estimator.bags import BagError, BagExistsError, BagWriter, Split, Topic
 from terrain_estimator.config import RecorderConfig
 from terrain_estimator.diagnostics import DISK, UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
@@ -79,15 +81,7 @@ class RecorderNode(ManagedNode):
 
     def configure(self) -> None:
         """Open the bag."""
-        output = self.config.output or f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
-        values = {name: str(value) for name, value in effective(self.config).items()}
-        self._writer = BagWriter(
-            output,
-            recording=True,
-            sync_interval_s=self.config.fsync_interval_s,
-            split=Split(self.config.split_size_mb * 1e6 or math.inf, self.config.split_duration_s or math.inf),
-            metadata={"recorder": values | {"configuration_sha256": fingerprint(effective(self.config))}},
-        )
+        self._writer = self._new_bag()
         self._sources, self._identities, self._complaints, self._waiting = {}, set(), set(), list(self._topics)
 
     def activate(self) -> None:
@@ -124,6 +118,27 @@ class RecorderNode(ManagedNode):
         if self._writer:
             yield DISK.judge(self._writer.late_s)
         yield UNRECORDED.judge(len(self._waiting), text=f"without a publisher: {', '.join(self._waiting) or 'none'}")
+
+    def _new_bag(self) -> BagWriter:
+        """Where no name is given, that of the second may be taken: by another recorder, or before a reboot without a clock of its own."""
+        name = f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
+        names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+        while True:
+            try:
+                return self._write_to(self.config.output or next(names))
+            except BagExistsError:
+                if self.config.output:
+                    raise
+
+    def _write_to(self, folder: str) -> BagWriter:
+        values = {name: str(value) for name, value in effective(self.config).items()}
+        return BagWriter(
+            Path(folder).expanduser(),
+            recording=True,
+            sync_interval_s=self.config.fsync_interval_s,
+            split=Split(self.config.split_size_mb * 1e6 or math.inf, self.config.split_duration_s or math.inf),
+            metadata={"recorder": values | {"configuration_sha256": fingerprint(effective(self.config))}},
+        )
 
     @property
     def _bag(self) -> BagWriter:
