@@ -2,26 +2,37 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder's node in the test's own process: long recordings, and topics that change under it."""
 
+import json
 import threading
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
 from rclpy.type_hash import TypeHash
+from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import WheelSinkage, WheelSlip
 from terrain_estimator.bags import BagReader
+from terrain_estimator.cli import replay
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.model_file import load_model
+from terrain_estimator.nodes import factory
 from terrain_estimator.nodes.offers import of_other_types
 from terrain_estimator.nodes.recorder import RecorderNode
+from terrain_estimator.pipeline import Pipeline
+from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from tests.drives import drive_messages
 from tests.system.listening import Listener
 
 SLIP = "msg_defs/msg/WheelSlip"
 
 
-def recorder(listener: Listener, folder: Path | str, parameters: dict[str, float] | None = None) -> RecorderNode:
+def recorder(listener: Listener, folder: Path | str, parameters: dict[str, float | str | bool] | None = None) -> RecorderNode:
     values = {"output": str(folder), "topics": "wheel_slip"} | (parameters or {})
     given = [Parameter(name, value=value) for name, value in values.items()]
     node = listener.host(partial(RecorderNode, threading.Event()), parameter_overrides=given)
@@ -63,6 +74,48 @@ def test_a_name_by_the_time_is_never_taken(listener: Listener, tmp_path: Path, m
         node.end()
     time = "bags/2026-01-02T03-04-05Z"
     assert all((tmp_path / folder / "metadata.yaml").exists() for folder in (time, f"{time}-2", f"{time}-3", "run"))
+
+
+def test_a_clock_that_steps_back_leaves_live_and_replay_the_same(
+    listener: Listener, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    types = INPUT_TYPES | OUTPUT_TYPES
+    node = recorder(listener, tmp_path / "run", {"topics": " ".join(types), "use_sim_time": True})
+    clock = listener.publisher(Clock, "/clock")
+
+    def set_clock(seconds: int) -> None:
+        time = Time(sec=seconds)
+
+        def heard() -> bool:
+            clock.publish(Clock(clock=time))
+            return bool(node.get_clock().now().to_msg() == time)
+
+        listener.spin_until(heard, "the recorder has the time")
+
+    def publish(topic: str, message: Any) -> None:
+        before = node.received
+        publishers[topic].publish(message)
+        listener.spin_until(lambda: node.received > before, "the message is recorded")
+
+    set_clock(1000)
+    publishers = {topic: listener.publisher(factory.message_class(kind), topic) for topic, kind in types.items()}
+    live = Pipeline(load_model(), EstimatorConfig())
+    steps = dict(enumerate([1001, 1002, 1003, 500, 501, 1004, 900, 1005]))
+    for number, (topic, _, message) in enumerate(drive_messages(factory.make, len(steps) / 10)):
+        if number % len(INPUT_TYPES) == 2:  # in the middle of an instant
+            set_clock(steps[number // len(INPUT_TYPES)])
+        publish(topic, message)
+        for answer in live.add(topic, message):
+            for output, said in answer.messages(factory.make, live.meta).items():
+                publish(output, said)
+    node.end()
+    assert capfd.readouterr().err.count("the clock went back: log times stay") == 1
+    with BagReader(tmp_path / "run") as reader:
+        times = [message.log_time_ns / 1e9 for message in reader.messages()]
+    assert times == sorted(times)
+    assert set(times) == {1000.0, 1001.0, 1002.0, 1003.0, 1004.0, 1005.0}
+    assert replay.main([str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--compare"]) == 0
+    assert json.loads((tmp_path / "out/summary.json").read_text())["bags"][0]["estimates"] == len(steps)
 
 
 def test_a_publisher_of_another_type_is_said_and_nothing_is_lost(

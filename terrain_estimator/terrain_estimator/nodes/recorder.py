@@ -76,12 +76,13 @@ class RecorderNode(ManagedNode):
         self._complaints: set[str] = set()
         self._waiting: list[str] = []
         self._started_s = math.nan
+        self._log_time_ns = 0
         self.received = 0
         self.disk_failed = False
 
     def configure(self) -> None:
         """Open the bag."""
-        self._writer = self._new_bag()
+        self._writer, self._log_time_ns = self._new_bag(), 0
         self._sources, self._identities, self._complaints, self._waiting = {}, set(), set(), list(self._topics)
 
     def activate(self) -> None:
@@ -220,7 +221,7 @@ class RecorderNode(ManagedNode):
             self.received += 1
             writer = self._bag
             try:
-                writer.write(topic, data, self.get_clock().now().nanoseconds, info["source_timestamp"])
+                writer.write(topic, data, self._next_log_time_ns(), info["source_timestamp"])
                 if type_name == HEALTH:
                     self._note_identity(name, data, kind)
             except OSError as error:
@@ -229,6 +230,16 @@ class RecorderNode(ManagedNode):
         subscription = self.create_subscription(kind, name, cast("Any", self.guard(record)), qos, raw=True)
         self._sources[name] = Source(topic, subscription, reliable, transient_local, matched=old is not None and old.matched)
         return self._sources[name]
+
+    def _next_log_time_ns(self) -> int:
+        """By the clock, never before the last message's: readers go by it, and would mix what came before and after a step back."""
+        now_ns = self.get_clock().now().nanoseconds
+        if now_ns < self._log_time_ns:
+            self._complain(
+                "the clock went back: log times stay at the last one until the clock has passed it; order and stamps are as they came"
+            )
+        self._log_time_ns = max(now_ns, self._log_time_ns)
+        return self._log_time_ns
 
     def _note_identity(self, topic: str, data: bytes, kind: type[Any]) -> None:
         """Say once in the bag's metadata which model and which configuration an estimator runs with."""
