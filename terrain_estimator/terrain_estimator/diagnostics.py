@@ -107,7 +107,13 @@ LATENCY = Check("latency", "longest update since the last report, from message t
 SAVING = Check(
     "saved state", "time for which the disk has owed a state: writing it fails, or does not end", "s", "see to the disk", 1.0, 10.0
 )
-UNRECORDED = Check("recording", "topics of the recorder that have no publisher yet", "", "start their publishers, or leave them out", 0.0)
+UNRECORDED = Check(
+    "recording",
+    "topics of the recorder that have no publisher now, or a type that is not installed",
+    "",
+    "start their publishers, source the workspace that has the type, or leave them out",
+    0.0,
+)
 DISK = Check(
     "disk",
     "time by which the recording's last fsync is late: a power cut costs so much more than fsync_interval",

@@ -17,9 +17,10 @@ from rclpy.type_hash import TypeHash
 from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import WheelSinkage, WheelSlip
-from terrain_estimator.bags import BagReader
+from terrain_estimator.bags import BagReader, BagWriter
 from terrain_estimator.cli import replay
 from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.diagnostics import FAILURES, UNRECORDED, Check
 from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes import factory
 from terrain_estimator.nodes.offers import of_other_types
@@ -30,6 +31,7 @@ from tests.drives import drive_messages
 from tests.system.listening import Listener
 
 SLIP = "msg_defs/msg/WheelSlip"
+RECORDED = "every topic that is recorded has a publisher"
 
 
 def recorder(listener: Listener, folder: Path | str, parameters: dict[str, float | str | bool] | None = None) -> RecorderNode:
@@ -139,6 +141,39 @@ def test_a_publisher_of_another_type_is_said_and_nothing_is_lost(
     node.end()
     with BagReader(tmp_path / "run") as reader:
         assert [(raw.type_name, reader.decode(raw).sequence) for raw in reader.messages()] == [(SLIP, n) for n in (0, 1, 2, 0, 1)]
+
+
+def test_diagnostics_say_what_is_not_recorded_and_why(listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = recorder(listener, tmp_path / "run", {"topics": "wheel_slip wheel_sinkage"})
+
+    def said(check: Check) -> str:
+        [finding] = [each for each in node.findings() if each.check is check]
+        assert bool(finding.level) is bool(finding.value)
+        return finding.text
+
+    record(listener, node, 1)  # whose publisher ends
+    listener.spin_until(lambda: said(UNRECORDED) == "without a publisher: /wheel_slip, /wheel_sinkage", "the end is noticed")
+    slips = listener.publisher(WheelSlip, "wheel_slip")
+    with monkeypatch.context() as patch:
+        patch.setattr("terrain_estimator.nodes.recorder.message_class", not_installed)
+        sinkages = listener.node.create_publisher(WheelSinkage, "wheel_sinkage", 1)
+        listener.spin_until(lambda: said(UNRECORDED) == "cannot record /wheel_sinkage: no such package", "it says why")
+    listener.spin_until(lambda: said(UNRECORDED) == RECORDED, "it looks again")
+    assert said(FAILURES) == "0 callbacks failed"
+    with monkeypatch.context() as patch:
+        patch.setattr(BagWriter, "write", not_installed)
+        slips.publish(WheelSlip())
+        listener.spin_until(lambda: node.failures, "a message is lost")
+        assert said(FAILURES) == "1 callbacks failed"
+    assert said(FAILURES) == "0 callbacks failed"
+    node.deactivate()
+    listener.node.destroy_publisher(sinkages)
+    assert said(UNRECORDED) == RECORDED
+    node.end()
+
+
+def not_installed(*_: object) -> None:
+    raise ImportError("no such package")
 
 
 def test_a_publisher_of_another_definition_of_the_type_is_said() -> None:

@@ -8,8 +8,10 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,7 +27,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from terrain_estimator.bags import BagError, BagExistsError, BagWriter, Split, Topic
 from terrain_estimator.config import RecorderConfig
-from terrain_estimator.diagnostics import DISK, UNRECORDED, Finding
+from terrain_estimator.diagnostics import DISK, FAILURES, UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import message_class
 from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
@@ -37,7 +39,6 @@ from terramechanics.parameters import effective, fingerprint
 
 QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
 POLL_S = 0.1
-PATIENCE_S = 5.0
 DRAIN_S = 1.0
 BURST = 50  # callbacks taken at once while draining
 
@@ -75,7 +76,8 @@ class RecorderNode(ManagedNode):
         self._identities: set[tuple[str, ...]] = set()
         self._complaints: set[str] = set()
         self._waiting: list[str] = []
-        self._started_s = math.nan
+        self._refused: dict[str, str] = {}  # topics that cannot be recorded, and why
+        self._failures_said = 0
         self._log_time_ns = 0
         self.received = 0
         self.disk_failed = False
@@ -83,11 +85,10 @@ class RecorderNode(ManagedNode):
     def configure(self) -> None:
         """Open the bag."""
         self._writer, self._log_time_ns = self._new_bag(), 0
-        self._sources, self._identities, self._complaints, self._waiting = {}, set(), set(), list(self._topics)
+        self._sources, self._identities, self._complaints, self._waiting, self._refused = {}, set(), set(), list(self._topics), {}
 
     def activate(self) -> None:
         """Look for publishers, and record them."""
-        self._started_s = time.monotonic()
         self._log.info(f"waiting for the publishers of {len(self._waiting)} topics, bag {self._bag.folder}")
         self._looking = self.create_timer(POLL_S, self.guard(self._look_around), clock=self.steady)
 
@@ -115,31 +116,38 @@ class RecorderNode(ManagedNode):
         self._log.info(f"recorded {span.count} messages in {span.duration_ns / 1e9:.1f} s to {writer.folder}")
 
     def findings(self) -> Iterator[Finding]:
-        """Topics that have no publisher yet, and a disk that is behind."""
+        """Messages that were left out, topics that are not recorded, and a disk that is behind."""
+        failures, self._failures_said = self.failures - self._failures_said, self.failures
+        yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
         if self._writer:
             yield DISK.judge(self._writer.late_s)
-        yield UNRECORDED.judge(len(self._waiting), text=f"without a publisher: {', '.join(self._waiting) or 'none'}")
+        silent = [name for name in self._topics if name not in self._refused and self._is_silent(name)] if self._writer else []
+        words = [f"without a publisher: {', '.join(silent)}"] if silent else []
+        words += [f"cannot record {name}: {why}" for name, why in self._refused.items()]
+        yield UNRECORDED.judge(len(silent) + len(self._refused), text="; ".join(words) or "every topic that is recorded has a publisher")
+
+    def _is_silent(self, name: str) -> bool:
+        """Whether nobody publishes a topic now; while the node pauses that is not known, and no fault."""
+        source = self._sources.get(name)
+        return not (source.gone or source.subscription.get_publisher_count() if source else self.count_publishers(name))
 
     def _new_bag(self) -> BagWriter:
         """Where no name is given, that of the second may be taken: by another recorder, or before a reboot without a clock of its own."""
-        name = f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
-        names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
-        while True:
-            try:
-                return self._write_to(self.config.output or next(names))
-            except BagExistsError:
-                if self.config.output:
-                    raise
-
-    def _write_to(self, folder: str) -> BagWriter:
         values = {name: str(value) for name, value in effective(self.config).items()}
-        return BagWriter(
-            Path(folder).expanduser(),
+        record_to = partial(
+            BagWriter,
             recording=True,
             sync_interval_s=self.config.fsync_interval_s,
             split=Split(self.config.split_size_mb * 1e6 or math.inf, self.config.split_duration_s or math.inf),
             metadata={"recorder": values | {"configuration_sha256": fingerprint(effective(self.config))}},
         )
+        if self.config.output:
+            return record_to(Path(self.config.output).expanduser())
+        name = f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
+        names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+        while True:
+            with suppress(BagExistsError):
+                return record_to(next(names))
 
     @property
     def _bag(self) -> BagWriter:
@@ -166,19 +174,13 @@ class RecorderNode(ManagedNode):
         return list(resolved)
 
     def _look_around(self) -> None:
-        clock = self.get_clock()
-        late = time.monotonic() - self._started_s > PATIENCE_S
-        if isinstance(clock, ROSClock) and clock.ros_time_is_active and clock.now().nanoseconds == 0:
-            if late:
-                self._complain("use_sim_time is set, but nobody publishes /clock: nothing is recorded yet")
+        if isinstance(clock := self.get_clock(), ROSClock) and clock.ros_time_is_active and clock.now().nanoseconds == 0:
             return
         try:
             for name in self._topics:
                 self._follow(name, self.get_publishers_info_by_topic(name))
         except OSError as error:
             self._fail(self._bag, error)
-        if late and self._waiting:
-            self._complain(f"no publisher yet, still waiting: {', '.join(self._waiting)}")
 
     def _follow(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
         """Subscribe to a topic that has appeared, again where its publishers now offer something else; note the match."""
@@ -190,9 +192,8 @@ class RecorderNode(ManagedNode):
             transient_local = all(end.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for end in ours)
             if source is None or source.gone or (source.reliable, source.transient_local) != (reliable, transient_local):
                 source = self._subscribe(name, ours, source, reliable=reliable, transient_local=transient_local)
-        if source:
-            for words in of_other_types(publishers, type_name, source.topic.count.type_hash):
-                self._complain(f"{name}: {words}")
+        for words in of_other_types(publishers, type_name, source.topic.count.type_hash) if source else ():
+            self._complain(f"{name}: {words}")
         if source and not source.matched and source.subscription.get_publisher_count():
             source.matched = True
             self._report_match(name, source)
@@ -205,8 +206,10 @@ class RecorderNode(ManagedNode):
             kind = message_class(type_name)
             topic = old.topic if old else self._bag.add_topic(name, type_name, qos=tuple(offered(end) for end in publishers))
         except (BagError, ImportError, AttributeError) as error:
+            self._refused[name] = str(error)
             self._complain(f"cannot record {name}: {error}")
             return None
+        self._refused.pop(name, None)
         qos = QoSProfile(
             depth=QUEUE,
             reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
@@ -219,13 +222,12 @@ class RecorderNode(ManagedNode):
             if self.disk_failed:
                 return
             self.received += 1
-            writer = self._bag
             try:
-                writer.write(topic, data, self._next_log_time_ns(), info["source_timestamp"])
+                self._bag.write(topic, data, self._next_log_time_ns(), info["source_timestamp"])
                 if type_name == HEALTH:
                     self._note_identity(name, data, kind)
             except OSError as error:
-                self._fail(writer, error)
+                self._fail(self._bag, error)
 
         subscription = self.create_subscription(kind, name, cast("Any", self.guard(record)), qos, raw=True)
         self._sources[name] = Source(topic, subscription, reliable, transient_local, matched=old is not None and old.matched)
@@ -257,10 +259,10 @@ class RecorderNode(ManagedNode):
     def _report_match(self, name: str, source: Source) -> None:
         self._waiting.remove(name)
         kind = f"{'reliable' if source.reliable else 'best effort'}, {'transient local' if source.transient_local else 'volatile'}"
-        total = len(self._topics)
-        self._log.info(f"matched {name} ({source.topic.count.type_name}, {kind}), {total - len(self._waiting)} of {total}")
+        matched = len(self._topics) - len(self._waiting)
+        self._log.info(f"matched {name} ({source.topic.count.type_name}, {kind}), {matched} of {len(self._topics)}")
         if not self._waiting:
-            self._log.info(f"recording {total} topics to {self._bag.folder}")
+            self._log.info(f"recording {matched} topics to {self._bag.folder}")
 
     def _complain(self, text: str) -> None:
         """Warn once."""
@@ -270,11 +272,7 @@ class RecorderNode(ManagedNode):
 
 
 def main() -> int:
-    """Record until SIGINT or SIGTERM.
-
-    Returns:
-        0 after a signal, a shutdown or ``--help``, 1 where the disk fails, 2 where arguments or parameters are wrong.
-    """
+    """Record until SIGINT or SIGTERM. Returns 0 then and after ``--help``, 1 where the disk fails, 2 where arguments are wrong."""
     try:
         stop = begin("recorder", "output:=bags/run", RecorderConfig)
         node = RecorderNode(stop)
