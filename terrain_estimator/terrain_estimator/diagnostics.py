@@ -73,10 +73,10 @@ STATE = Check(
 )
 CLOCK = Check(
     "clock",
-    "time with use_sim_time and no /clock",
+    "time with use_sim_time in which /clock does not go on, looked at once a second",
     "s",
-    "start the simulator or the player with a clock, or leave use_sim_time out",
-    1.0,
+    "start the simulator or the player with a clock, or leave use_sim_time out; one that is paused stands still, too",
+    1.5,
     5.0,
 )
 PUBLISHERS = Check(
@@ -103,7 +103,14 @@ INNOVATION = Check(
     10.0,
 )
 CONDITION = Check("condition", "condition number of the scaled covariance", "1", "drive so that c and tan phi act differently", 1e4, 1e8)
-LATENCY = Check("latency", "longest update since the last report, from message to estimate", "s", "the machine is too busy", 0.05, 0.1)
+LATENCY = Check(
+    "latency",
+    "longest way from a message's reception to the estimate that it completes, since the last report; waiting in the queue counts",
+    "s",
+    "the machine is too busy: beyond 5 s messages are lost",
+    0.2,
+    1.0,
+)
 SAVING = Check(
     "saved state", "time for which the disk has owed a state: writing it fails, or does not end", "s", "see to the disk", 1.0, 10.0
 )

@@ -106,7 +106,12 @@ NOT_SAVED = Expected(
 )
 KILLED = Expected(frozenset({"none"}), {}, frozenset({"required input"}), lost=20)  # "since the start", where that takes a second
 STOPPED = Expected(  # in some runs DDS delivers all that came meanwhile, in others nothing, and it takes a second to be heard again
-    frozenset({"ACCEPTED", "none"}), {}, frozenset({"losses", "optional input", "required input"}), back_after=30, lost=60, at_most=True
+    frozenset({"ACCEPTED", "none"}),
+    {},
+    frozenset({"latency", "losses", "optional input", "required input"}),
+    back_after=30,
+    lost=60,
+    at_most=True,
 )
 FAULTS = (
     of_estimator("wrong QoS", "wheel_slip is published best effort, which a reliable subscription does not match", _wrong_qos, WRONG_QOS),

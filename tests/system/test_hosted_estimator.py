@@ -5,16 +5,21 @@
 import threading
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, TerrainEstimate
 from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.diagnostics import Level
 from terrain_estimator.model_file import LoadedModel, load_model
-from terrain_estimator.nodes import factory, keeping
+from terrain_estimator.nodes import factory, keeping, managed
 from terrain_estimator.nodes.estimator import EstimatorNode
 from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES
@@ -24,6 +29,7 @@ from tests.system.listening import Listener
 from tests.system.processes import Starter
 
 STEPS, RESET_AFTER = 20, 10
+QUEUED_S = 0.3
 
 
 @pytest.fixture
@@ -87,6 +93,27 @@ def test_a_transition_that_raises_leaves_nothing_half_done(node: EstimatorNode, 
     assert node.state == "active"
     node.end()
     assert (node.state, held(node)) == ("unconfigured", (*idle[:2], 0))
+
+
+def test_a_clock_that_stops_is_told_from_one_that_never_came(listener: Listener, monkeypatch: pytest.MonkeyPatch) -> None:
+    steady_s = [0.0]
+    monkeypatch.setattr(managed, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
+    listener.host(partial(EstimatorNode, threading.Event()), parameter_overrides=[Parameter("use_sim_time", value=True)])
+    diagnostics = listener.collect(DiagnosticArray, "/diagnostics")
+    clock = listener.publisher(Clock, "/clock")
+
+    def judged(level: Level, words: str) -> bool:
+        found = [each for message in diagnostics[-1:] for each in message.status if each.name.endswith(": clock")]
+        return any(each.level == bytes([level]) and words in each.message for each in found)
+
+    steady_s[0] += 6.0
+    listener.spin_until(lambda: judged(Level.ERROR, "no /clock came for 6 s"), "it waits for a clock")
+    clock.publish(Clock(clock=Time(sec=1)))
+    listener.spin_until(lambda: judged(Level.OK, "/clock runs"), "the clock runs")
+    steady_s[0] += 3.0
+    listener.spin_until(lambda: judged(Level.WARN, "/clock stands still for 3 s"), "the clock is late")
+    clock.publish(Clock(clock=Time(sec=2)))
+    listener.spin_until(lambda: judged(Level.OK, "/clock runs"), "the clock runs again")
 
 
 def test_a_state_that_is_refused_is_put_aside_and_the_node_estimates(
@@ -157,12 +184,19 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
     listener.wait_for_messages(rover.estimates, 1)
     rover.reset()
     assert not saved.done()
+    rover.publish(1)
+    threading.Event().wait(QUEUED_S)  # nobody serves the queue
+    listener.spin_until(lambda: any(each.update_latency_max >= QUEUED_S for each in rover.health), "the wait in the queue is seen")
     answers.set()
     listener.spin_until(saved.done, "the service has answered")
     assert (saved.result().success, saved.result().message) == (True, f"the state is in {path}")
     assert read_state(path, model.sha256)["counts"][1] == 0, "the state is that of the call"
     loaded = listener.call(Trigger, "/rover1/estimator/load_state", Trigger.Request())
     assert (loaded.success, loaded.message) == (True, f"going on from the state in {path}")
+    for step in (2, 3, 4):
+        rover.publish(step)
+    trigger(node, "deactivate")  # what was published in this process is in its queues
+    listener.wait_for_messages(rover.estimates, 5)
     node.end()
 
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import rclpy
 import torch
@@ -30,7 +30,7 @@ from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.keeping import StateKeeper, beside, done, go_on
-from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
+from terrain_estimator.nodes.managed import ManagedNode, drain, spin
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.nodes.silence import why_silent
 from terrain_estimator.nodes.watchdog import unheard_publishers
@@ -92,7 +92,8 @@ class EstimatorNode(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Answer the sets that still wait for an optional message, and take no more; what is known of the ground stays."""
+        """Answer what came, sets that still wait for an optional message too, and take no more; what is known of the ground stays."""
+        drain(self._listening)
         self.guard(self._answer_the_rest)()
         self.guard(self._autosave)()
         for subscription in self._listening:
@@ -144,11 +145,11 @@ class EstimatorNode(ManagedNode):
         """Subscribe to one input; say once when all inputs have a publisher."""
         pipeline = self._configured
 
-        def receive(message: Message) -> None:
-            start = time.perf_counter()
+        def receive(message: Message, info: dict[str, int]) -> None:
+            received_ns = info["received_timestamp"] or time.time_ns()  # by the wall clock; 0 where the middleware does not tell
             self._heard_s[topic] = time.monotonic()
             for answer in pipeline.add(topic, message):
-                self._publish(answer, time.perf_counter() - start)
+                self._publish(answer, max(0.0, (time.time_ns() - received_ns) * 1e-9))  # that clock may be set back
 
         def match(info: QoSSubscriptionMatchedInfo) -> None:
             if info.current_count == 0:
@@ -160,7 +161,7 @@ class EstimatorNode(ManagedNode):
 
         events = SubscriptionEventCallbacks(matched=match)
         kind = message_class(INPUT_TYPES[topic])
-        self._listening.append(self.create_subscription(kind, topic, self.guard(receive), QOS, event_callbacks=events))
+        self._listening.append(self.create_subscription(kind, topic, cast("Any", self.guard(receive)), QOS, event_callbacks=events))
 
     def _publish(self, answer: Answer, latency_s: float) -> None:
         for topic, message in answer.messages(make, self._configured.meta).items():
@@ -235,19 +236,13 @@ def main() -> int:
     try:
         stop = begin("estimator", "model:=FILE", EstimatorNodeConfig)
         node = EstimatorNode(stop)
-        spin(node, stop, _drain, auto_start=node.config.auto_start)
+        spin(node, stop, auto_start=node.config.auto_start)
         node.destroy_node()
     except ConfigError as error:
         return refuse("estimator", error)
     finally:
         rclpy.try_shutdown()
     return 0
-
-
-def _drain(turn: Turn) -> None:
-    """Take what waits in the queues when the signal comes."""
-    for _ in range(DEPTH * len(INPUT_TYPES)):
-        turn(0.0)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
 
 from terrain_estimator.diagnostics import CLOCK, STATE, Finding, Level
 from terrain_estimator.nodes.declare import declare
@@ -22,8 +23,6 @@ PERIOD_S = 1.0
 PATIENCE_S = 5.0
 """What is wrong for so long is worth a line of the log."""
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
-Turn = Callable[[float], None]
-"""Serves the callbacks that are due, waiting so long [s] for one."""
 _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
 
@@ -51,7 +50,7 @@ class ManagedNode(LifecycleNode):
         self.wrong = ""  # why the last transition failed
         self.failures = 0  # callbacks that raised
         self._stop = stop
-        self._began_s = time.monotonic()
+        self._clock_ns, self._ticked_s = 0, time.monotonic()  # /clock as it was seen last, and since when by the steady clock
         self._since_s: dict[str, float] = {}  # what is wrong, since when by the steady clock
         self._said: set[str] = set()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -160,9 +159,16 @@ class ManagedNode(LifecycleNode):
         yield STATE.judge(2.0 if self.wrong else float(self.state != ACTIVE), text=self.wrong or self.state)
         clock = self.get_clock()
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
-            waiting = clock.now().nanoseconds == 0
-            passed_s = time.monotonic() - self._began_s if waiting else 0.0
-            yield CLOCK.judge(passed_s, text=f"use_sim_time is set, but no /clock came for {passed_s:.0f} s" if waiting else "/clock runs")
+            yield self._judge_clock(clock.now().nanoseconds)
+
+    def _judge_clock(self, now_ns: int) -> Finding:
+        """A /clock that stands still is wrong from its first moment on, and later: a recorder has no other time."""
+        steady_s = time.monotonic()
+        if now_ns != self._clock_ns:
+            self._clock_ns, self._ticked_s = now_ns, steady_s
+        passed_s = steady_s - self._ticked_s
+        what = "/clock stands still" if now_ns else "no /clock came"
+        return CLOCK.judge(passed_s, text=f"use_sim_time is set, but {what} for {passed_s:.0f} s" if passed_s else "/clock runs")
 
     def _say(self, findings: list[Finding]) -> None:
         """One line for what lasts, and one when it is over."""
@@ -192,10 +198,29 @@ class ManagedNode(LifecycleNode):
             return response
 
 
-def spin(node: ManagedNode, stop: threading.Event, drain: Callable[[Turn], None], *, auto_start: bool) -> None:
-    """Serve callbacks until ``stop`` is set; then take what waits in the queues by ``drain`` and let go of everything.
+def drain(subscriptions: Iterable[Subscription]) -> None:
+    """Serve what waits in the queues, a message of each in turn as an executor does: nobody serves it once they are destroyed.
 
-    A turn takes its time-out [s] and never raises: rclpy's own callbacks do, at a /clock before zero for instance.
+    Their callbacks take message and reception's details, and never raise. No more is taken than a queue holds: messages may go on coming.
+    """
+    waiting = list(subscriptions)
+    for _ in range(max((each.qos_profile.depth for each in waiting), default=0)):
+        waiting = [each for each in waiting if _serve(each)]
+
+
+def _serve(subscription: Subscription) -> bool:
+    """Whether a message waited."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    if taken is not None:
+        subscription.callback(*taken)
+    return taken is not None
+
+
+def spin(node: ManagedNode, stop: threading.Event, *, auto_start: bool) -> None:
+    """Serve callbacks until ``stop`` is set, then let go of everything.
+
+    A turn never raises: rclpy's own callbacks do, at a /clock before zero for instance.
     """
     if auto_start:
         node.start()
@@ -204,5 +229,4 @@ def spin(node: ManagedNode, stop: threading.Event, drain: Callable[[Turn], None]
     turn = node.guard(executor.spin_once)
     while not stop.is_set():
         turn(POLL_S)
-    drain(turn)
     node.end()

@@ -30,7 +30,7 @@ from terrain_estimator.config import RecorderConfig
 from terrain_estimator.diagnostics import DISK, FAILURES, UNRECORDED, Finding
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.nodes.managed import ManagedNode, Turn, spin
+from terrain_estimator.nodes.managed import ManagedNode, drain, spin
 from terrain_estimator.nodes.offers import of_other_types, offered
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.ros_types import HEALTH
@@ -39,8 +39,6 @@ from terramechanics.parameters import effective, fingerprint
 
 QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
 POLL_S = 0.1
-DRAIN_S = 1.0
-BURST = 50  # callbacks taken at once while draining
 
 
 @dataclass(slots=True)
@@ -93,11 +91,13 @@ class RecorderNode(ManagedNode):
         self._looking = self.create_timer(POLL_S, self.guard(self._look_around), clock=self.steady)
 
     def deactivate(self) -> None:
-        """Record no more; the bag stays open."""
+        """Record what came, and no more; the bag stays open."""
         if self._looking:
             self.destroy_timer(self._looking)
             self._looking = None
-        for source in self._sources.values():
+        listening = [source for source in self._sources.values() if not source.gone]
+        drain(source.subscription for source in listening)
+        for source in listening:
             self.destroy_subscription(source.subscription)
             source.gone = True
 
@@ -276,23 +276,13 @@ def main() -> int:
     try:
         stop = begin("recorder", "output:=bags/run", RecorderConfig)
         node = RecorderNode(stop)
-        spin(node, stop, lambda turn: _drain(turn, node), auto_start=node.config.auto_start)
+        spin(node, stop, auto_start=node.config.auto_start)
         node.destroy_node()
     except ConfigError as error:
         return refuse("recorder", error)
     finally:
         try_shutdown()
     return int(node.disk_failed)
-
-
-def _drain(turn: Turn, node: RecorderNode) -> None:
-    """Take what waits in the queues when the signal comes."""
-    deadline = time.monotonic() + DRAIN_S
-    before = -1
-    while node.received != before and time.monotonic() < deadline:
-        before = node.received
-        for _ in range(BURST):
-            turn(0.0)
 
 
 if __name__ == "__main__":
