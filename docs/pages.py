@@ -51,6 +51,9 @@ An unknown or misspelt name is an error that says which is the nearest known one
 or out of its range, and a file that has no section for the node (in a namespace the section is `/rover1/estimator`, or `/**`). An int is
 taken where a float is meant. `replay` takes the estimator's by `-p NAME:=VALUE` and from the same files. The sha256 of the values in force
 is in every estimate, in the health, and in the metadata of recordings and replays.
+
+Beside those below there are ROS's own, by their exact names: `use_sim_time`, `start_type_description_service`, and of some nodes
+`qos_overrides` ([messages.md](messages.md#topics-and-their-quality-of-service)).
 """
 _FILE = """# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0

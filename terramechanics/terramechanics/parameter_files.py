@@ -14,8 +14,10 @@ from typing import Any, TypeVar
 from terramechanics.loading import ConfigError, nearest, parse_yaml, read_yaml
 from terramechanics.parameters import configure, flatten
 
-OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""Beginnings of the parameters that every node has."""
+OF_ROS = frozenset({"use_sim_time", "start_type_description_service"})
+"""Parameters that every node has."""
+OVERRIDES = "qos_overrides."
+"""Beginning of parameters that a node has for subscriptions whose quality of service a user may change."""
 
 DUMP = "--dump-config"
 """Asks a node for the parameters in force, as a parameter file."""
@@ -44,6 +46,8 @@ def _words(value: object) -> object:
 def read_parameters(path: Path, node: str) -> dict[str, Any]:
     """The parameters by flat name that a file has for ``node``, a full name such as ``/rover1/estimator``; later sections win.
 
+    Without those of ROS and of quality of service, which have no meaning outside of a node.
+
     Raises:
         ConfigError: the file cannot be read, is no parameter file, or has no section that matches the node.
     """
@@ -57,12 +61,12 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
     merged: dict[str, Any] = {}
     for values in found:
         merged |= flatten(values)
-    return without_those_of_ros(merged)
+    return {name: value for name, value in without_those_of_ros(merged).items() if not name.startswith(OVERRIDES)}
 
 
 def without_those_of_ros(values: Mapping[str, Any]) -> dict[str, Any]:
     """The values less those that every node has."""
-    return {name: value for name, value in values.items() if not name.startswith(OF_ROS)}
+    return {name: value for name, value in values.items() if name not in OF_ROS}
 
 
 def parameter_files(arguments: Sequence[str]) -> list[Path]:

@@ -110,6 +110,15 @@ def test_a_section_is_for_the_nodes_whose_name_it_matches(tmp_path: Path, sectio
     assert f"its sections are /{section.strip('/')}" in str(error.value)
 
 
+def test_only_what_ros_gives_every_node_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "estimator.yaml"
+    path.write_text(
+        "estimator: {ros__parameters: {use_sim_timee: true, use_sim_time: true, "
+        "qos_overrides: {/imu: {subscription: {reliability: best_effort}}}}}\n"
+    )
+    assert read_parameters(path, "/estimator") == {"use_sim_timee": True}
+
+
 def test_namespaces_may_be_nested_and_a_later_section_wins(tmp_path: Path) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(

@@ -3,18 +3,20 @@
 """Declares a node's parameters from their one definition, strictly."""
 
 import sys
+from collections.abc import Iterable
 from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from terramechanics.parameter_files import DUMP, configured
+from terrain_estimator.nodes.quality import check_overrides
+from terramechanics.parameter_files import DUMP, OVERRIDES, configured
 from terramechanics.parameters import Parameter, effective, parameters, template
 
 Config = TypeVar("Config")
 
 
-def declare(node: Node, config: type[Config]) -> Config:
+def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Config:
     """Read and declare all parameters of a configuration, read-only; print them and end after ``--dump-config``.
 
     ROS passes over a parameter that a node does not declare, and over a parameter file that has nothing for the node; here a
@@ -23,6 +25,7 @@ def declare(node: Node, config: type[Config]) -> Config:
     Args:
         node: made with ``automatically_declare_parameters_from_overrides=True``, or what a user gave is not seen.
         config: made of fields by ``terramechanics.loading``.
+        topics: whose subscriptions' quality of service a user may override; the subscriptions declare those parameters.
 
     Raises:
         ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
@@ -30,7 +33,9 @@ def declare(node: Node, config: type[Config]) -> Config:
     """
     given = {name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()}
     name = node.get_fully_qualified_name()
-    result = configured(config, name, given, sys.argv)
+    overrides = {key: value for key, value in given.items() if key.startswith(OVERRIDES)}
+    check_overrides(overrides, map(node.resolve_topic_name, topics))
+    result = configured(config, name, {key: value for key, value in given.items() if key not in overrides}, sys.argv)
     if DUMP in sys.argv:
         print(template(name, result))  # noqa: T201 - the user asked for it
         sys.exit()

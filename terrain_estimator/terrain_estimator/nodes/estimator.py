@@ -11,7 +11,7 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import rclpy
 import torch
@@ -32,6 +32,7 @@ from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.keeping import StateKeeper, beside, done, go_on
 from terrain_estimator.nodes.managed import ManagedNode, drain, spin
 from terrain_estimator.nodes.plain import refuse
+from terrain_estimator.nodes.quality import listen
 from terrain_estimator.nodes.silence import why_silent
 from terrain_estimator.nodes.watchdog import unheard_publishers
 from terrain_estimator.pipeline import Answer, Pipeline
@@ -51,7 +52,7 @@ class EstimatorNode(ManagedNode):
 
     def __init__(self, stop: threading.Event, **options: Any) -> None:
         """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is unknown or wrong."""
-        super().__init__("estimator", EstimatorNodeConfig, stop, **options)
+        super().__init__("estimator", EstimatorNodeConfig, stop, INPUT_TYPES, **options)
         self._pipeline: Pipeline | None = None
         self._keeper: StateKeeper | None = None
         self._health = HealthMonitor()
@@ -115,8 +116,8 @@ class EstimatorNode(ManagedNode):
     def findings(self) -> Iterator[Finding]:
         """Inputs and updates as of the last report of health, publishers that are not heard, and the saved state."""
         yield from map(self._explained, self._judged)
-        for topic in self._pipeline.inputs if self._pipeline else ():
-            yield unheard_publishers(self, topic, INPUT_TYPES[topic], QOS)
+        for each in self._listening:
+            yield unheard_publishers(self, each.topic, INPUT_TYPES[each.topic], QOS)
         if self._keeper:
             yield self._keeper.judge()
 
@@ -160,8 +161,7 @@ class EstimatorNode(ManagedNode):
                     self.get_logger().info(f"matched all inputs: {', '.join(pipeline.inputs)}")
 
         events = SubscriptionEventCallbacks(matched=match)
-        kind = message_class(INPUT_TYPES[topic])
-        self._listening.append(self.create_subscription(kind, topic, cast("Any", self.guard(receive)), QOS, event_callbacks=events))
+        self._listening.append(listen(self, INPUT_TYPES[topic], topic, self.guard(receive), QOS, event_callbacks=events))
 
     def _publish(self, answer: Answer, latency_s: float) -> None:
         for topic, message in answer.messages(make, self._configured.meta).items():

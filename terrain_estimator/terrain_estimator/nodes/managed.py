@@ -32,20 +32,21 @@ class ManagedNode(LifecycleNode):
     A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and judges itself in ``findings``.
     """
 
-    def __init__(self, name: str, config: type[Any], stop: threading.Event, **options: Any) -> None:
+    def __init__(self, name: str, config: type[Any], stop: threading.Event, topics: Iterable[str] = (), **options: Any) -> None:
         """Declare the parameters.
 
         Args:
             name: of the node.
             config: of its parameters.
             stop: is set when the node is shut down.
+            topics: see :func:`declare`.
             options: of rclpy's Node: a namespace or a context, where several nodes are in one process.
 
         Raises:
             ConfigError: a parameter is wrong.
         """
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
-        self.config = declare(self, config)
+        self.config = declare(self, config, topics)
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.wrong = ""  # why the last transition failed
         self.failures = 0  # callbacks that raised

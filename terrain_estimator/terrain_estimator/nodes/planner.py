@@ -14,6 +14,7 @@ from terrain_estimator.model_file import ModelFileError, load_model
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
+from terrain_estimator.nodes.quality import listen
 from terrain_estimator.nodes.silence import Patience
 from terrain_estimator.pipeline import rover_of
 from terrain_estimator.planning.inputs import Inputs
@@ -36,7 +37,7 @@ class PlannerNode(Node):
             ConfigError: a parameter is unknown or wrong, or the model file is missing, damaged or for another rover.
         """
         super().__init__("planner", automatically_declare_parameters_from_overrides=True)
-        config = declare(self, PlannerConfig)
+        config = declare(self, PlannerConfig, INPUT_TYPES)
         try:
             model = load_model(config.model)
             rover = rover_of(model, config.rover)
@@ -61,7 +62,7 @@ class PlannerNode(Node):
             for observation in self._inputs.add(topic, message):
                 self._planner.observe(observation)
 
-        self.create_subscription(message_class(INPUT_TYPES[topic]), topic, guarded(self, receive), QOS)
+        listen(self, INPUT_TYPES[topic], topic, guarded(self, receive), QOS)
 
     def _take_estimate(self, message: Message) -> None:
         """Advise once a period; stamps that went back (a bag loops, the simulation starts anew) start a new period."""

@@ -6,7 +6,6 @@ import itertools
 import math
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass

@@ -12,6 +12,7 @@ from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
+from terrain_estimator.nodes.quality import listen
 from terrain_estimator.nodes.silence import Patience
 from terrain_estimator.ros_types import INPUT_TYPES, Message
 from terrain_estimator.slip_source import JOINTS, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
@@ -30,7 +31,7 @@ class SlipSourceNode(Node):
     def __init__(self) -> None:
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
         super().__init__("slip_source", automatically_declare_parameters_from_overrides=True)
-        config = declare(self, SlipSourceConfig)
+        config = declare(self, SlipSourceConfig, (JOINTS, VELOCITY))
         rover = load_rover(config.rover)
         self._source = SlipSource(rover, config)
         self._output = self.create_publisher(message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS)
@@ -51,7 +52,7 @@ class SlipSourceNode(Node):
                 except SlipSourceError as error:
                     self.get_logger().error(str(error), throttle_duration_sec=LOG_PERIOD_S)
 
-        self.create_subscription(message_class(kind), topic, guarded(self, receive), QOS)
+        listen(self, kind, topic, guarded(self, receive), QOS)
 
 
 def main() -> int:

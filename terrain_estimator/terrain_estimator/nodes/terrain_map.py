@@ -11,6 +11,7 @@ from terrain_estimator.config import MapConfig
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import guarded, run
+from terrain_estimator.nodes.quality import listen
 from terrain_estimator.nodes.silence import Pairs, Patience
 from terrain_estimator.pairing import Synchronizer, Topic
 from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message, stamp_ns
@@ -27,7 +28,7 @@ class MapNode(Node):
     def __init__(self) -> None:
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
         super().__init__("terrain_map", automatically_declare_parameters_from_overrides=True)
-        config = declare(self, MapConfig)
+        config = declare(self, MapConfig, TOPICS)
         self._track = Track(config.spacing_m, config.points)
         topics = tuple(Topic(name, required=True) for name in TOPICS)
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
@@ -46,7 +47,7 @@ class MapNode(Node):
             for pair in pairs:
                 self._take(*pair.messages)
 
-        self.create_subscription(message_class(kind), topic, guarded(self, receive), QOS)
+        listen(self, kind, topic, guarded(self, receive), QOS)
 
     def _take(self, estimate: Message, odometry: Message) -> None:
         self._changed = self._track.add(estimate, odometry) or self._changed
