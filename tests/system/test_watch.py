@@ -7,8 +7,10 @@ import time
 from pathlib import Path
 
 import pytest
+from rclpy.parameter import Parameter
 
 from msg_defs.msg import TerrainEstimate, WheelSinkage, WheelSlip
+from terrain_estimator.nodes.watch import Watch
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 from tests.system.waiting import wait_until
@@ -34,3 +36,16 @@ def test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates(star
     assert process.output.count("tan phi") > 5
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["rate_hz"]["wheel_slip"] == pytest.approx(10.0, rel=0.1)  # 20 a second, at twice real time
+
+
+def test_its_memory_grows_for_a_report_alone(listener: Listener, tmp_path: Path) -> None:
+    report = Parameter("report", value=str(tmp_path / "report.json"))
+    plain, reporting = (listener.host(Watch, parameter_overrides=given) for given in ([], [report]))
+    publisher = listener.publisher(WheelSlip, "wheel_slip", readers=2)
+    for number in range(5):
+        publisher.publish(WheelSlip(sequence=number))
+    listener.spin_until(lambda: len(reporting.arrivals_ns["wheel_slip"]) == 5, "it has heard all")
+    assert plain.arrivals_ns == {}
+    for node in (plain, reporting):
+        listener.leave(node)
+    assert json.loads((tmp_path / "report.json").read_text())["messages"]["wheel_slip"] == 5

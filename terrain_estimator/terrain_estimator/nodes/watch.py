@@ -5,7 +5,9 @@
 import json
 import math
 import sys
+from array import array
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
@@ -30,15 +32,15 @@ QOS = QoSProfile(depth=1000)
 class Watch(Node):
     """Keeps the last message of what it shows and the arrival times of everything, by the clock of the receiving DDS."""
 
-    def __init__(self) -> None:
-        """Read the parameters and subscribe.
+    def __init__(self, **options: Any) -> None:
+        """Read the parameters and subscribe; ``options`` are rclpy's.
 
         Raises:
             ConfigError: a parameter is unknown or wrong.
         """
-        super().__init__("watch", automatically_declare_parameters_from_overrides=True)
+        super().__init__("watch", automatically_declare_parameters_from_overrides=True, **options)
         self._config = declare(self, WatchConfig)
-        self._arrivals_ns: dict[str, list[int]] = {topic: [] for topic in TOPICS}
+        self.arrivals_ns = {topic: array("q") for topic in TOPICS if self._config.report}  # who only watches may do so for weeks
         self._last: dict[str, Message] = {}
         self._matched: set[str] = set()
         self._shown: Message = None
@@ -60,7 +62,7 @@ class Watch(Node):
     def _write_report(self, path: Path) -> None:
         factor = self._config.real_time_factor
         # The health is published by the wall clock, everything else by the stamps.
-        results = {topic: timing(arrivals, 1.0 if TOPICS[topic] == HEALTH else factor) for topic, arrivals in self._arrivals_ns.items()}
+        results = {topic: timing(arrivals, 1.0 if TOPICS[topic] == HEALTH else factor) for topic, arrivals in self.arrivals_ns.items()}
         content = {
             "messages": {topic: result.messages for topic, result in results.items()},
             "rate_hz": {topic: result.rate_hz for topic, result in results.items() if math.isfinite(result.rate_hz)},
@@ -73,7 +75,8 @@ class Watch(Node):
 
         def receive(message: Message, info: dict[str, int]) -> None:
             self._patience.heard(topic)
-            self._arrivals_ns[topic].append(info["received_timestamp"])
+            if topic in self.arrivals_ns:
+                self.arrivals_ns[topic].append(info["received_timestamp"])
             if topic in SHOWN:
                 self._last[topic] = message
 
