@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from terrain_estimator.ros_types import Message
+from terrain_estimator.sequences import missing
 
 CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
 RESTART_AFTER = 10  # so many messages in a row before the last stamp: the publisher's clock was set back
@@ -184,9 +185,8 @@ def _consume(entry: _Input, at: int) -> Message:
 
 
 def _count_gap(entry: _Input, sequence: int) -> None:
-    """Sequence numbers count from 0 without gaps; a smaller one is a publisher that started again."""
-    if 0 <= entry.sequence < sequence:
-        entry.counters.lost += sequence - entry.sequence - 1
+    if entry.sequence >= 0:
+        entry.counters.lost += missing(entry.sequence, sequence)
     entry.sequence = sequence
 
 

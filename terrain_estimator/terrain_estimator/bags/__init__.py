@@ -9,6 +9,7 @@ from terrain_estimator.bags.part import Topic
 from terrain_estimator.bags.qos import STATE, Qos
 from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo
 from terrain_estimator.bags.recovery import Recovery, recover
+from terrain_estimator.bags.sequence import is_sequenced, sequence_of
 from terrain_estimator.bags.types import Message, Types
 from terrain_estimator.bags.writer import BagWriter, Split
 
@@ -30,5 +31,7 @@ __all__ = [
     "Types",
     "compare",
     "installed_definition",
+    "is_sequenced",
     "recover",
+    "sequence_of",
 ]

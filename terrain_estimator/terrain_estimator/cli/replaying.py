@@ -9,12 +9,12 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from terrain_estimator.bags import BagError, BagReader, BagWriter, Message, RawMessage, Types, compare
+from terrain_estimator.bags import BagError, BagReader, BagWriter, Message, RawMessage, Types, compare, is_sequenced, sequence_of
 from terrain_estimator.cli.alongside import Answered, Converted, answering
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import check_inputs
@@ -28,6 +28,7 @@ from terrain_estimator.pairing import Counters, MessageSet
 from terrain_estimator.pipeline import Answer, Pipeline, rover_of
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from terrain_estimator.saved_state import Arrays, read_state
+from terrain_estimator.sequences import Sequences
 from terramechanics.parameters import effective
 
 TRUTH = "ground_truth/terrain"
@@ -59,6 +60,7 @@ class Replay:
     wall_s: float = 0.0  # reading, estimating and writing; without loading program, model and message definitions
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     inputs: dict[str, Counters] = field(default_factory=dict)
+    sequences: Sequences = field(default_factory=Sequences)  # of our messages beside the inputs, by topic of the bag
     first: Answer | None = None
     last: Answer | None = None
     status: str = ""
@@ -181,7 +183,7 @@ def _converted(
         result.keep_wheels(complete)
         return pipeline.convert(complete)
 
-    messages = reader.messages(ours)
+    messages = _counted(reader, ours, {names[name] for name in pipeline.inputs}, result.sequences)
     while batch := list(itertools.islice(messages, BATCH)):
         progress.at((batch[0].log_time_ns - span.first_ns) / max(1, span.duration_ns))
         decoded = [(raw, ours[raw.topic], reader.decode(raw)) for raw in batch]
@@ -194,6 +196,16 @@ def _converted(
         cause = inputs[-1][0] if inputs else cause
     if cause is not None:
         yield [(cause, convert(complete)) for complete in pipeline.rest()]
+
+
+def _counted(reader: BagReader, wanted: Container[str], paired: Container[str], sequences: Sequences) -> Iterator[RawMessage]:
+    """The wanted messages. On the way gaps are counted of all our messages, but for those that pairing counts."""
+    counted = {name for name, topic in reader.topics.items() if name not in paired and is_sequenced(topic.definition)}
+    for raw in reader.messages([name for name in reader.topics if name in wanted or name in counted]):
+        if raw.topic in counted and (sequence := sequence_of(raw.data)) is not None:
+            sequences.note(raw.topic, sequence)
+        if raw.topic in wanted:
+            yield raw
 
 
 def _keep(answers: Answered, output: _Output, result: Replay) -> None:

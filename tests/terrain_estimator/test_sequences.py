@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is missing of our messages is counted by their sequence numbers, and said by a replay."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from terrain_estimator.bags import BagWriter, Definition, Types, installed_definition, is_sequenced, sequence_of
+from terrain_estimator.cli import replay
+from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, PREDICTION, TRUTH
+from terrain_estimator.sequences import Sequences
+from tests.drives import STEP_NS, drive_messages
+
+MESSAGES = Path(__file__).parents[2] / "msg_defs/msg"
+PUBLISHED = {
+    "terrain_estimate": ESTIMATE,
+    "motion_prediction": PREDICTION,
+    "estimator_health": HEALTH,
+    "ground_truth/terrain": TRUTH,
+    "traction_advice": ADVICE,
+}
+SEQUENCED = {*PUBLISHED.values(), INPUT_TYPES["wheel_slip"], INPUT_TYPES["wheel_sinkage"]}
+
+
+def test_every_message_of_ours_with_a_sequence_number_begins_with_it() -> None:
+    numbered = {f"msg_defs/msg/{file.stem}" for file in MESSAGES.glob("*.msg") if "uint64 sequence " in file.read_text(encoding="utf-8")}
+    assert numbered == SEQUENCED
+    for kind in SEQUENCED:
+        assert is_sequenced(installed_definition(kind)), kind
+    assert not is_sequenced(installed_definition("msg_defs/msg/MeasurementDecision"))
+    assert not is_sequenced(installed_definition("nav_msgs/msg/Odometry"))
+    assert not is_sequenced(Definition(ESTIMATE, "float64 cohesion\n", ""))
+    assert not is_sequenced(Definition(ESTIMATE, "no definition", ""))
+    assert not is_sequenced(None)
+
+
+@pytest.mark.parametrize("kind", sorted(SEQUENCED))
+def test_the_number_is_read_where_decoding_finds_it(kind: str) -> None:
+    types = Types()
+    for length in range(17):
+        header = types.make("std_msgs/msg/Header", frame_id="x" * length)
+        message = types.make(kind, header=header, sequence=2**40 + length)
+        for little_endian in (True, False):
+            data = bytes(types._store.serialize_cdr(message, kind, little_endian=little_endian))
+            assert sequence_of(data) == types.deserialize(data, kind).sequence == 2**40 + length
+            assert sequence_of(data[:10]) is None
+
+
+def test_a_publisher_that_starts_again_is_no_gap() -> None:
+    sequences = Sequences()
+    for number in (7, 8, 0, 1, 4, 4, 5):
+        sequences.note("/a", number)
+    sequences.note("/b", 3)
+    assert +sequences.lost == {"/a": 2}
+
+
+def test_a_replay_says_what_is_missing_of_every_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    types = Types()
+    expected = {f"/rover1/{name}": 1 + at for at, name in enumerate(PUBLISHED)}
+    with BagWriter(tmp_path / "drive") as writer:
+        topics = {name: writer.add_topic(f"/rover1/{name}", kind) for name, kind in (INPUT_TYPES | PUBLISHED).items()}
+        for name, stamp, message in drive_messages(types.make, 1.0):
+            writer.write(topics[name], types.serialize(message), stamp)
+        start = stamp - 9 * STEP_NS
+        for name, kind in PUBLISHED.items():
+            lost = range(2, 2 + expected[f"/rover1/{name}"])
+            for number in sorted(set(range(10)) - set(lost)):
+                header = types.make("std_msgs/msg/Header", frame_id=name)
+                message = types.make(kind, header=header, sequence=number)
+                writer.write(topics[name], types.serialize(message), start + number * STEP_NS)
+    page = tmp_path / "page.html"
+    assert replay.main([str(tmp_path / "drive"), "--out", str(tmp_path / "out"), "--namespace", "rover1", "--report", str(page)]) == 0
+    [summary] = json.loads((tmp_path / "out/summary.json").read_text())["bags"]
+    assert summary["lost"] == expected
+    said, shown = capsys.readouterr().out, page.read_text(encoding="utf-8")
+    for topic, count in expected.items():
+        words = f"drive: {topic}: {count} lost, by the sequence numbers in the messages"
+        assert words in said
+        assert words in shown
