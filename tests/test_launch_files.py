@@ -72,6 +72,11 @@ def test_a_rover_alone_has_an_estimator_and_a_recorder_that_are_left_at_their_de
     }
 
 
+@pytest.mark.parametrize("name", ["rover.launch.py", "drive.launch.py"])
+def test_a_state_that_is_named_outlives_a_restart(name: str) -> None:
+    assert values(nodes(name, state="ground.state")["/estimator"])["state.file"] == "ground.state"
+
+
 def test_a_velocity_brings_the_source_of_slip_and_the_planner_is_recorded() -> None:
     found = nodes("rover.launch.py", velocity="visual_odometry", planner="true", rover="mars_rover")
     assert found["/slip_source"].named["remappings"] == [("velocity", "visual_odometry")]
@@ -94,10 +99,11 @@ def test_the_simulated_rover_is_not_handed_on_as_that_of_the_estimates() -> None
 
 
 def test_two_rovers_have_their_own_names_grounds_seeds_and_bags() -> None:
-    found = nodes("two_rovers.launch.py", second="b", output="out")
+    found = nodes("two_rovers.launch.py", second="b", output="out", first_state="a.state", second_state="~/b.state")
     for key, expected in {"soil": ["loose_sand", "regolith"], "seed": [0, 1]}.items():
         assert [values(found[f"{name}/simulator"])[key] for name in ("rover1", "b")] == expected
     assert [values(found[f"{name}/recorder"])["output"] for name in ("rover1", "b")] == ["out/rover1", "out/b"]
+    assert [values(found[f"{name}/estimator"])["state.file"] for name in ("rover1", "b")] == ["a.state", "~/b.state"]
 
 
 def test_a_recording_is_played_to_nodes_that_live_in_its_time() -> None:

@@ -28,6 +28,7 @@ ROVER = {
     "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
     "record": ("true", "record inputs and outputs to a bag"),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
+    "state": ("", "file in which the estimator keeps what it knows for the next drive; empty: it forgets at the end"),
     "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),
 }
 ARGUMENTS = SIMULATOR | ROVER

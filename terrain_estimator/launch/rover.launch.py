@@ -28,6 +28,10 @@ ARGUMENTS = {
     "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
     "record": ("true", "record inputs and outputs to a bag; of planner and map, too, whatever recorder.yaml says"),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
+    "state": (
+        "",
+        "file in which the estimator keeps what it knows over restarts, one for each rover; empty: as config says, else it forgets at the end",
+    ),
     "config": (
         "",
         "folder of parameter files estimator.yaml, planner.yaml, ...; begin with a copy of share/terrain_estimator/config; empty: none",
@@ -49,7 +53,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
     """What is empty is left to the parameter file, and without one to the node's default."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     wanted = {
-        "estimator": {"model": value["model"], "rover": value["rover"]},
+        "estimator": {"model": value["model"], "rover": value["rover"], "state.file": value["state"]},
         "slip_source": {"rover": value["rover"]} if value["velocity"] else None,
         "planner": {"model": value["model"], "rover": value["rover"]} if value["planner"] == "true" else None,
         "terrain_map": {} if value["map"] == "true" else None,

@@ -23,6 +23,8 @@ ARGUMENTS = {
     "second": ("rover2", "namespace of the second rover"),
     "first_soil": ("loose_sand", "preset or YAML file of the first rover's ground"),
     "second_soil": ("regolith", "preset or YAML file of the second rover's ground"),
+    "first_state": ("", "file in which the first rover's estimator keeps what it knows for the next drive; empty: it forgets at the end"),
+    "second_state": ("", "the same of the second rover's, another file"),
     "output": ("bags", "folder that holds the two bags"),
     **BOTH,
 }
@@ -46,6 +48,7 @@ def _drive(which: str, seed: int) -> GroupAction:
         "namespace": namespace,
         "soil": LaunchConfiguration(f"{which}_soil"),
         "seed": str(seed),
+        "state": LaunchConfiguration(f"{which}_state"),
         "output": [LaunchConfiguration("output"), "/", namespace],
         **{name: LaunchConfiguration(name) for name in BOTH},
     }
