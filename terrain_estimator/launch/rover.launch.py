@@ -30,7 +30,7 @@ ARGUMENTS = {
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
     "state": (
         "",
-        "file in which the estimator keeps what it knows over restarts, one for each rover; empty: as config says, else it forgets at the end",
+        "file in which the estimator keeps what it knows over restarts, one a rover; empty: as config says, else it forgets at the end",
     ),
     "config": (
         "",
