@@ -77,9 +77,16 @@ def test_what_is_wrong_is_named(start: Starter) -> None:
         assert "Traceback" not in process.output
 
 
-def test_the_documented_subscriber_stops_the_rover_before_a_soft_patch_traps_it(start: Starter) -> None:
+def test_the_documented_subscriber_stops_the_rover_before_a_soft_patch_traps_it_and_creeps_on_when_told_to(
+    start: Starter, listener: Listener
+) -> None:
+    found = listener.collect(TractionAdvice, "traction_advice")
     process = start.command("bash", str(EXAMPLES / "soft_patch.sh"), "true", "3.0", "45.0")
     process.wait_for_output("stop: the ground under the front wheels", timeout=120.0)
+    listener.spin_until(lambda: found[-1].stop and math.isnan(found[-1].measured_slip), "the rover stands", 60.0)
+    assert listener.call(Trigger, "planner/resume", Trigger.Request()).success
+    process.wait_for_output("creep: nothing was measured on the move", timeout=60.0)
+    listener.spin_until(lambda: found[-1].commanded_speed > 0.02, "the rover moves again", 60.0)
     assert process.wait(120.0) == 0
     assert "the rover is stuck" not in process.output
     assert "Traceback" not in process.output

@@ -159,7 +159,7 @@ def judge(drives: Drives, index: int, beliefs: Iterator[Belief], planner: Planne
             break
         planner.observe(observation)
         planner.believe(belief)
-        advice = planner.advise() if step % PERIOD == PERIOD - 1 else None
+        advice = planner.advise(observation.stamp_ns) if step % PERIOD == PERIOD - 1 else None
         if advice is not None and advice.stop:
             return replace(
                 outcome,

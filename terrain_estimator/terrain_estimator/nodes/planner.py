@@ -76,7 +76,7 @@ class PlannerNode(Node):
         now = stamp_ns(message)
         if 0 <= now - self._advised_ns < self._period_ns:
             return
-        advice = self._planner.advise()
+        advice = self._planner.advise(now)
         if advice is not None:
             self._output.publish(advice_message(advice, make, self._sequence, message))
             self._sequence, self._advised_ns = self._sequence + 1, now

@@ -36,9 +36,15 @@ class Reading:
     rim_speed: float  # [m/s] mean of r w
 
     @property
-    def tells_front(self) -> bool:
-        """Whether everything that the front wheels' ground follows from was measured."""
-        return bool(np.isfinite(self.torque).all() and np.isfinite([self.slip[0], self.sinkage[0]]).all())
+    def moving(self) -> bool:
+        """Whether it is of a rover whose wheels turned: only then there is a slip."""
+        return bool(np.isfinite(self.slip).any())
+
+    @property
+    def front_lacks(self) -> str:
+        """What of that which the front wheels' ground follows from was not measured; empty: nothing."""
+        needed = {"wheel torque": self.torque, "slip of the front wheels": self.slip[:1], "sinkage of the front wheels": self.sinkage[:1]}
+        return ", ".join(name for name, values in needed.items() if not np.isfinite(values).all())
 
 
 def front_load(rover: Rover, reading: Reading) -> float:

@@ -17,6 +17,7 @@ _WORDS = {
     Reason.SLIP: "stop: the wheels slip too much",
     Reason.SINKAGE: "stop: the wheels have sunk in too deep",
 }
+_CREEP = "creep: nothing was measured on the move within the last seconds"
 
 
 def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
@@ -42,7 +43,6 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
     """msg_defs/TractionAdvice; ``estimate`` is the last terrain_estimate."""
     margins = advice.margins
     available, slip, sinkage = margins.available, margins.slip, margins.sinkage
-    known = "" if advice.known else "unknown yet: c and tan phi are not identified; "
     return make(
         ADVICE,
         header=estimate.header,
@@ -51,7 +51,7 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
         known=advice.known,
         stop=advice.stop,
         stop_reason=int(advice.reason),
-        status_text=f"{known}{_WORDS[advice.reason]}",
+        status_text=_status_text(advice),
         speed_limit=advice.speed_limit,
         commanded_speed=advice.rim_speed,
         slope=advice.slope,
@@ -75,3 +75,10 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
         measured_slip=advice.slip,
         measured_sinkage=advice.sinkage,
     )
+
+
+def _status_text(advice: Advice) -> str:
+    """The advice in words."""
+    parts = [] if advice.known else ["unknown yet: c and tan phi are not identified"]
+    parts.append(_WORDS[advice.reason] if advice.stop or advice.moving else _CREEP)
+    return "; ".join(parts)

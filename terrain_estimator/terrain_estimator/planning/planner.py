@@ -15,6 +15,7 @@ from terrain_estimator.planning.belief import Belief, Samples, draw
 from terrain_estimator.planning.front import Reading, front_samples
 from terrain_estimator.planning.margins import Margins, margins, stall_probability, unknown_margins
 from terrain_estimator.planning.table import TractionTable
+from terramechanics.loading import ConfigError
 
 NEW_GROUND = 0.02
 """[1] Least probability that the front wheels are on other ground than the rover, before their torque is looked at."""
@@ -35,6 +36,7 @@ class Advice:
     """What a planner needs."""
 
     known: bool  # whether the margins are: c and tan phi are identified
+    moving: bool  # whether wheels turned within the window; else it stands, and only its slope is measured
     margins: Margins  # of the ground under the rover
     front_stall_probability: float  # [1] that all wheels on the front wheels' ground would be stuck; NaN: not measured
     slope: float  # [rad] nose up, measured
@@ -59,17 +61,24 @@ class Planner:
         even = tuple(1.0 for _ in table.soils)
         self._elsewhere = draw(np.asarray(prior_mean), np.diag(np.asarray(prior_sd) ** 2), even)
         self._recent: deque[Observation] = deque()
+        self._standing: Observation | None = None  # the last observation, where the rover stands
         self._belief: Belief | None = None
         self._reason = Reason.NONE
+        self._window_ns = round(config.window_s * 1e9)
+        if self._speed_limit(known=False) < _CREEPS:
+            limit = f"{self._speed_limit(known=False):.2g} m/s on unknown ground, too slow to be told from standing ({_CREEPS:g} m/s)"
+            raise ConfigError(f"parameters reaction_time and deceleration allow {limit}: lower the one or raise the other")
 
     def observe(self, observation: Observation) -> None:
-        """Take what was measured at one instant; a rover that stands, or does not know its pitch, tells nothing new."""
-        rims = observation.wheel_rate * self._table.rover.wheel_radius
-        moves = np.isfinite(observation.slip).any() and (np.isnan(rims).all() or np.nanmax(np.abs(rims)) > _STANDS)
-        if not (moves and math.isfinite(observation.pitch) and math.isfinite(observation.velocity)):
+        """Take what was measured at one instant: on the move, or standing. Without a pitch or a velocity it tells nothing."""
+        rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius)
+        stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= _STANDS)
+        complete = math.isfinite(observation.pitch) and math.isfinite(observation.velocity)
+        self._standing = observation if stands and complete else None
+        if stands or not complete or not np.isfinite(observation.slip).any():
             return
         self._recent.append(observation)
-        oldest = observation.stamp_ns - round(self._config.window_s * 1e9)
+        oldest = observation.stamp_ns - self._window_ns
         while not oldest < self._recent[0].stamp_ns <= observation.stamp_ns:
             self._recent.popleft()
 
@@ -78,15 +87,18 @@ class Planner:
         self._belief = belief
 
     def resume(self) -> None:
-        """Forget a stop, and what led to it."""
+        """Forget a stop, and what led to it: a rover that stands may creep, and is judged by what that measures."""
         self._reason = Reason.NONE
         self._recent.clear()
 
-    def advise(self) -> Advice | None:
-        """Advice from what is known now; None before the first estimate and measurement."""
-        if self._belief is None or not self._recent:
+    def advise(self, stamp_ns: int) -> Advice | None:
+        """Advice at the stamp of the last estimate; None before it, and where nothing was measured within the window of that stamp.
+
+        A rover that stands has nothing but its slope to judge by: it may creep, unless a stop holds.
+        """
+        reading = self._reading(stamp_ns)
+        if self._belief is None or reading is None:
             return None
-        reading = self._averaged()
         here = draw(self._belief.mean, self._belief.covariance, self._belief.soil_probability)
         known = self._belief.identified
         doubts = (self._config.slip_limit, self._config.pull_deviation)
@@ -94,23 +106,24 @@ class Planner:
         under = margins(self._table, here, reading.pitch, *doubts) if known else unknown_margins(needed)
         front = self._front(here, reading)
         slip, sinkage = _mean(reading.slip), _mean(reading.sinkage)
-        if self._reason is Reason.NONE:
+        if self._reason is Reason.NONE and reading.moving:
             self._reason = self._judge(under.stall_probability, front, slip, sinkage)
         return Advice(
             known=known,
+            moving=reading.moving,
             margins=under,
             front_stall_probability=front,
             slope=reading.pitch,
             rim_speed=reading.rim_speed,
             slip=slip,
             sinkage=sinkage,
-            speed_limit=0.0 if self._reason else self._speed_limit(known=known),
+            speed_limit=0.0 if self._reason else self._speed_limit(known=known) if reading.moving else self._creeping,
             reason=self._reason,
         )
 
     def _front(self, here: Samples, reading: Reading) -> float:
         """Probability that the rover would be stuck if all its wheels were where the front ones are."""
-        if not reading.tells_front or self._belief is None:
+        if reading.front_lacks or self._belief is None:
             return math.nan
         changed = max(self._belief.change_probability, NEW_GROUND)
         prior = here.or_else(self._elsewhere, min(changed, 1.0 - NEW_GROUND))
@@ -134,8 +147,22 @@ class Planner:
         way = (axle_x[0] - axle_x[1]) * (1.0 if known else 0.5)
         return config.deceleration * (math.sqrt(config.reaction_s**2 + 2.0 * way / config.deceleration) - config.reaction_s)
 
-    def _averaged(self) -> Reading:
-        recent = self._recent
+    @property
+    def _creeping(self) -> float:
+        """Speed [m/s] of a rover that nothing is known of but that it stands; fast enough to be seen moving."""
+        return max(0.5 * self._speed_limit(known=False), _CREEPS)
+
+    def _reading(self, stamp_ns: int) -> Reading | None:
+        """What was measured within the window of a stamp; None where nothing was."""
+        recent = [entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns]
+        if recent:
+            return self._averaged(recent)
+        if self._standing is None or abs(stamp_ns - self._standing.stamp_ns) > self._window_ns:
+            return None
+        unknown = np.full(self._table.rover.axles, math.nan)
+        return Reading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
+
+    def _averaged(self, recent: list[Observation]) -> Reading:
         names = ("slip", "sinkage", "torque", "contact_angle", "wheel_rate")
         slip, sinkage, torque, angle, rate = (_means(np.array([getattr(entry, name) for entry in recent])) for name in names)
         pitch = float(np.mean([entry.pitch for entry in recent]))
@@ -146,6 +173,7 @@ class Planner:
 
 
 _STANDS = 0.01  # [m/s] below it a wheel stands
+_CREEPS = 2.0 * _STANDS
 
 
 def _means(values: Floats) -> Floats:

@@ -19,6 +19,7 @@ from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.planning.messages import belief_of_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
 from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES
+from terramechanics.loading import ConfigError
 from terramechanics.parameters import configure
 from tests.drives import drive_messages
 from tests.terrain_estimator.planning.support import FIRM, METADATA, ROVER, SOFT, belief, drive, drive_gets_stuck, table
@@ -35,9 +36,16 @@ def advice(observations: list[Observation], known: Belief, **values: Any) -> Adv
     for observation in observations:
         given.observe(observation)
     given.believe(known)
-    found = given.advise()
+    found = given.advise(observations[-1].stamp_ns)
     assert found is not None
     return found
+
+
+def standing(stamp_ns: int = 0) -> Observation:
+    """What is measured where the wheels do not turn: no slip, the pitch."""
+    one = drive()[0][0]
+    nothing = np.full(3, math.nan)
+    return dataclasses.replace(one, stamp_ns=stamp_ns, wheel_rate=np.zeros(3), velocity=0.0, pitch=0.02, slip=nothing, torque=nothing)
 
 
 def before(axles: int) -> list[Observation]:
@@ -47,7 +55,10 @@ def before(axles: int) -> list[Observation]:
 
 
 def test_before_anything_is_known_there_is_no_advice() -> None:
-    assert planner().advise() is None
+    given = planner()
+    assert given.advise(0) is None
+    given.believe(UNKNOWN)
+    assert given.advise(0) is None
 
 
 def test_until_both_are_identified_the_margins_are_unknown() -> None:
@@ -90,31 +101,80 @@ def test_wheels_that_dig_in_are_a_reason_to_stop(name: str, value: float, reason
     assert advice(dug, belief(FIRM)).reason is reason
 
 
-def test_a_stop_holds_until_it_is_withdrawn() -> None:
-    given = planner()
-    for observation in before(1):
+def test_a_stop_holds_until_it_is_withdrawn_and_then_a_rover_that_stands_may_creep() -> None:
+    given, moving = planner(), before(1)
+    for observation in moving:
         given.observe(observation)
     given.believe(UNKNOWN)
-    assert given.advise() is not None
-    standing = [dataclasses.replace(each, wheel_rate=np.zeros(3)) for each in before(0)]
-    for observation in standing[-30:]:
+    stamps = [moving[-1].stamp_ns + step * 100_000_000 for step in range(60)]
+    stopped = given.advise(stamps[0])
+    assert stopped is not None
+    assert stopped.reason is Reason.FRONT
+    for stamp in stamps[1:50]:
+        given.observe(standing(stamp))
+    again = given.advise(stamps[49])
+    assert again is not None
+    assert (again.reason, again.moving, again.speed_limit, again.rim_speed) == (Reason.FRONT, False, 0.0, 0.0)
+    given.resume()
+    usual = advice(before(0), UNKNOWN).speed_limit
+    for stamp in stamps[50:]:
+        given.observe(standing(stamp))
+        crept = given.advise(stamp)
+        assert crept is not None
+        assert not crept.stop
+        assert 0.0 < crept.speed_limit < usual
+    for observation in moving[-20:]:
+        given.observe(dataclasses.replace(observation, stamp_ns=observation.stamp_ns + 10_000_000_000))
+    judged = given.advise(moving[-1].stamp_ns + 10_000_000_000)
+    assert judged is not None
+    assert judged.reason is Reason.FRONT  # what is measured on the move decides again
+
+
+def test_a_rover_that_has_not_moved_yet_may_creep_but_is_not_judged() -> None:
+    for known in (UNKNOWN, belief(SOFT, (50.0, 0.01))):
+        found = advice([standing()], known)
+        assert (found.known, found.moving, found.reason) == (known.identified, False, Reason.NONE)
+        assert found.slope == 0.02
+        assert math.isnan(found.slip)
+        assert math.isnan(found.front_stall_probability)
+        assert found.speed_limit > 0.02  # such a speed is told from standing
+
+
+BLIND: dict[str, dict[str, Any]] = {
+    "pitch": {"pitch": math.nan},
+    "velocity": {"velocity": math.nan},
+    "slip of every wheel": {"slip": np.full(3, math.nan)},
+    "pitch of a rover that stands": {"pitch": math.nan, "wheel_rate": np.zeros(3)},
+    "slip and wheel rates": {"slip": np.full(3, math.nan), "wheel_rate": np.full(3, math.nan), "velocity": 0.0},
+}
+
+
+@pytest.mark.parametrize("missing", BLIND)
+def test_what_was_measured_before_the_window_is_no_advice_under_a_new_stamp(missing: str) -> None:
+    given, moving = planner(), before(0)
+    for observation in [*moving, standing(moving[-1].stamp_ns + 1)]:
         given.observe(observation)
     given.believe(belief(FIRM))
-    again = given.advise()
-    assert again is not None
-    assert again.reason is Reason.FRONT
-    given.resume()
-    for observation in before(0)[-30:]:
-        given.observe(observation)
-    assert not (given.advise() or again).stop
+    last = moving[-1].stamp_ns
+    assert given.advise(last + 1_900_000_000) is not None
+    assert given.advise(last + 2_100_000_000) is None  # nothing paired any more
+    assert given.advise(last - 60_000_000_000) is None  # estimates of a bag that loops came first
+    for step in range(1, 31):
+        given.observe(dataclasses.replace(moving[-1], stamp_ns=last + step * 100_000_000, **BLIND[missing]))
+    assert given.advise(last + 3_000_000_000) is None
 
 
-def test_a_rover_that_does_not_know_its_pitch_gets_no_advice() -> None:
-    given = planner()
-    for observation in before(0):
+def test_without_its_pitch_a_rover_gets_no_advice_from_the_start() -> None:
+    given, moving = planner(), before(0)
+    for observation in moving:
         given.observe(dataclasses.replace(observation, pitch=math.nan))
     given.believe(belief(FIRM))
-    assert given.advise() is None
+    assert given.advise(moving[-1].stamp_ns) is None
+
+
+def test_a_speed_that_nobody_can_tell_from_standing_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"reaction_time and deceleration allow 0\.0058 m/s"):
+        planner(reaction_time=60.0)
 
 
 def test_a_bag_that_loops_starts_a_new_window() -> None:
@@ -123,7 +183,7 @@ def test_a_bag_that_loops_starts_a_new_window() -> None:
     for observation in [*observations, *observations[:5]]:
         given.observe(observation)
     given.believe(belief(FIRM))
-    found, alone = given.advise(), advice(observations[:5], belief(FIRM))
+    found, alone = given.advise(observations[4].stamp_ns), advice(observations[:5], belief(FIRM))
     assert found is not None
     assert (found.slip, found.sinkage) == (alone.slip, alone.sinkage)
 
