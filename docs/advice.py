@@ -5,6 +5,8 @@
 _NAMES = "where your rover is the model's, but its wheels have other names"
 _DEVIATIONS = "to what a calibration of your drives says"
 _STILL = "where encoders tick while the rover stands; keep it well below the slowest drive, and the same in both nodes"
+_TORQUE = "to false where torques come from motor currents that nobody calibrated"
+_IMU = "to false where the imu sits at an unknown angle"
 _SITE = "where the ground is known, from orbit or from an earlier drive"
 _SITE_SD = "with the mean: to how far the ground of this place may be from it, rather too large than too small"
 _MODEL = "to the model of your rover; give it to estimator and planner alike"
@@ -13,8 +15,8 @@ WHEN = {
     "estimator": {
         "model": _MODEL,
         "rover": _NAMES,
-        "use_torque": "to false where torques come from motor currents that nobody calibrated",
-        "use_imu": "to false where the imu sits at an unknown angle",
+        "use_torque": f"{_TORQUE}; in the planner too",
+        "use_imu": f"{_IMU}; in the planner too",
         "use_moments": "to false where the suspension has springs or stiff joints",
         "prior.cohesion_mean": _SITE,
         "prior.cohesion_sd": _SITE_SD,
@@ -43,6 +45,8 @@ WHEN = {
     "planner": {
         "model": _MODEL,
         "rover": _NAMES,
+        "use_torque": f"{_TORQUE}, as in the estimator; then nothing judges the ground ahead",
+        "use_imu": f"{_IMU}, as in the estimator",
         "period": "to a shorter one where your loop reacts faster; a piece of advice takes 8 ms of processor time",
         "slip_limit": "to the slip that your rover bears without digging itself in",
         "sinkage_limit": "to what the clearance of your rover allows",

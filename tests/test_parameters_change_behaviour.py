@@ -256,6 +256,8 @@ ELSEWHERE = {
     "planner window": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
     "planner reaction_time": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
     "planner deceleration": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
+    "planner use_torque": "terrain_estimator/planning/test_planner.py::test_a_sensor_that_is_switched_off_is_not_used",
+    "planner use_imu": "terrain_estimator/planning/test_planner.py::test_a_sensor_that_is_switched_off_is_not_used",
     "planner pairing_tolerance": "terrain_estimator/planning/test_planner.py::test_messages_are_paired_as_the_estimator_pairs_them",
     "planner pairing_timeout": "terrain_estimator/planning/test_planner.py::test_messages_are_paired_as_the_estimator_pairs_them",
     "planner period": "system/test_planner.py::test_it_advises_once_a_period_and_says_when_it_does_not_know_yet",

@@ -202,6 +202,8 @@ class PlannerConfig:
 
     model: str = entry("name of an installed model or path of a file, as of the estimator; empty: mars_rover", "")
     rover: str = entry("name or file of the rover; empty takes the model's", "")
+    use_torque: bool = entry("judge the ground of the front wheels by the wheel torques of joint_states", default=True)
+    use_imu: bool = entry("use pitch of imu; else pitch of odom", default=True)
     period_s: float = number("between the stamps of two pieces of advice", "s", 0.1, 60.0, default=0.5, key="period")
     advice: AdviceConfig = field(default_factory=AdviceConfig, metadata=INLINE)
     pairing: PairingConfig = field(default_factory=PairingConfig, metadata=INLINE)

@@ -45,7 +45,7 @@ class PlannerNode(Node):
             raise ConfigError(str(error)) from error
         table = TractionTable(rover, model.metadata.soils)
         self._planner = Planner(table, model.metadata.prior_mean, model.metadata.prior_sd, config.advice)
-        self._inputs = Inputs(rover, config.pairing)
+        self._inputs = Inputs(rover, config)
         self._period_ns, self._advised_ns, self._sequence = round(config.period_s * 1e9), 0, 0
         self._soils = [soil.name for soil in model.metadata.soils]
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)

@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator
 
-from terrain_estimator.config import ConversionConfig, CoreConfig, PairingConfig
+from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
 from terrain_estimator.conversion import Converter
 from terrain_estimator.observation import Observation
 from terrain_estimator.pairing import Synchronizer, Topic
@@ -15,12 +15,13 @@ from terramechanics.rover import Rover
 class Inputs:
     """Pairs the input topics and converts what belongs together; what cannot be converted is left to the estimator to report."""
 
-    def __init__(self, rover: Rover, pairing: PairingConfig) -> None:
+    def __init__(self, rover: Rover, config: PlannerConfig) -> None:
         """Any frame is taken: the estimator is the one to refuse a wrong one."""
+        pairing, core = config.pairing, CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu)
         topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
         self._index = {name: index for index, name in enumerate(INPUT_TYPES)}
         self._synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
-        self._converter = Converter(rover, ConversionConfig(body_frame=""), CoreConfig())
+        self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
 
     def add(self, topic: str, message: Message) -> Iterator[Observation]:
         """Take one message of an input topic; the observations that it completes."""

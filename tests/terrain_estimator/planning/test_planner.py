@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from terrain_estimator.bags import Types
-from terrain_estimator.config import AdviceConfig, PairingConfig
+from terrain_estimator.config import AdviceConfig, PlannerConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.inputs import Inputs
@@ -226,7 +226,7 @@ def test_an_estimate_that_cannot_be_used_is_refused(name: str, value: Any, words
 
 def paired(late_ns: int, *topics: str, **values: float) -> int:
     """Observations of a drive on some topics, its odometry stamped late."""
-    inputs, count = Inputs(ROVER, configure(PairingConfig, values)), 0
+    inputs, count = Inputs(ROVER, configure(PlannerConfig, values)), 0
     for topic, _, message in drive_messages(Types().make, 2.0):
         if topic == "odom":
             message.header.stamp = copy.deepcopy(message.header.stamp)  # all topics share it
@@ -239,6 +239,25 @@ def test_messages_are_paired_as_the_estimator_pairs_them() -> None:
     assert (paired(10_000_000, *INPUT_TYPES), paired(10_000_000, *INPUT_TYPES, pairing_tolerance=0.02)) == (0, 20)
     without_imu = [topic for topic in INPUT_TYPES if topic != "imu"]
     assert paired(0, *without_imu, pairing_timeout=0.1) == paired(0, *without_imu) + 4
+
+
+def observed(**values: bool) -> list[Observation]:
+    """Observations of a drive whose imu sits at an angle that odom does not have."""
+    inputs, observations = Inputs(ROVER, configure(PlannerConfig, values)), []
+    for topic, _, message in drive_messages(Types().make, 2.0):
+        if topic == "imu":
+            message.orientation = copy.deepcopy(message.orientation)  # odom has the same
+            message.orientation.y += 0.01
+        observations += inputs.add(topic, message)
+    assert len(observations) == 20
+    return observations
+
+
+def test_a_sensor_that_is_switched_off_is_not_used() -> None:
+    everything, last = observed(), -1
+    assert np.isfinite(everything[last].torque).all()
+    assert np.isnan(observed(use_torque=False)[last].torque).all()
+    assert observed(use_imu=False)[last].pitch == pytest.approx(everything[last].pitch + 0.02, abs=1e-3)
 
 
 def test_without_the_planner_the_same_drive_ends_in_the_sand() -> None:
