@@ -50,10 +50,14 @@ class PlannerNode(Node):
         self._soils = [soil.name for soil in model.metadata.soils]
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)
         self.create_service(Trigger, "~/resume", self._resume)
-        self._patience = Patience(self, LISTENED, QOS)
+        listened = LISTENED | ({"joint_states": INPUT_TYPES["joint_states"]} if config.use_torque else {})
+        self._patience = Patience(self, listened, QOS)
         for topic in INPUT_TYPES:
             self._subscribe(topic)
         self.create_subscription(message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS)
+        if model.effects:
+            names = ", ".join(effect.name for effect in model.effects)
+            self.get_logger().warning(f"the model estimates {names}: the planner's statics leave it out (docs/planner.md)")
         self.get_logger().info(f"ready: rover {rover.name}, soils {', '.join(self._soils)}")
 
     def _subscribe(self, topic: str) -> None:

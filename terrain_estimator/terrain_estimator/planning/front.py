@@ -44,7 +44,7 @@ class Reading:
     def front_lacks(self) -> str:
         """What of that which the front wheels' ground follows from was not measured; empty: nothing."""
         needed = {"wheel torque": self.torque, "slip of the front wheels": self.slip[:1], "sinkage of the front wheels": self.sinkage[:1]}
-        return ", ".join(name for name, values in needed.items() if not np.isfinite(values).all())
+        return " and no ".join(name for name, values in needed.items() if not np.isfinite(values).all())
 
 
 def front_load(rover: Rover, reading: Reading) -> float:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds msg_defs/TractionAdvice, and reads what the planner needs of msg_defs/TerrainEstimate."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -51,7 +52,7 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
         known=advice.known,
         stop=advice.stop,
         stop_reason=int(advice.reason),
-        status_text=_status_text(advice),
+        status_text=_status_text(advice, estimate.effect),
         speed_limit=advice.speed_limit,
         commanded_speed=advice.rim_speed,
         slope=advice.slope,
@@ -77,8 +78,14 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
     )
 
 
-def _status_text(advice: Advice) -> str:
-    """The advice in words."""
+def _status_text(advice: Advice, effects: Sequence[str]) -> str:
+    """The advice in words, and what it does not take into account; ``effects`` are those that the estimate has."""
     parts = [] if advice.known else ["unknown yet: c and tan phi are not identified"]
     parts.append(_WORDS[advice.reason] if advice.stop or advice.moving else _CREEP)
+    if advice.moving and advice.front_lacks:
+        parts.append(f"front wheels not judged: no {advice.front_lacks}")
+    if advice.moving and math.isnan(advice.sinkage):
+        parts.append("sinkage not judged: none was measured")
+    if effects:
+        parts.append(f"without what the model estimates beside c and tan phi: {', '.join(effects)}")
     return "; ".join(parts)

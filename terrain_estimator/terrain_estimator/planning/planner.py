@@ -39,6 +39,7 @@ class Advice:
     moving: bool  # whether wheels turned within the window; else it stands, and only its slope is measured
     margins: Margins  # of the ground under the rover
     front_stall_probability: float  # [1] that all wheels on the front wheels' ground would be stuck; NaN: not measured
+    front_lacks: str  # what was not measured, so that the ground of the front wheels is not judged; empty: nothing
     slope: float  # [rad] nose up, measured
     rim_speed: float  # [m/s] commanded speed: what the wheels would do without slip
     slip: float  # [1] measured, mean; NaN where nothing was
@@ -113,6 +114,7 @@ class Planner:
             moving=reading.moving,
             margins=under,
             front_stall_probability=front,
+            front_lacks=reading.front_lacks,
             slope=reading.pitch,
             rim_speed=reading.rim_speed,
             slip=slip,

@@ -16,7 +16,7 @@ from terrain_estimator.config import AdviceConfig, PlannerConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.inputs import Inputs
-from terrain_estimator.planning.messages import belief_of_message
+from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
 from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES
 from terramechanics.loading import ConfigError
@@ -89,6 +89,23 @@ def test_without_torque_the_front_wheels_tell_nothing() -> None:
     found = advice(blind, belief(FIRM))
     assert math.isnan(found.front_stall_probability)
     assert not found.stop
+    assert words(found) == "go on; front wheels not judged: no wheel torque"
+
+
+def words(found: Advice, **estimate: Any) -> str:
+    """The advice in words, after an estimate."""
+    types = Types()
+    return str(advice_message(found, types.make, 0, types.make(ESTIMATE, **estimate)).status_text)
+
+
+def test_the_words_say_what_is_not_judged_and_what_is_left_out() -> None:
+    moving = before(0)
+    assert words(advice(moving, belief(FIRM))) == "go on"
+    left_out = words(advice(moving, belief(FIRM)), effect=["payload", "grousers"])
+    assert left_out == "go on; without what the model estimates beside c and tan phi: payload, grousers"
+    no_depth = [dataclasses.replace(each, sinkage=np.full(3, math.nan)) for each in moving]
+    assert words(advice(no_depth, belief(FIRM))).endswith("no sinkage of the front wheels; sinkage not judged: none was measured")
+    assert words(advice([standing()], UNKNOWN)).endswith("not identified; creep: nothing was measured on the move within the last seconds")
 
 
 def test_known_weak_ground_under_the_rover_is_a_reason_to_stop() -> None:
