@@ -15,13 +15,13 @@ from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
 from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
 from terrain_estimator.nodes.quality import listen
-from terrain_estimator.nodes.silence import Patience
+from terrain_estimator.nodes.silence import Pairs, Patience
 from terrain_estimator.pipeline import rover_of
 from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, LISTENED, Message, stamp_ns
+from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, LISTENED, REQUIRED_INPUTS, Message, stamp_ns
 from terramechanics.loading import ConfigError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
@@ -51,7 +51,7 @@ class PlannerNode(Node):
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)
         self.create_service(Trigger, "~/resume", self._resume)
         listened = LISTENED | ({"joint_states": INPUT_TYPES["joint_states"]} if config.use_torque else {})
-        self._patience = Patience(self, listened, QOS)
+        self._patience, self._pairs = Patience(self, listened, QOS), Pairs(self, REQUIRED_INPUTS)
         for topic in INPUT_TYPES:
             self._subscribe(topic)
         self.create_subscription(message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS)
@@ -63,8 +63,11 @@ class PlannerNode(Node):
     def _subscribe(self, topic: str) -> None:
         def receive(message: Message) -> None:
             self._patience.heard(topic)
-            for observation in self._inputs.add(topic, message):
-                self._planner.observe(observation)
+            observations = self._inputs.add(topic, message)
+            self._pairs.heard(topic, paired=bool(observations))
+            for observation in observations:
+                if observation is not None:
+                    self._planner.observe(observation)
 
         listen(self, INPUT_TYPES[topic], topic, guarded(self, receive), QOS)
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner's measurements: messages of several topics in, observations out."""
 
-from collections.abc import Iterator
-
 from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
 from terrain_estimator.conversion import Converter
 from terrain_estimator.observation import Observation
@@ -23,9 +21,7 @@ class Inputs:
         self._synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
         self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
 
-    def add(self, topic: str, message: Message) -> Iterator[Observation]:
-        """Take one message of an input topic; the observations that it completes."""
-        for complete in self._synchronizer.add(self._index[topic], stamp_ns(message), message):
-            observation = self._converter.convert(complete.stamp_ns, complete.messages).observation
-            if observation is not None:
-                yield observation
+    def add(self, topic: str, message: Message) -> list[Observation | None]:
+        """Take one message of an input topic; the observations that it completes, None for a set that cannot be converted."""
+        sets = self._synchronizer.add(self._index[topic], stamp_ns(message), message)
+        return [self._converter.convert(complete.stamp_ns, complete.messages).observation for complete in sets]
