@@ -76,6 +76,7 @@ def test_a_best_effort_publisher_is_heard_by_an_estimator_that_is_told_so(listen
         assert (taken["imu"].reliability, taken["imu"].depth) == (ReliabilityPolicy.BEST_EFFORT, 5)
         assert (taken["odom"].reliability, taken["odom"].depth) == (ReliabilityPolicy.RELIABLE, 50)
         assert [each.text for each in node.findings() if each.level and each.subject == "imu"] == []
+        assert node.describe_parameter("qos_overrides./rover1/imu.subscription.depth").read_only
         health.clear()
         publisher.publish(Imu())
         listener.spin_until(lambda: any(sum(each.input_received) == 1 for each in health), "the message is heard")

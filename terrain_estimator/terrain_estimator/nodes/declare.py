@@ -39,6 +39,8 @@ def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Con
     if DUMP in sys.argv:
         print(template(name, result))  # noqa: T201 - the user asked for it
         sys.exit()
+    for key in overrides:
+        node.undeclare_parameter(key)  # a subscription declares it anew, read-only
     values = effective(result)
     for entry in parameters(config):
         if node.has_parameter(entry.name):

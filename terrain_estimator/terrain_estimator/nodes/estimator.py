@@ -94,7 +94,7 @@ class EstimatorNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Answer what came, sets that still wait for an optional message too, and take no more; what is known of the ground stays."""
-        drain(self._listening)
+        self.guard(drain)(self._listening)
         self.guard(self._answer_the_rest)()
         self.guard(self._autosave)()
         for subscription in self._listening:

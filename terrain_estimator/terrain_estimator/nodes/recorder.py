@@ -95,7 +95,7 @@ class RecorderNode(ManagedNode):
             self.destroy_timer(self._looking)
             self._looking = None
         listening = [source for source in self._sources.values() if not source.gone]
-        drain(source.subscription for source in listening)
+        self.guard(drain)([source.subscription for source in listening])
         for source in listening:
             self.destroy_subscription(source.subscription)
             source.gone = True
