@@ -243,5 +243,6 @@ class McapFile:
     def _check_waiting(self, waiting: list[StoredMessage]) -> None:
         """Small chunks can unpack to large ones that all share one time, so that none of their messages may go before the last is read."""
         if sum(_OBJECT_BYTES + len(message.data) for message in waiting) > LARGEST_RECORD:
-            msg = f"{self.path} is damaged: more than {LARGEST_RECORD} bytes of messages are not in the order of their log times"
+            size = f"more than {LARGEST_RECORD} bytes of messages are not in the order of their log times"
+            msg = f"{self.path} is damaged: {size}; copy the file again from its source, or write it anew with `ros2 bag convert`"
             raise BagError(msg)

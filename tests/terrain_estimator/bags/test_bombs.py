@@ -120,11 +120,10 @@ def test_a_claim_has_to_be_right_and_below_the_limit(compression: str, wrong: in
 
 @pytest.mark.parametrize("compression", PACKERS)
 def test_a_chunk_that_the_memory_has_no_room_for_is_an_error_that_names_the_file(compression: str, tmp_path: Path) -> None:
-    contents = topic(bytes(UNPACKED))
-    path = bag(tmp_path / "large.mcap", chunk(compression, contents, len(contents)))
+    path = bag(tmp_path / "large.mcap", chunk(compression, topic(), LARGEST_CONTENTS))
     used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     limits = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (used + UNPACKED // 2, limits[1]))
+    resource.setrlimit(resource.RLIMIT_AS, (used + LARGEST_CONTENTS // 8, limits[1]))
     try:
         with pytest.raises(BagError, match=r"large\.mcap: the memory has no room for the chunk at byte"):
             read(path)
