@@ -65,10 +65,11 @@ _FILE = """# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 """
 _DIAGNOSTICS = """# Diagnostics
 
-Estimator and recorder publish `/diagnostics` (`diagnostic_msgs/msg/DiagnosticArray`) once a second by the steady clock, from their start
-and in every state of their life cycle: one status for each check, its name `NODE: CHECK [TOPIC]`, its value among the `values`. The
-estimator's `estimator_health` has the worst of the checks of its inputs and updates as `level`, and those of that level in words as
-`summary`. What is wrong for five seconds is in the log, once, and once more when it is over.
+Estimator, recorder and slip source publish `/diagnostics` (`diagnostic_msgs/msg/DiagnosticArray`) once a second by the steady clock,
+from their start and in every state of their life cycle: one status for each check, its name `NODE: CHECK [TOPIC]`, its value among
+the `values`. The slip source has `refused` alone, of its pairs of wheel rates and velocity. The estimator's `estimator_health` has
+the worst of the checks of its inputs and updates as `level`, and those of that level in words as `summary`. What is wrong for five
+seconds is in the log, once, and once more when it is over.
 
 A level holds where the quantity is above the level's limit. A quantity that is not known (NaN) is no fault.
 """

@@ -24,6 +24,7 @@ from terrain_estimator.dashboard.reading import TOPICS as SHOWN
 from terrain_estimator.nodes.terrain_map import TOPICS as MAPPED
 from terrain_estimator.nodes.watch import TOPICS as WATCHED
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
+from terrain_estimator.slip_source import JOINTS, VELOCITY
 from terramechanics.parameters import parameters
 from terramechanics.soil import load_soil
 from tests.launch_stand_in import declared
@@ -209,6 +210,7 @@ def test_the_policy_has_an_enclave_of_every_node_and_the_page_makes_its_keys() -
         ("dashboard", set(), set(SHOWN)),
         ("watch", set(), {*WATCHED, "ground_truth/terrain"}),
         ("terrain_map", {"terrain_map"}, set(MAPPED)),
+        ("slip_source", {"wheel_slip", "/diagnostics"}, {JOINTS, VELOCITY}),
     ],
 )
 def test_the_policy_allows_a_node_its_topics_and_no_more(node: str, publish: set[str], subscribe: set[str]) -> None:

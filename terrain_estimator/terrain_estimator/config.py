@@ -62,7 +62,7 @@ class CoreConfig:
 class ConversionConfig:
     """How messages become an observation."""
 
-    body_frame: str = entry("frame_id of the measurements; empty accepts any", "base_link")
+    body_frame: str = entry("frame_id of the measurements; empty accepts any", "base_link", empty=True)
     torque_relative_sd: float = number(
         "standard deviation of a measured wheel torque, as a fraction of it", "1", 0.0, 1.0, default=0.03, key="torque_noise.relative"
     )
@@ -217,7 +217,7 @@ class SlipSourceConfig:
     velocity_type: str = entry(
         "message of the velocity: odometry (nav_msgs) or twist (geometry_msgs/TwistWithCovarianceStamped)", "odometry"
     )
-    body_frame: str = entry("frame_id that is published", "base_link")
+    body_frame: str = entry("frame_id of the velocity, and of what is published; empty accepts any", "base_link", empty=True)
     standstill_speed: float = number("a wheel stands where its rim is slower; its slip is NaN", "m/s", 0.0, 1.0, default=0.01)
     radius_sd: float = number("relative standard deviation of the rolling radius", "1", 0.0, 1.0, default=0.01, key="radius_deviation")
     rate_sd: float = number("standard deviation of a wheel rate", "rad/s", 0.0, 10.0, default=0.0, key="rate_deviation")

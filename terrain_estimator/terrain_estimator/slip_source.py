@@ -3,7 +3,11 @@
 """Slip of every wheel from its rate and the rover's velocity, with the deviation that follows from theirs.
 
 i = 1 - v / (r w) (:func:`terramechanics.equilibrium.slip_at`), so to first order
-sd(i)^2 = (sd(v) / (r w))^2 + (1 - i)^2 ((sd(r) / r)^2 + (sd(w) / w)^2).
+sd(i)^2 = n (sd(v) / (r w))^2 + (1 - i)^2 (n (sd(r) / r)^2 + (sd(w) / w)^2), n the wheels of the same axle that turn.
+
+All wheels have the errors of v and of the rover file's r in common. Who takes wheels for independent, as the estimator does, divides them
+by sqrt(n) in the mean of an axle; with n they are in that mean what they are: exactly for equal rates, and never too small (the root mean
+square of 1 / (r w) is no smaller than its mean).
 """
 
 import math
@@ -20,7 +24,8 @@ from terramechanics.equilibrium import slip_at
 from terramechanics.loading import ConfigError
 from terramechanics.rover import Rover
 
-VELOCITY_TYPES = {"odometry": "nav_msgs/msg/Odometry", "twist": "geometry_msgs/msg/TwistWithCovarianceStamped"}
+ODOMETRY = "odometry"
+VELOCITY_TYPES = {ODOMETRY: "nav_msgs/msg/Odometry", "twist": "geometry_msgs/msg/TwistWithCovarianceStamped"}
 """Messages that a velocity can come in; both have it in twist.twist.linear.x."""
 JOINTS, VELOCITY = "joint_states", "velocity"
 
@@ -31,7 +36,10 @@ class SlipSourceError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Slips:
-    """Slip [wheels] in the order of the rover file and its deviation; NaN for a wheel that stands, or whose slip no number holds."""
+    """Slip [wheels] in the order of the rover file and its deviation; NaN for a wheel that stands, or whose slip no number holds.
+
+    The deviation is that with which the mean over an axle has the right one, when its wheels are taken for independent.
+    """
 
     slip: Floats
     sd: Floats
@@ -56,6 +64,7 @@ class SlipSource:
     def slip_message(self, pair: MessageSet, make: Make) -> Message:
         """The wheel_slip message of a pair. Raises SlipSourceError."""
         joints, velocity = pair.messages
+        self._check_frame(velocity)
         slips = self._slips(joints, velocity)
         self._sequence += 1
         return make(
@@ -66,6 +75,16 @@ class SlipSource:
             slip=slips.slip,
             slip_stddev=slips.sd,
         )
+
+    def _check_frame(self, velocity: Message) -> None:
+        """Of another frame, a camera's for instance, linear.x is no velocity along body x."""
+        odometry = self._config.velocity_type == ODOMETRY
+        field, frame = ("child_frame_id", velocity.child_frame_id) if odometry else ("header.frame_id", velocity.header.frame_id)
+        if self._config.body_frame and frame != self._config.body_frame:
+            raise SlipSourceError(
+                f"velocity ({field}) is in frame {frame!r}, expected {self._config.body_frame!r}: "
+                "transform it, so that linear.x is along body x, or correct its frame or body_frame"
+            )
 
     def _slips(self, joints: Message, velocity: Message) -> Slips:
         speed, variance = float(velocity.twist.twist.linear.x), float(velocity.twist.covariance[0])
@@ -86,13 +105,15 @@ class SlipSource:
 
 
 def slips_of(rover: Rover, rates: Floats, speed: float, speed_sd: float, config: SlipSourceConfig) -> Slips:
-    """Slip of wheels with ``rates`` [wheels] [rad/s] at ``speed`` [m/s] along body x."""
+    """Slip of the rover's wheels with ``rates`` [wheels] [rad/s] at ``speed`` [m/s] along body x."""
     turns = np.isfinite(rates) & (rates != 0.0) & (np.abs(rates) * rover.wheel_radius >= config.standstill_speed)
     rate = torch.from_numpy(np.where(turns, rates, 1.0)).unsqueeze(0)
     slip, at_rest, at_unit = (slip_at(rover, torch.tensor([v], dtype=torch.float64), rate)[0].numpy() for v in (speed, 0.0, 1.0))
     by_rate = config.rate_sd / np.abs(rate[0].numpy())
+    axle = np.array(rover.wheel_axle)
+    shared = np.sqrt([np.count_nonzero(turns & (axle == each)) for each in axle])
     with np.errstate(over="ignore", invalid="ignore"):
         # hypot: the square of a deviation overflows long before the deviation does
-        deviation = np.hypot(speed_sd * (at_rest - at_unit), (1.0 - slip) * np.hypot(config.radius_sd, by_rate))
+        deviation = np.hypot(shared * speed_sd * (at_rest - at_unit), (1.0 - slip) * np.hypot(shared * config.radius_sd, by_rate))
     known = turns & np.isfinite(slip) & np.isfinite(deviation)
     return Slips(np.where(known, slip, np.nan), np.where(known, deviation, np.nan))

@@ -51,9 +51,12 @@ def number(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def entry(description: str, default: Any = dataclasses.MISSING, *, key: str = "") -> Any:
-    """Dataclass field of anything but a number, with its meaning; ``key`` as for a number."""
-    metadata = {"description": description, "key": key}
+def entry(description: str, default: Any = dataclasses.MISSING, *, key: str = "", empty: bool = False) -> Any:
+    """Dataclass field of anything but a number, with its meaning; ``key`` as for a number.
+
+    A text may be empty where its default is, or where ``empty`` says so.
+    """
+    metadata = {"description": description, "key": key, "empty": empty}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -138,7 +141,7 @@ def convert(hint: Any, value: object, field: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint):
         return build(hint, value, where)  # type: ignore[arg-type]
     if hint is str:
-        return _text(value, where, empty=field.default == "")
+        return _text(value, where, empty=field.default == "" or field.metadata.get("empty", False))
     if hint is bool:
         return _boolean(value, where)
     converted = _integer(value, where) if hint is int else _real(value, where)

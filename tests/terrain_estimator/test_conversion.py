@@ -17,6 +17,7 @@ from terrain_estimator.nodes import factory
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import Make
+from terramechanics.parameters import configure
 from terramechanics.rover import Rover, load_rover
 
 ROVER: Rover = load_rover("mars_rover")
@@ -210,7 +211,7 @@ def test_another_frame_is_refused_and_named_unless_any_is_accepted(topic: str) -
     assert conversion.outcome is Outcome.WRONG_FRAME
     assert topic in conversion.detail
     assert "map" in conversion.detail
-    assert observed(convert(config=ConversionConfig(body_frame=""), **{topic: builders[topic]()})).velocity == 0.17
+    assert observed(convert(config=configure(ConversionConfig, {"body_frame": ""}), **{topic: builders[topic]()})).velocity == 0.17
 
 
 def test_a_wheel_without_measurement_leaves_its_axle_to_the_other() -> None:

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from terrain_estimator.bags import Types
-from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.config import ConversionConfig, CoreConfig, SlipSourceConfig
+from terrain_estimator.conversion import Converter
 from terrain_estimator.ros_types import Message
-from terrain_estimator.slip_source import JOINTS, VELOCITY, SlipSource, SlipSourceError, slips_of
+from terrain_estimator.slip_source import JOINTS, VELOCITY, SlipSource, SlipSourceError
 from terramechanics.loading import ConfigError
 from terramechanics.parameters import configure
 from terramechanics.rover import load_rover
+from tests.drives import drive_messages
 
 ROVER = load_rover("mars_rover")
 RADIUS = ROVER.wheel_radius
@@ -22,9 +24,9 @@ TYPES = Types()
 RATES = [1.0, 1.2, 0.9, 1.1, 0.8, 1.0]
 
 
-def header(stamp_ns: int) -> Message:
+def header(stamp_ns: int, frame: str = "") -> Message:
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return TYPES.make("std_msgs/msg/Header", stamp=TYPES.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id="")
+    return TYPES.make("std_msgs/msg/Header", stamp=TYPES.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id=frame)
 
 
 def joints(rates: list[float], stamp_ns: int = 0, names: tuple[str, ...] = ROVER.wheel_names) -> Message:
@@ -32,28 +34,61 @@ def joints(rates: list[float], stamp_ns: int = 0, names: tuple[str, ...] = ROVER
     return TYPES.make("sensor_msgs/msg/JointState", header=header(stamp_ns), **fields)
 
 
-def velocity(speed: float, variance: float, stamp_ns: int = 0) -> Message:
+def velocity(speed: float, variance: float, stamp_ns: int = 0, frame: str = "base_link", *, stamped: bool = False) -> Message:
+    """An odometry, or a stamped twist; both with the velocity's frame where it belongs."""
     covariance = np.zeros(36)
     covariance[0] = variance
     twist = TYPES.make("geometry_msgs/msg/Twist", linear=TYPES.make("geometry_msgs/msg/Vector3", x=speed))
     both = TYPES.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance)
-    return TYPES.make("geometry_msgs/msg/TwistWithCovarianceStamped", header=header(stamp_ns), twist=both)
+    if stamped:
+        return TYPES.make("geometry_msgs/msg/TwistWithCovarianceStamped", header=header(stamp_ns, frame), twist=both)
+    return TYPES.make("nav_msgs/msg/Odometry", header=header(stamp_ns, "odom"), child_frame_id=frame, twist=both)
 
 
 def published(rates: list[float], speed: float, variance: float = 1e-4, late_ns: int = 0, **values: Any) -> list[Message]:
+    frame = values.get("body_frame", "base_link")
+    return published_of(rates, velocity(speed, variance, late_ns, frame), **values)
+
+
+def published_of(rates: list[float], given: Message, **values: Any) -> list[Message]:
     source = SlipSource(ROVER, configure(SlipSourceConfig, values))
-    pair = ((JOINTS, joints(rates)), (VELOCITY, velocity(speed, variance, late_ns)), (JOINTS, joints(rates, 10**9)))
+    pair = ((JOINTS, joints(rates)), (VELOCITY, given), (JOINTS, joints(rates, 10**9)))
     return [source.slip_message(found, TYPES.make) for topic, given in pair for found in source.pair(topic, given)]
 
 
-def test_the_deviation_is_the_spread_of_slips_with_noisy_inputs() -> None:
-    config = SlipSourceConfig(radius_sd=0.02, rate_sd=0.03)
-    rate, speed, speed_sd, draws = 1.2, 0.11, 0.01, 20_000
-    found = slips_of(ROVER, np.array([rate]), speed, speed_sd, config)
-    noise = np.random.default_rng(1).normal(size=(3, draws))
-    slips = 1.0 - (speed + speed_sd * noise[0]) / (RADIUS * (1.0 + 0.02 * noise[1]) * (rate + 0.03 * noise[2]))
-    assert found.slip[0] == pytest.approx(1.0 - speed / (RADIUS * rate))
-    assert found.sd[0] == pytest.approx(slips.std(), rel=0.03)  # 20000 draws: within 2 % with 99.99 %
+def axle_means(message: Message) -> tuple[list[float], list[float]]:
+    """What the estimator makes of the slips: mean and deviation of each axle."""
+    others = {topic: given for topic, _, given in drive_messages(TYPES.make, 0.2)}
+    convert = Converter(ROVER, ConversionConfig(), CoreConfig()).convert
+    observation = convert(0, (message, others["wheel_sinkage"], others["odom"], None, None)).observation
+    assert observation is not None
+    return observation.slip.tolist(), observation.slip_sd.tolist()
+
+
+def test_the_deviation_of_an_axle_is_the_spread_of_its_mean_though_its_wheels_have_the_velocity_and_the_radius_in_common() -> None:
+    rates, speed, draws = np.array([1.2, 1.0, 1.1, 1.1, math.nan, 1.2]), 0.11, 20_000
+    sds: dict[str, Any] = {"radius_deviation": 0.02, "rate_deviation": 0.03}
+    (message,) = published(rates.tolist(), speed, 0.01**2, **sds)
+    noise = np.random.default_rng(1)
+    speeds, radii = speed + 0.01 * noise.normal(size=(draws, 1)), RADIUS * (1.0 + 0.02 * noise.normal(size=(draws, 1)))
+    slips = 1.0 - speeds / (radii * (rates + 0.03 * noise.normal(size=(draws, 6))))
+    means, deviations = axle_means(message)
+    for axle, (mean, deviation) in enumerate(zip(means, deviations, strict=True)):
+        drawn = np.nanmean(slips[:, np.array(ROVER.wheel_axle) == axle], axis=1)
+        assert mean == pytest.approx(np.nanmean((1.0 - speed / (RADIUS * rates))[np.array(ROVER.wheel_axle) == axle]))
+        assert deviation == pytest.approx(drawn.std(), rel=0.03)  # 20000 draws: within 2 % with 99.99 %
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_velocity_of_another_frame_is_refused_and_both_frames_are_named(*, stamped: bool) -> None:
+    kind, field = ("twist", "header.frame_id") if stamped else ("odometry", "child_frame_id")
+    for frame in ("camera", ""):
+        given = velocity(0.1, 1e-4, frame=frame, stamped=stamped)
+        with pytest.raises(SlipSourceError, match=rf"{field}.* is in frame '{frame}', expected 'base_link'"):
+            published_of(RATES, given, velocity_type=kind)
+        (message,) = published_of(RATES, given, velocity_type=kind, body_frame="")
+        assert message.header.frame_id == ""
+    assert published_of(RATES, velocity(0.1, 1e-4, stamped=stamped), velocity_type=kind)
 
 
 def test_every_wheel_has_its_slip_in_the_order_of_the_rover_file() -> None:

@@ -2,26 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """A managed (lifecycle) node that starts itself unless told otherwise, and publishes diagnostics in every state."""
 
-import math
 import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.subscription import Subscription
 
-from terrain_estimator.diagnostics import CLOCK, STATE, Finding, Level
+from terrain_estimator.diagnostics import CLOCK, STATE, Finding
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.plain import POLL_S, guarded
+from terrain_estimator.nodes.reporting import Reporter
 
-PERIOD_S = 1.0
-PATIENCE_S = 5.0
-"""What is wrong for so long is worth a line of the log."""
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
 _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
@@ -52,10 +48,7 @@ class ManagedNode(LifecycleNode):
         self.failures = 0  # callbacks that raised
         self._stop = stop
         self._clock_ns, self._ticked_s = 0, time.monotonic()  # /clock as it was seen last, and since when by the steady clock
-        self._since_s: dict[str, float] = {}  # what is wrong, since when by the steady clock
-        self._said: set[str] = set()
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_timer(PERIOD_S, self.guard(self._diagnose), clock=self.steady)
+        self._reporter = Reporter(self, self._every_finding, self._count_failure)
 
     @abstractmethod
     def configure(self) -> None:
@@ -138,23 +131,9 @@ class ManagedNode(LifecycleNode):
         self.wrong = ""
         return TransitionCallbackReturn.SUCCESS
 
-    def _diagnose(self) -> None:
-        findings = [*self._of_every_node(), *self.findings()]
-        name = self.get_fully_qualified_name()
-        status = [
-            DiagnosticStatus(
-                level=bytes([finding.level]),
-                name=f"{name}: {finding.name}",
-                message=finding.message,
-                hardware_id=name,
-                values=[KeyValue(key=finding.check.unit or "value", value=f"{finding.value:g}")],
-            )
-            for finding in findings
-        ]
-        message = DiagnosticArray(status=status)
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
-        self._say(findings)
+    def _every_finding(self) -> Iterator[Finding]:
+        yield from self._of_every_node()
+        yield from self.findings()
 
     def _of_every_node(self) -> Iterator[Finding]:
         yield STATE.judge(2.0 if self.wrong else float(self.state != ACTIVE), text=self.wrong or self.state)
@@ -170,22 +149,6 @@ class ManagedNode(LifecycleNode):
         passed_s = steady_s - self._ticked_s
         what = "/clock stands still" if now_ns else "no /clock came"
         return CLOCK.judge(passed_s, text=f"use_sim_time is set, but {what} for {passed_s:.0f} s" if passed_s else "/clock runs")
-
-    def _say(self, findings: list[Finding]) -> None:
-        """One line for what lasts, and one when it is over."""
-        now = time.monotonic()
-        wrong = {finding.name: finding for finding in findings if finding.level and not math.isnan(finding.value)}
-        self._since_s = {name: self._since_s.get(name, now) for name in wrong}
-        new = [name for name, since_s in self._since_s.items() if now - since_s >= PATIENCE_S - PERIOD_S / 2 and name not in self._said]
-        for name in new:
-            # two calls: rclpy raises where one line of code logs at two levels
-            if wrong[name].level is Level.WARN:
-                self.get_logger().warning(wrong[name].message)
-            else:
-                self.get_logger().error(wrong[name].message)
-        for name in sorted(self._said - set(wrong)):
-            self.get_logger().info(f"{name}: all is well again")
-        self._said = (self._said & set(wrong)) | set(new)
 
     def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 - rclpy's own, by its mangled name
         """Refuse a transition that the state does not have: in rclpy the exception would end the process."""

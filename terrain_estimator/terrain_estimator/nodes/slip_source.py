@@ -3,17 +3,21 @@
 """The source of wheel_slip as a node: wiring only."""
 
 import sys
+from collections.abc import Iterator
 
 import torch
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.diagnostics import REFUSED, Finding
 from terrain_estimator.nodes.declare import declare
 from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
+from terrain_estimator.nodes.plain import guarded, run
 from terrain_estimator.nodes.quality import listen
-from terrain_estimator.nodes.silence import Patience
+from terrain_estimator.nodes.reporting import Reporter
+from terrain_estimator.nodes.silence import Pairs, Patience
+from terrain_estimator.pairing import MessageSet
 from terrain_estimator.ros_types import INPUT_TYPES, Message
 from terrain_estimator.slip_source import JOINTS, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
 from terramechanics.rover import load_rover
@@ -36,7 +40,9 @@ class SlipSourceNode(Node):
         self._source = SlipSource(rover, config)
         self._output = self.create_publisher(message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS)
         topics = {JOINTS: INPUT_TYPES[JOINTS], VELOCITY: VELOCITY_TYPES[config.velocity_type]}
-        self._patience = Patience(self, topics, QOS)
+        self._patience, self._pairs = Patience(self, topics, QOS), Pairs(self, topics)
+        self._used, self._refused = 0, list[str]()  # pairs since the last report, and why the others were refused
+        self._reporter = Reporter(self, self._findings)
         for topic, kind in topics.items():
             self._subscribe(topic, kind)
         if self.resolve_topic_name(VELOCITY) == self.resolve_topic_name("odom"):
@@ -46,13 +52,27 @@ class SlipSourceNode(Node):
     def _subscribe(self, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
             self._patience.heard(topic)
-            for pair in self._source.pair(topic, message):
-                try:
-                    self._output.publish(self._source.slip_message(pair, make))
-                except SlipSourceError as error:
-                    self.get_logger().error(str(error), throttle_duration_sec=LOG_PERIOD_S)
+            pairs = self._source.pair(topic, message)
+            self._pairs.heard(topic, paired=bool(pairs))
+            for pair in pairs:
+                self._publish(pair)
 
         listen(self, kind, topic, guarded(self, receive), QOS)
+
+    def _publish(self, pair: MessageSet) -> None:
+        try:
+            message = self._source.slip_message(pair, make)
+        except SlipSourceError as error:
+            self._refused.append(str(error))
+            return
+        self._output.publish(message)
+        self._used += 1
+
+    def _findings(self) -> Iterator[Finding]:
+        count = len(self._refused)
+        words = f"{count} of {self._used + count} pairs: {self._refused[-1]}" if count else "none"
+        yield REFUSED.judge(count / max(self._used + count, 1), text=f"refused: {words}")
+        self._used, self._refused = 0, []
 
 
 def main() -> int:
