@@ -19,6 +19,7 @@ from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.run import Reading, Truth
 from terramechanics.contact import CONSTANTS
+from terramechanics.effects import describe
 
 SECOND_NS = 1_000_000_000
 FIXED = 1e-12
@@ -68,8 +69,9 @@ def step_messages(reading: Reading, config: SimulatorConfig, stamp_ns: int, sequ
 
 
 def truth_message(truth: Truth, config: SimulatorConfig, stamp_ns: int, sequence: int) -> TerrainTruth:
-    """The true ground."""
+    """The true ground, and the effect that is switched on; with the size 0 none is."""
     cohesion, tan_phi = truth.strength
+    effects = [describe(config.effect)] if config.effect and config.effect_size else []
     constants = {_TRUTH_FIELDS[name]: value for name, value in zip(CONSTANTS, truth.constants, strict=True)}
     return TerrainTruth(
         header=Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame),
@@ -79,6 +81,9 @@ def truth_message(truth: Truth, config: SimulatorConfig, stamp_ns: int, sequence
         cohesion=cohesion,
         tan_phi=tan_phi,
         friction_angle=math.atan(tan_phi),
+        effect=[effect.name for effect in effects],
+        effect_value=[config.effect_size for _ in effects],
+        effect_unit=[effect.unit for effect in effects],
         **constants,
     )
 

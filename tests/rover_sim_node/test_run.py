@@ -14,6 +14,7 @@ import torch
 from rover_sim_node.config import GroundChange, SimulatorConfig, SoilOverrides
 from rover_sim_node.messages import clock_message, step_messages, truth_message
 from rover_sim_node.run import Reading, Run
+from terrain_estimator.cli import run_report
 from terramechanics.ground import Ground
 from terramechanics.loading import ConfigError
 from terramechanics.rover import load_rover
@@ -148,6 +149,26 @@ def test_the_truth_follows_a_change_of_the_ground(transition: float, grounds: in
     assert message.sinkage_exponent == pytest.approx(0.47)
     assert message.friction_angle == pytest.approx(math.atan(0.6569))
     assert (message.shear_modulus, message.stress_angle_offset, message.sequence) == (pytest.approx(0.038), pytest.approx(0.43), 3)
+    assert list(message.effect) == []
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "told", "ground"),
+    [
+        ("payload", 40.0, [("payload", 40.0, "kg")], "loose_sand with payload 40 kg"),
+        ("multipass", 0.1, [("multipass", 0.1, "1")], "loose_sand with multipass 0.1"),
+        ("failed_wheel", 1.0, [("failed_wheel", 1.0, "1")], "loose_sand with failed_wheel 1"),
+        ("payload", 0.0, [], "loose_sand"),
+    ],
+)
+def test_the_truth_names_the_effect_with_its_size_and_the_report_of_a_run_shows_it(
+    effect: str, size: float, told: list[tuple[str, float, str]], ground: str
+) -> None:
+    config = SimulatorConfig(effect=effect, effect_size=size)
+    (reading,) = readings(config, 1)
+    message = truth_message(reading.truth, config, 0, 0)
+    assert list(zip(message.effect, message.effect_value, message.effect_unit, strict=True)) == told
+    assert run_report._truth(message).ground == ground
 
 
 def test_a_rover_without_commands_stands_and_its_slip_is_undefined() -> None:

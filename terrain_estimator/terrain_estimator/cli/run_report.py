@@ -46,7 +46,7 @@ def _run(replay: Replay, model: LoadedModel) -> Run:
 
 def _truth(message: Message) -> Truth:
     sizes = zip(message.effect, message.effect_value, message.effect_unit, strict=True)
-    effects = [f"{name} {size:.4g} {unit}".rstrip(" 1") for name, size, unit in sizes]
+    effects = [f"{name} {size:.4g}" + ("" if unit == "1" else f" {unit}") for name, size, unit in sizes]
     return Truth(stamp_ns(message), (message.cohesion, message.tan_phi), " with ".join([message.soil, *effects]))
 
 
