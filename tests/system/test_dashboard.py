@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live page as a process of its own, in a real browser: it shows what the topics say, to everybody, and again after a restart."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -76,7 +77,7 @@ def values_now(step: int) -> dict[str, list[float]]:
         **{f'[data-path="odom/{axis}"]': [getattr(place, axis)] for axis in ("x", "y", "z")},
         '[data-path="odom/velocity"]': [said["odom"].twist.twist.linear.x],
         "#wheel-table td:nth-child(2) data": list(said["wheel_slip"].slip),
-        "#wheel-table td:nth-child(4) data": list(said["wheel_sinkage"].sinkage),
+        "#wheel-table td:nth-child(4) data": list(reversed(said["wheel_sinkage"].sinkage)),
         "#effect-table data": effects,
         "#inputs data": [state.input_received[0], state.input_unpaired[0], state.input_lost[0], state.input_age[0]],
         "#counts data": [step, 7, 1.07, 0.00125, 0],
@@ -103,6 +104,8 @@ def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
         assert page.locator("#stop").inner_text() == "Stop: the wheels slip"
         history_equals_the_topics(page)
         assert page.locator("#cohesion canvas").get_attribute("aria-label") == "Cohesion c: now 1.54, 95 percent between 1.34 and 1.74 kPa"
+        depths = "front left 15.4, front right 16.4, rear left 17.4, rear right 18.4 mm"
+        assert page.locator("#sinkage canvas").get_attribute("aria-label") == f"Sinkage now: {depths}"
         usable_by_everybody(page)
         assert it.said == []
         assert {urlsplit(address).netloc for address in it.asked_for} == {urlsplit(url).netloc}
@@ -154,11 +157,16 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
     rover = Rover(listener)
     with opened(browser, url, DESK) as it:
         rover.drive(range(STEPS))
+        rover.say("traction_advice", advice(make, STEPS, stop=False))
+        planner = it.page.locator("#advice")
+        wait_until(lambda: planner.inner_text() == "planner: at most 0.0815 m/s", "the planner is heard", seen=planner.inner_text)
         awaits(it.page, '[data-path="odom/x"]', 0.01 * (STEPS - 1))
         assert it.said == []
         assert first.interrupt(60.0) == 0
         connection = it.page.locator("#connection")
         wait_until(lambda: connection.get_attribute("data-state") == "lost", "the page says that the connection is lost")
+        silent = re.compile(r"planner: not heard for \d+ s")
+        wait_until(lambda: silent.fullmatch(planner.inner_text()), "a limit that is not repeated is none", seen=planner.inner_text)
         again = start("terrain_estimator", "dashboard", *arguments, "-p", f"port:={port}")
         assert url_of(again) == url
         step = STEPS + 3

@@ -80,9 +80,10 @@ def truth(make: Make) -> Any:
 def measured(make: Make, step: int) -> Iterator[tuple[str, Any]]:
     """Slip, sinkage and odometry of one instant."""
     count = len(WHEELS)
-    common = {"header": header(make, step), "sequence": step, "wheel": list(WHEELS)}
-    slip = {"slip": [0.1 + 0.01 * k + 1e-4 * step for k in range(count)], "slip_stddev": [0.01] * count}
-    sinkage = {"sinkage": [0.015 + 0.001 * k + 1e-5 * step for k in range(count)], "sinkage_stddev": [0.001] * count}
+    common = {"header": header(make, step), "sequence": step}
+    slip = {"wheel": list(WHEELS), "slip": [0.1 + 0.01 * k + 1e-4 * step for k in range(count)], "slip_stddev": [0.01] * count}
+    depths = [0.015 + 0.001 * k + 1e-5 * step for k in reversed(range(count))]
+    sinkage = {"wheel": list(reversed(WHEELS)), "sinkage": depths, "sinkage_stddev": [0.001] * count}  # in an order of its own
     angles = {"contact_angle": [0.0] * count, "contact_angle_stddev": [0.01] * count}
     yield "wheel_slip", make(INPUT_TYPES["wheel_slip"], **common, **slip)
     yield "wheel_sinkage", make(INPUT_TYPES["wheel_sinkage"], **common, **sinkage, **angles)

@@ -41,6 +41,12 @@ function showMost(name, topic, scale) {
   say(element(`most-${name}-wheel`), k < 0 ? "no wheel is heard" : plain(wheel[k]));
 }
 
+/** Since the last message of a topic [s]; undefined where none came. */
+function age(topic) {
+  const then = store.ages[topic];
+  return then === undefined ? undefined : then + (performance.now() - view.came) / 1000;
+}
+
 function showVerdict() {
   const estimate = store.now.terrain_estimate, advice = store.now.traction_advice;
   const [level, sign] = (estimate && LEVELS[estimate.status]) ?? ["quiet", "…"];
@@ -50,9 +56,16 @@ function showVerdict() {
   if (estimate) say(element("status-text"), sentence(estimate.status, estimate.status_text));
   element("stop").hidden = !advice?.stop;
   if (advice?.stop) say(element("stop"), `Stop: ${advice.status_text}`);
-  const limit = advice && advice.speed_limit !== null ? `planner: at most ${number(advice.speed_limit)} m/s` : "no planner is heard";
-  say(element("advice"), advice?.stop ? "planner: stop" : advice && !advice.known ? "planner: unknown yet" : limit);
+  say(element("advice"), advised(advice, age("traction_advice")));
   document.title = advice?.stop ? "■ Stop – Live terrain" : "Live terrain";
+}
+
+/** What the planner says now; a limit that it does not repeat is none any more, and a stop holds until it is withdrawn. */
+function advised(advice, since) {
+  if (!advice) return "no planner is heard";
+  if (since > SILENT_S) return `planner: ${advice.stop ? "stop; " : ""}not heard for ${Math.round(since)} s`;
+  if (advice.stop) return "planner: stop";
+  return advice.known && advice.speed_limit !== null ? `planner: at most ${number(advice.speed_limit)} m/s` : "planner: unknown yet";
 }
 
 /** The status in words without its name, which the badge says. */
@@ -62,18 +75,17 @@ function sentence(status, text) {
 }
 
 function showConnection() {
-  const since = (performance.now() - view.came) / 1000;
-  const age = store.ages.terrain_estimate === undefined ? undefined : store.ages.terrain_estimate + since;
+  const since = age("terrain_estimate");
   let state = "live", text = "live";
   if (view.paused) [state, text] = ["wait", "paused"];
   else if (!view.connected) [state, text] = ["lost", "connection lost, trying again"];
-  else if (age === undefined) [state, text] = ["wait", "waiting for the estimator"];
-  else if (age > SILENT_S) [state, text] = ["silent", "no estimates come"];
+  else if (since === undefined) [state, text] = ["wait", "waiting for the estimator"];
+  else if (since > SILENT_S) [state, text] = ["silent", "no estimates come"];
   const pill = element("connection");
   pill.dataset.state = state;
   say(pill, text);
   element("now").classList.toggle("stale", state === "lost" || state === "silent");
-  const silent = state === "silent" ? `, the last one ${Math.round(age)} s ago` : "";
+  const silent = state === "silent" ? `, the last one ${Math.round(since)} s ago` : "";
   say(element("clock"), store.time === null ? "" : `${clock(store.time)}${isTimeOfDay(store.time) ? " UTC" : ""}${silent}`);
 }
 
@@ -115,7 +127,7 @@ function start() {
     showConnection();
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { restyle(); drawCharts(store, view, true); });
-  setInterval(() => { showConnection(); drawCharts(store, view, false); }, DRAWN_MS);
+  setInterval(() => { showConnection(); if (!view.paused) showVerdict(); drawCharts(store, view, false); }, DRAWN_MS);
 }
 
 start();

@@ -152,9 +152,10 @@ function wheels(name, title, unit, scale, chart, store, rows, span) {
   if (chart.data.datasets.length !== names.length || names.some((wheel, k) => chart.data.datasets[k].label !== plain(wheel))) wheelLines(chart, names.map(plain));
   names.forEach((_, k) => { chart.data.datasets[k].data = calmed(store.points(rows, `${name}_${k}`, scale)); });
   fitTime(chart, span);
-  const now = store.now[`wheel_${name}`]?.[name] ?? [];
+  const measured = store.now[`wheel_${name}`] ?? { wheel: [], [name]: [] };
+  const now = names.map((wheel) => measured[name][measured.wheel.indexOf(wheel)] ?? null); // each topic has an order of its own
   return {
-    words: `${title} now: ${names.map((wheel, k) => `${plain(wheel)} ${number(now[k] === null || now[k] === undefined ? null : scale * now[k])}`).join(", ")} ${unit === "1" ? "" : unit}`.trim(),
+    words: `${title} now: ${names.map((wheel, k) => `${plain(wheel)} ${number(now[k] === null ? null : scale * now[k])}`).join(", ")} ${unit === "1" ? "" : unit}`.trim(),
     rows,
     columns: names.map((wheel, k) => [`${plain(wheel)} [${unit}]`, `${name}_${k}`, scale]),
   };
