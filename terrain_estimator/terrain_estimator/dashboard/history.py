@@ -16,17 +16,19 @@ class History:
     """At most ``capacity`` rows, at least ``period_s`` apart.
 
     When they are too many the oldest goes; or, to keep the whole drive, every two become one and the period doubles. A row stands for all
-    samples of its period: the last value of each column, the largest where ``worst`` has the column.
+    samples of its period: the last value of each column, the largest where ``worst`` has the column, the mean where ``mean`` has it.
     """
 
     period_s: float
     capacity: int
     whole: bool
     worst: frozenset[int] = frozenset()
+    mean: frozenset[int] = frozenset()
     generation: int = 0  # of the rows: grows when those that were given out are no longer what they were
     _rows: list[Row] = field(default_factory=list)
     _first: int = 0  # number of the oldest row
     _open: Row | None = None  # the row of the present period
+    _known: Sequence[int] = ()  # how many values of each column it stands for
 
     @property
     def end(self) -> int:
@@ -35,12 +37,14 @@ class History:
 
     def add(self, sample: Row) -> None:
         """Take the values of a time that is not before the last one's."""
+        known = [int(value is not None) for value in sample]
         if self._open is not None and self._period_of(sample) == self._period_of(self._open):
-            self._open = self._merged(self._open, sample)
+            self._open = self._merged(self._open, sample, self._known)
+            self._known = [before + now for before, now in zip(self._known, known, strict=True)]
             return
         if self._open is not None:
             self._append(self._open)
-        self._open = sample
+        self._open, self._known = sample, known
 
     def since(self, number: int) -> Sequence[Row]:
         """The rows from this number on; those that are gone are left out."""
@@ -51,7 +55,7 @@ class History:
         return math.floor((row[0] or 0.0) / self.period_s + _ROUNDING)
 
     def _append(self, row: Row) -> None:
-        self._rows.append(row)
+        self._rows.append(self._rounded(row))
         if len(self._rows) <= self.capacity:
             return
         if self.whole:
@@ -63,12 +67,23 @@ class History:
     def _halve(self) -> None:
         pairs = zip(self._rows[::2], self._rows[1::2], strict=False)
         odd = self._rows[-1:] if len(self._rows) % 2 else []
-        self._rows = [self._merged(*pair) for pair in pairs] + odd
+        self._rows = [self._rounded(self._merged(*pair, [1] * len(pair[0]))) for pair in pairs] + odd
         self.period_s *= 2.0
         self.generation += 1
 
-    def _merged(self, earlier: Row, later: Row) -> Row:
-        return tuple(
-            (max((each for each in pair if each is not None), default=None) if column in self.worst else pair[1])
-            for column, pair in enumerate(zip(earlier, later, strict=True))
-        )
+    def _merged(self, earlier: Row, later: Row, weights: Sequence[int]) -> Row:
+        """One row for two; of each column the earlier one stands for so many values."""
+        return tuple(self._value(column, *values) for column, values in enumerate(zip(earlier, later, weights, strict=True)))
+
+    def _rounded(self, row: Row) -> Row:
+        """Means with as many digits as samples have: every digit is sent to every page."""
+        return tuple(value if value is None or column not in self.mean else float(f"{value:.7g}") for column, value in enumerate(row))
+
+    def _value(self, column: int, earlier: float | None, later: float | None, weight: int) -> float | None:
+        if column in self.worst:
+            return max((each for each in (earlier, later) if each is not None), default=None)
+        if column not in self.mean:
+            return later
+        if earlier is None or later is None:
+            return earlier if later is None else later
+        return earlier + (later - earlier) / (weight + 1)

@@ -61,8 +61,10 @@ class LiveModel:
         wheels = [f"{name}_{k}" for name in ("slip", "sinkage") for k in range(len(self._wheels))]
         self.columns = ("time", *_ESTIMATED, *_WORST, "status", *_PLACE, "truth_cohesion", "truth_tan_phi", *wheels)
         worst = frozenset(self.columns.index(name) for name in _WORST)
+        mean = frozenset(self.columns.index(name) for name in wheels)
         period_s, points = self._config.window_s / self._config.points, self._config.points
-        self._recent, self._whole = (History(period_s, points, whole, worst) for whole in (False, True))
+        self._recent = History(period_s, points, whole=False, worst=worst)
+        self._whole = History(period_s, points, whole=True, worst=worst, mean=mean)
         self._journal = Journal()
         self._stamp_s = self._origin_s = math.nan
         self._jumps = 0
