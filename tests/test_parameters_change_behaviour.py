@@ -112,9 +112,11 @@ ESTIMATOR = {
     "use_torque": Case(OFF, lambda a, b: "torque_0" in rows(a) - rows(b)),
     "use_imu": Case(OFF, lambda a, b: "acceleration" in rows(a) - rows(b)),
     "use_moments": Case(OFF, lambda a, b: "moment" in rows(a) - rows(b)),
-    "prior.cohesion_mean": Case(3000.0, lambda a, b: mean(b)[0] > 2900.0 > mean(a)[0], {"prior.cohesion_sd": 10.0}),
+    "prior.cohesion_mean": Case(
+        3000.0, lambda a, b: mean(b)[0] > 2900.0 > mean(a)[0], {"prior.cohesion_mean": 1500.0, "prior.cohesion_sd": 10.0}
+    ),
     "prior.cohesion_sd": Case(10.0, lambda a, b: sd(b)[0] <= 10.0 < sd(a)[0], {"prior.cohesion_mean": 1500.0, "prior.cohesion_sd": 900.0}),
-    "prior.tan_phi_mean": Case(0.9, lambda a, b: mean(b)[1] > 0.85 > mean(a)[1], {"prior.tan_phi_sd": 0.01}),
+    "prior.tan_phi_mean": Case(0.9, lambda a, b: mean(b)[1] > 0.85 > mean(a)[1], {"prior.tan_phi_mean": 0.6, "prior.tan_phi_sd": 0.01}),
     "prior.tan_phi_sd": Case(0.001, lambda a, b: sd(b)[1] <= 0.001 < sd(a)[1], {"prior.tan_phi_mean": 0.6, "prior.tan_phi_sd": 0.2}),
     "prior.soil": Case("regolith", lambda a, b: b[-1].update.estimate.soil_probability[2] > a[-1].update.estimate.soil_probability[2]),
     "drift": Case(0.5, lambda a, b: sd(b)[0] > sd(a)[0]),

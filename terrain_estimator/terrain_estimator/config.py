@@ -49,13 +49,15 @@ class CoreConfig:
     slip_maximum: float = number("a wheel with this slip or more is left out", "1", 0.0, 1.0, default=1.0)
 
     def __post_init__(self) -> None:
-        """Refuse half a prior: a mean without its deviation would silently do nothing."""
+        """Refuse half a prior: a mean without its deviation would silently do nothing, a deviation alone put the mean at 0."""
         for name, mean, sd in (
             ("cohesion", self.prior_cohesion_mean_pa, self.prior_cohesion_sd_pa),
             ("tan_phi", self.prior_tan_phi_mean, self.prior_tan_phi_sd),
         ):
             if mean > 0.0 and sd == 0.0:
                 raise ConfigError(f"parameter prior.{name}_mean: {mean:g} has no effect without prior.{name}_sd: give both or none")
+            if sd > 0.0 and mean == 0.0:
+                raise ConfigError(f"parameter prior.{name}_sd: {sd:g} needs prior.{name}_mean above 0: give both or none")
 
 
 @dataclass(frozen=True, slots=True)

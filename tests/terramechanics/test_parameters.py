@@ -53,6 +53,7 @@ def test_an_int_is_taken_where_a_float_is_meant() -> None:
         (EstimatorConfig, {"pairing_timeout": -1.0}, ["pairing_timeout", "-1", "at least 0 and at most 60 [s]"]),
         (EstimatorConfig, {"pairing_timeout": float("nan")}, ["pairing_timeout", "nan"]),
         (EstimatorConfig, {"prior.cohesion_mean": 1000.0}, ["prior.cohesion_mean", "prior.cohesion_sd"]),
+        (EstimatorConfig, {"prior.tan_phi_sd": 0.1}, ["prior.tan_phi_sd: 0.1", "prior.tan_phi_mean", "both or none"]),
         (SimulatorConfig, {"sed": 1}, ["unknown parameter sed", "did you mean seed?"]),
         (SimulatorConfig, {"soil_overrides.cohesio": 1.0}, ["soil_overrides.cohesio", "did you mean soil_overrides.cohesion?"]),
         (SimulatorConfig, {"soil_overrides": {"cohesion": -1.0}}, ["soil_overrides.cohesion: -1 is outside its range"]),
