@@ -45,8 +45,8 @@ class CoreConfig:
     gate_probability: float = number(
         "share of good observations that the gates may reject; 0 switches them off", "1", 0.0, 0.1, default=1e-5
     )
-    slip_minimum: float = number("a wheel with less slip is left out", "1", -10.0, 0.0, default=-1.0)
-    slip_maximum: float = number("a wheel with this slip or more is left out", "1", 0.0, 1.0, default=1.0)
+    slip_minimum: float = number("a wheel with less slip is left out; the model's range begins at -0.6", "1", -0.6, 0.0, default=-0.6)
+    slip_maximum: float = number("a wheel with this slip or more is left out; the model's range ends at 0.95", "1", 0.0, 0.95, default=0.95)
 
     def __post_init__(self) -> None:
         """Refuse half a prior: a mean without its deviation would silently do nothing, a deviation alone put the mean at 0."""

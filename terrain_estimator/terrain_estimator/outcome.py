@@ -37,7 +37,7 @@ _ADVICE = {
     Outcome.STANDSTILL: "drive: slip is undefined while the wheels stand",
     Outcome.NOT_FINITE: "check the publisher of the value that is NaN or infinite",
     Outcome.BAD_DEVIATION: "publish a standard deviation above zero with every measurement, in SI units",
-    Outcome.OUT_OF_RANGE: "check the units, slip (-1 to 1) and sinkage (0 to the wheel radius) of all wheels, and the rover file",
+    Outcome.OUT_OF_RANGE: "check the units, slip (-0.6 to 0.95) and sinkage (0 to the wheel radius) of all wheels, and the rover file",
     Outcome.WRONG_WHEELS: "publish the wheel names of the rover file, each once",
     Outcome.WRONG_FRAME: "publish in the body frame that the estimator's parameter body_frame names",
     Outcome.TIME_BACKWARDS: "stamps must increase: check the clock, or reset the estimator when a bag loops",

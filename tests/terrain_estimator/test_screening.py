@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config import CoreConfig, EstimatorConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.screening import Screening, screen
+from terramechanics.contact import MAX_SLIP, MIN_SLIP
+from terramechanics.loading import ConfigError
+from terramechanics.parameters import configure
 
 RADIUS = 0.13
 CONFIG = CoreConfig()
@@ -144,7 +147,16 @@ def test_standing_wheels_are_a_standstill_even_where_slip_is_undefined() -> None
 
 
 def test_a_stuck_rover_with_turning_wheels_does_not_stand() -> None:
-    assert verdict(slip=np.full(3, 0.97), velocity=0.004).outcome is Outcome.ACCEPTED
+    assert verdict(slip=np.full(3, 0.94), velocity=0.004).outcome is Outcome.ACCEPTED
+    assert verdict(slip=np.full(3, 0.97), velocity=0.004).outcome is Outcome.OUT_OF_RANGE
+
+
+def test_slip_is_bounded_where_the_model_ends_and_the_advice_says_where() -> None:
+    assert (CONFIG.slip_minimum, CONFIG.slip_maximum) == (MIN_SLIP, MAX_SLIP)
+    assert f"slip ({MIN_SLIP:g} to {MAX_SLIP:g})" in Outcome.OUT_OF_RANGE.advice
+    for value in ({"slip_minimum": -0.7}, {"slip_maximum": 0.96}):
+        with pytest.raises(ConfigError, match="outside its range"):
+            configure(EstimatorConfig, value)
 
 
 def test_without_wheel_rates_the_velocity_tells_a_standstill() -> None:
