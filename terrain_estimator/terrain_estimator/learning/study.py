@@ -140,7 +140,8 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
             trace = _run(model, drives, rows)
             part.judged[rows, name] = judge(trace, drives, bound, model.prior_sd)
         if batch == 0:
-            part.net.append(_share(model, drives, trace, setting))
+            known = [each.name for each in loaded.metadata.soils].index(soil.name)
+            part.net.append(_share(model, known, drives, trace, setting))
     return part
 
 
@@ -184,12 +185,14 @@ def _pair(values: Tensor) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _share(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> NetShare:
-    """Learnt part of each row over its nominal part, at the last posterior mean, on the first observation of each block."""
+def _share(model: PAlpaca, soil: int, drives: Drives, trace: Trace, setting: Setting) -> NetShare:
+    """Learnt part of each row over its nominal part, at the last posterior mean, on the first observation of each block that was used."""
     packed = drives.tasks.measured[:, :: model.block_size]
-    flat = packed.reshape(-1, packed.shape[-1])
-    rows = regression_rows(flat, flat, model.nominal_contact())
-    final = trace.final.repeat_interleave(packed.shape[1], 0).unsqueeze(-1)
+    starts = torch.arange(0, drives.tasks.measured.shape[1], model.block_size)
+    kept = starts < drives.ends.unsqueeze(1)
+    flat = packed[kept]
+    rows = regression_rows(flat, flat, model.nominal_contact(soil))
+    final = trace.final.unsqueeze(1).expand(-1, packed.shape[1], -1)[kept].unsqueeze(-1)
     theta = torch.cat([final[:, :2], torch.ones_like(final[:, :1])], 1)
     nominal = (rows.features[0] @ theta).squeeze(-1) * rows.used
     columns = torch.where(rows.used.unsqueeze(-1) > 0.0, model.learnt(flat), 0.0)
