@@ -7,11 +7,12 @@ import dataclasses
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.learning.accuracy import ParameterScore, Score
+from terrain_estimator.learning.accuracy import PARAMETERS, ParameterScore, Score
 from terrain_estimator.learning.net_study import PLANTS, Comparison, compare
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
@@ -43,13 +44,23 @@ def main(argv: list[str] | None = None) -> int:
                 results.append(compare(rover, soil, *models, plant, args.episodes, args.seed + list(PLANTS).index(plant)))
                 report.at((index + 1) / len(args.plant), plant)
         args.out.parent.mkdir(parents=True, exist_ok=True)
-        figures = {"model": loaded.model_id, "seed": args.seed, "plants": [dataclasses.asdict(result) for result in results]}
+        figures = {"model": loaded.model_id, "seed": args.seed, "plants": list(map(_figures, results))}
         args.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     except (ModelFileError, OSError) as error:
         sys.stderr.write(f"net_study: {error}\n")
         return 2
     sys.stdout.write(table(results))
     return 0
+
+
+def _figures(result: Comparison) -> dict[str, Any]:
+    """All that was measured: a plant with hidden effects has no bound to compare with."""
+    figures = dataclasses.asdict(result)
+    for model in ("physics", "with_net"):
+        for parameter in PARAMETERS:
+            for name in ("bound", "ratio_to_bound", "narrowest"):
+                del figures[model][parameter][name]
+    return figures
 
 
 def _soil(loaded: LoadedModel, name: str) -> Soil:

@@ -69,5 +69,5 @@ def _trace(model: PAlpaca, drives: Drives) -> Trace:
 
 
 def _score(model: PAlpaca, trace: Trace, drives: Drives) -> Score:
-    nothing = torch.eye(2, dtype=torch.float64).expand(trace.mean.shape[0], trace.mean.shape[1], 2, 2)  # no bound is known here
-    return score(judge(trace, drives, nothing, model.prior_sd))
+    unknown = torch.full((*trace.mean.shape, 2), torch.nan, dtype=torch.float64)  # the bound of a plant with hidden effects
+    return score(judge(trace, drives, unknown, model.prior_sd))

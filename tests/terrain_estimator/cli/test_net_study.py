@@ -17,6 +17,9 @@ def test_a_small_study_compares_physics_with_and_without_the_net(tmp_path: Path,
     change = plant["nll_change"]
     assert change["low"] < change["mean"] < change["high"]
     assert plant["physics"]["episodes"] == plant["with_net"]["episodes"] == 3
+    assert "NaN" not in out.read_text()
+    assert "coverage_95" in plant["with_net"]["cohesion"]
+    assert "bound" not in plant["with_net"]["cohesion"]
     assert plant["physics"]["nis"] > 1.5  # the physics alone is wrong by more than the sensors' noise
     assert "| other effects | physics |" in capsys.readouterr().out
 
