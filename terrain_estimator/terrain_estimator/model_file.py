@@ -54,6 +54,7 @@ class Training:
     iterations: int
     loss: float = number("final training loss: mean negative log predictive density of a row", "nat")
     torch_version: str = ""
+    options: tuple[str, ...] = ()  # effective ones of ``train``, in its own words; a file that is older has none
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.study import ROVERS, SOILS
 from terrain_estimator.learning.tasks import BENCHMARK, PAPER, draw_tasks
-from terrain_estimator.learning.training import Progress, Recipe, build_model, train
+from terrain_estimator.learning.training import PRIOR, Progress, Recipe, build_model, train
 from terrain_estimator.model_file import MODELS, ModelFileError, Training
 from terramechanics.loading import ConfigError
 from terramechanics.rover import Rover, load_rover
@@ -28,8 +28,11 @@ from terramechanics.soil import Soil, load_soil
 
 _CHECKED_OBSERVATIONS = 50
 _SMOOTHED = 20  # iterations in the loss that the metadata state
+_LARGEST_CONSTANTS_SD = 0.2  # of the soil's value: beyond, the columns are too far from linear
 _FEW = 1000
 """Drives up to which this process draws them alone: starting two workers takes as long as 150 drives."""
+_ELSEWHERE = ("rover", "soil", "out", "curves", "scheduler", "workers")
+"""Arguments that say where: they do not change the model, or are the metadata's own fields."""
 _STRENGTHS = {"benchmark": BENCHMARK, "paper": PAPER}
 
 
@@ -43,6 +46,9 @@ def main(argv: list[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     if args.tasks < Recipe().batch or args.iterations < 1:
         sys.stderr.write(f"train: --tasks {args.tasks} --iterations {args.iterations}: give at least {Recipe().batch} and 1\n")
+        return 2
+    if not 0.0 <= args.constants_sd < _LARGEST_CONSTANTS_SD:
+        sys.stderr.write(f"train: --constants-sd {args.constants_sd:g}: give 0 to {_LARGEST_CONSTANTS_SD:g}, exclusive\n")
         return 2
     try:
         device = choose_device(args.device)
@@ -87,6 +93,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--iterations", type=int, default=recipe.iterations, help="training iterations of 20 drives")
     parser.add_argument("--columns", type=int, default=recipe.columns, help="learnt features")
     parser.add_argument("--hidden", type=int, default=recipe.hidden, help="width of the two hidden layers")
+    parser.add_argument(
+        "--constants-sd", type=float, default=PRIOR.constants_sd, help="relative deviation of each soil constant; 0 takes them for exact"
+    )
     penalties = [penalty.name.lower() for penalty in Orthogonality]
     parser.add_argument("--orthogonality", choices=penalties, default=recipe.orthogonality.name.lower(), help="kind of the penalty")
     parser.add_argument(
@@ -110,22 +119,28 @@ def recipe_of(args: argparse.Namespace) -> Recipe:
     )
 
 
+def options_of(args: argparse.Namespace, device: torch.device) -> tuple[str, ...]:
+    """The options with which the same training is made again, defaults included; rover and soils stand beside them in the file."""
+    effective = vars(args) | {"device": device.type}
+    return tuple(f"--{name.replace('_', '-')}={value}" for name, value in sorted(effective.items()) if name not in _ELSEWHERE)
+
+
 def _train_one(rover: Rover, soils: list[Soil], args: argparse.Namespace, device: torch.device) -> None:
     recipe = recipe_of(args)
     name = rover.name if len(soils) > 1 else f"{rover.name}-{soils[0].name}"
     orders = [
-        Order(rover, soil, drives, args.seed, strength=_STRENGTHS[args.strength], share=args.hidden_effects)
+        Order(rover, soil, drives, args.seed, strength=_STRENGTHS[args.strength], share=args.hidden_effects, constants_sd=args.constants_sd)
         for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
     ]
     data = Regression.join([draw(order, args.scheduler, args.workers) for order in orders])
-    model = build_model(rover, soils, recipe.columns, recipe.hidden)
+    model = build_model(rover, soils, recipe.columns, recipe.hidden, PRIOR._replace(constants_sd=args.constants_sd))
     history: list[Progress] = []
     with ProgressReport(f"{name}: training on {device}") as report:
         for progress in train(model, data, recipe, device):
             history.append(progress)
             report.at((progress.iteration + 1) / recipe.iterations, f"loss {progress.loss:.3f}")
     tail = [progress.loss for progress in history[-_SMOOTHED:]]
-    training = Training(recipe.seed, recipe.iterations, sum(tail) / len(tail), torch.__version__)
+    training = Training(recipe.seed, recipe.iterations, sum(tail) / len(tail), torch.__version__, options_of(args, device))
     path = args.out / f"{name}.pt"
     metadata = export(model, rover, soils, training, path)
     fresh = draw_tasks(rover, soils[0], "S1", _CHECKED_OBSERVATIONS / 10, 1, torch.Generator().manual_seed(recipe.seed + 1))

@@ -70,6 +70,10 @@ def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:
         here, there = model.initial(), loaded.module.initial()
         for observation in observations:
             here, there = model.update(here, observation), loaded.module.update(there, observation)
-        difference = float(torch.max(torch.abs(model.estimate(here) - loaded.module.estimate(there)) / torch.abs(model.estimate(here))))
-    if not difference < 1e-9:
-        raise ModelFileError(f"{path}: differs from the trained model by {difference:g} of its estimate")
+        for name, mine, files in (
+            ("estimate", model.estimate(here), loaded.module.estimate(there)),
+            ("prediction", model.predict(here, observation), loaded.module.predict(there, observation)),
+        ):
+            difference = float(torch.where(torch.eq(mine, files), 0.0, (mine - files).abs() / mine.abs()).max())
+            if not difference < 1e-9:
+                raise ModelFileError(f"{path}: differs from the trained model by {difference:g} of its {name}")

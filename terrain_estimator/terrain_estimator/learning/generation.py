@@ -11,7 +11,7 @@ import torch
 from terrain_estimator.learning.departures import Family, random_plant
 from terrain_estimator.learning.regression import Regression, regression
 from terrain_estimator.learning.tasks import BENCHMARK, Range, draw_tasks
-from terrain_estimator.learning.training import build_model
+from terrain_estimator.learning.training import PRIOR, build_model
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 
@@ -31,6 +31,7 @@ class Order:
     strength: Range = BENCHMARK
     family: Family = Family.LEARNT
     share: float = 0.0  # [1] of the drives in which each effect of the family acts
+    constants_sd: float = PRIOR.constants_sd  # [1] of each soil constant, which is drawn from a uniform range of that deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +63,9 @@ def draw_chunk(chunk: Chunk) -> Regression:
     """Simulate and measure the drives of a chunk, and make their rows; a pure function of the chunk."""
     order, generator = chunk.order, generator_of(chunk)
     plant = random_plant(order.family, order.rover, chunk.size, order.share, generator)
-    tasks = draw_tasks(order.rover, order.soil, "S1", order.duration_s, chunk.size, generator, strength=order.strength, plant=plant)
-    return regression(build_model(order.rover, [order.soil], columns=1, hidden=1), tasks, generator)
+    spread, prior = order.constants_sd * 3.0**0.5, PRIOR._replace(constants_sd=order.constants_sd)
+    tasks = draw_tasks(order.rover, order.soil, "S1", order.duration_s, chunk.size, generator, spread, order.strength, plant)
+    return regression(build_model(order.rover, [order.soil], columns=1, hidden=1, prior=prior), tasks, generator)
 
 
 def generate(order: Order, spread: Spread = map) -> Regression:
