@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -93,9 +94,10 @@ def main(rover: str, hours: str, seconds: str, path: str) -> None:
     torch.set_num_threads(1)
     begun_s = time.monotonic()
     pipeline, make = Pipeline(load_model(), EstimatorConfig()), Types().make
-    os.nice(NICENESS)
     drive = long_drive(make, 3600.0 * float(hours), int(rover))
-    samples = run(pipeline, drive, make, float(hours), float(seconds) - (time.monotonic() - begun_s))
+    first = next(drive)  # for which the drive is simulated
+    os.nice(NICENESS)
+    samples = run(pipeline, chain([first], drive), make, float(hours), float(seconds) - (time.monotonic() - begun_s))
     Path(path).write_text(json.dumps([dataclasses.asdict(sample) for sample in samples]), encoding="utf-8")
 
 
