@@ -270,7 +270,7 @@ ELSEWHERE = {
     "simulator wait_for_subscribers": f"system/test_simulator.py::{WAITS}",
     "simulator wait_timeout": f"system/test_simulator.py::{WAITS}",
     "simulator publish_clock": "system/test_simulator.py::test_the_clock_has_one_owner",
-    "simulator real_time_factor": "rover_sim_node/test_config.py::test_dotted_names_reach_the_nested_values",
+    "simulator real_time_factor": "system/test_simulator.py::test_a_real_time_factor_below_one_stretches_the_wall_time",
     "slip_source rover": "system/test_slip_source.py::test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels",
     "slip_source velocity_type": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
     "slip_source body_frame": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",

@@ -90,6 +90,15 @@ def test_in_real_time_it_keeps_10_hz_without_drift_and_stamps_with_the_present(s
     assert process.terminate() == 0
 
 
+def test_a_real_time_factor_below_one_stretches_the_wall_time(start: Starter, listener: Listener) -> None:
+    arrivals: list[float] = []
+    listener.node.create_subscription(WheelSlip, "wheel_slip", lambda _: arrivals.append(time.monotonic()), 50)
+    process = simulator(start, "wait_for_subscribers:=1", "duration:=0.5", "real_time_factor:=0.2")
+    assert finish(listener, process, collect(listener), 5) == 0
+    # Five times 0.4 s, less what a busy machine keeps the first message back; twice is more than a factor without effect would take.
+    assert arrivals[-1] - arrivals[0] > 0.8
+
+
 def test_it_follows_velocity_commands_stops_when_they_stop_and_refuses_to_turn(start: Starter, listener: Listener) -> None:
     process = simulator(start, "schedule:=cmd_vel", "noise:=0.0", "real_time_factor:=5.0")
     heard = collect(listener)
