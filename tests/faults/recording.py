@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from msg_defs.msg import WheelSlip
 from terrain_estimator.bags import BagReader
+from terrain_estimator.ros_types import stamp_ns
 from tests.faults.fault import Expected, Fault, Seen
 from tests.faults.logs import log_lines, worst_levels
 from tests.faults.rover import PATIENCE_S
@@ -24,6 +25,8 @@ from tests.system.waiting import wait_until
 BEFORE = 100
 """[messages] recorded before the fault."""
 AFTER = 2000
+AGAIN = 20
+"""[messages] for another recorder, all of which it has to record."""
 SMALL_DISK_BYTES = 96 << 10
 
 
@@ -38,28 +41,49 @@ def of_recorder(name: str, what: str, happen: Callable[[Process, Path], None], e
             for number in range(BEFORE):
                 publisher.publish(WheelSlip(sequence=number))
             wait_until(lambda: len(recorded(disk / "run")) == BEFORE, "all are recorded", PATIENCE_S)
+            listener.spin_until(lambda: diagnostics and _is_well(diagnostics[-1]), "it is well", PATIENCE_S)
+            begun = len(diagnostics)
             happen(recorder, disk / "run")
             for number in range(BEFORE, BEFORE + AFTER):
                 if recorder.running:
                     publisher.publish(WheelSlip(sequence=number))
                     listener.spin_until(lambda: True, "callbacks are served")  # which takes a moment: the queue is not to overflow
             code = recorder.wait(PATIENCE_S)
+            meanwhile = worst_levels(diagnostics[begun:], "recorder")
             begin = time.monotonic()
             second = _record(start, folder / "next")
             listener.spin_until(lambda: "recording 1 topics" in second.output, "another recorder has matched", PATIENCE_S)
-            kept = recorded(disk / "run")
+            back_after_s = time.monotonic() - begin
+            again = _recorded_again(domain_id, folder / "next")
+            again_ns = time.time_ns()
+            listener.spin_until(lambda: stamp_ns(diagnostics[-1]) > again_ns, "it says how it is", PATIENCE_S)
+            found = recorded(disk / "run")
             return Seen(
                 outcomes={f"exit code {code}": 1},
-                diagnostics=worst_levels(diagnostics, "recorder"),
+                diagnostics=meanwhile,
                 log=tuple(dict.fromkeys(log_lines(recorder.output))),
-                back_after=0,
-                back_after_s=time.monotonic() - begin,
-                lost=len(set(range(max(BEFORE, len(kept)))) - set(kept)),
-                kept=True,
-                well_again=True,
+                back_after=AGAIN - len(again),
+                back_after_s=back_after_s,
+                lost=len(set(range(max(BEFORE, len(found)))) - set(found)),
+                kept=set(range(BEFORE)) <= set(found),
+                well_again=_is_well(diagnostics[-1]),
             )
 
     return Fault(name, what, expected, run, lost_is="messages that were recorded before")
+
+
+def _is_well(diagnostics: DiagnosticArray) -> bool:
+    return not worst_levels([diagnostics], "recorder")
+
+
+def _recorded_again(domain_id: int, folder: Path) -> list[int]:
+    """What a recorder has of AGAIN messages, once it has the last; from a publisher that does not know the one that was killed."""
+    with Listener(domain_id) as other:
+        publisher = other.publisher(WheelSlip, "wheel_slip", timeout=PATIENCE_S)
+        for number in range(AGAIN):
+            publisher.publish(WheelSlip(sequence=number))
+        wait_until(lambda: recorded(folder)[-1:] == [AGAIN - 1], "the last message is recorded", PATIENCE_S)
+        return recorded(folder)
 
 
 @contextmanager
