@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One row of the fault matrix, all of whose rows `make faults` runs; and the test of its judge."""
+"""One row of each kind of the fault matrix, all of whose rows `make faults` runs; and the test of its judge."""
 
 import dataclasses
 from pathlib import Path
@@ -12,11 +12,16 @@ from tests.faults.__main__ import FAULTS
 from tests.faults.fault import Expected, Fault, Seen, complaints
 from tests.faults.page import PAGE
 
-SHARE = ("backward jump",)
+SHARE = ("1e308, optional", "backward jump", "SIGSTOP then SIGCONT", "kill -9 of the recorder")
+"""Of values, stamps, processes and recording; their answer does not depend on how long they last."""
+BEFORE_S, FAULT_S = 1, 2.0
 
 
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.name in SHARE], ids=lambda fault: fault.name)
-def test_what_comes_of_a_fault_is_what_the_page_says(fault: Fault, tmp_path: Path, domain_id: int) -> None:
+def test_what_comes_of_a_fault_is_what_the_page_says(fault: Fault, tmp_path: Path, domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.faults.through.BEFORE_S", BEFORE_S)
+    for module in ("values", "stamps"):
+        monkeypatch.setattr(f"tests.faults.{module}.FAULT_S", FAULT_S)
     assert complaints(fault, fault.run(tmp_path, domain_id)) == []
 
 
