@@ -53,7 +53,7 @@ faults: workspace  ## the fault matrix with real processes, 6 to 20 minutes: doc
 million: workspace  ## a million updates with mad sensors and clocks, about an hour on one core: docs/faults.md
 	ros2_ws/with python -m tests.faults.million $(ARGS)
 
-fuzz: workspace  ## fuzz the readers of bags, YAML and CSV, 10 minutes: docs/faults.md
+fuzz: workspace  ## fuzz all readers of files, 40 minutes on one core (10 for bags, 10 for mappings): docs/faults.md
 	$(VENV_PYTHON) -m pip install --quiet --no-deps --requirement tests/fuzz/requirements.txt
 	ros2_ws/with python -m tests.fuzz $(ARGS)
 

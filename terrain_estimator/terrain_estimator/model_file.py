@@ -166,14 +166,15 @@ def read_metadata(path: Path) -> Metadata:
     """The JSON file beside a module. Raises ModelFileError that names file, key and value."""
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
-        found = content.get("format") if isinstance(content, dict) else None
-        if found != FORMAT:
-            raise ModelFileError(f"{path}: format is {found!r}, this version reads {FORMAT}: train the model again (make train)")
-        return build(Metadata, content, str(path))
     except OSError as error:
         raise ModelFileError(f"{path}: cannot be read ({error.strerror}): a model is a .pt file with its .json beside it") from error
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path}: not valid JSON: {error}") from error
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != FORMAT:
+        raise ModelFileError(f"{path}: format is {found!r}, this version reads {FORMAT}: train the model again (make train)")
+    try:
+        return build(Metadata, content, str(path))
     except ConfigError as error:
         raise ModelFileError(str(error)) from error
 

@@ -61,10 +61,19 @@ def unpack_state(content: bytes, model_sha256: str, where: str) -> dict[str, NDA
     if header.get("size") != len(payload) or header.get("sha256") != hashlib.sha256(payload).hexdigest():
         raise StateFileError(f"{where}: is damaged, {len(payload)} bytes are not the {header.get('size')} of its sha256: {advice}")
     try:
-        with np.load(io.BytesIO(payload), allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        return _arrays(payload)
+    except Exception as error:  # zipfile, its decompressors and NumPy raise many kinds
         raise StateFileError(f"{where}: is no archive of plain arrays ({error}): {advice}") from error
+
+
+def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
+    """Of an npz whose entries are not larger than a state file may be. Raises what its readers do."""
+    with zipfile.ZipFile(io.BytesIO(payload)) as archive:
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+    if unpacked > _LARGEST_FILE:
+        raise ValueError(f"unpacks to {unpacked} bytes")
+    with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 def checked_state(arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str]) -> dict[str, Tensor]:
@@ -119,6 +128,6 @@ def write_state(path: Path, content: bytes) -> None:
 def _header(line: bytes, where: str) -> dict[str, Any]:
     try:
         header = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise StateFileError(f"{where}: is no state file: its first line is no JSON") from error
     return header if isinstance(header, dict) else {}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage-guided fuzzing of the readers of bags, YAML and CSV by atheris (libFuzzer): `make fuzz`.
+"""Coverage-guided fuzzing of the readers of bags, YAML, JSON, CSV and saved states by atheris (libFuzzer): `make fuzz`.
 
 A finding is what a reader raises beside its documented error, a time-out or too much memory; the input is kept. Exit code 1 then.
 """
@@ -18,7 +18,9 @@ from tests.faults.page import PAGE, machine, replace_section
 from tests.fuzz.targets import TARGETS
 
 HEADING = "Fuzzing"
-LONGEST_INPUT = 16384  # bytes
+LONGEST_INPUT = 16384  # bytes, of targets whose seeds are no longer
+MINUTES = 40.0
+"""Ten each for bags and mappings, two for every other reader."""
 TIMEOUT_S = 20
 MEMORY_MB = 3072
 
@@ -45,7 +47,8 @@ def main() -> int:
     """Fuzz one target after the other, each for its share of the time, and write the section of the page."""
     options = _parser().parse_args()
     chosen = options.only or list(TARGETS)
-    results = {name: _fuzz(name, options.out, options.minutes * 60.0 / len(chosen)) for name in chosen}
+    unit_s = 60.0 * options.minutes / sum(TARGETS[name].weight for name in chosen)
+    results = {name: _fuzz(name, options.out, unit_s * TARGETS[name].weight) for name in chosen}
     if not options.only:
         replace_section(options.page, HEADING, section(results, options.minutes))
     return int(any(result.finding for result in results.values()))
@@ -56,9 +59,11 @@ def _fuzz(name: str, out: Path, seconds: float) -> Result:
     corpus, seeds = folder / "corpus", folder / "seeds"
     for each in (corpus, seeds):
         each.mkdir(parents=True, exist_ok=True)
-    for number, data in enumerate(TARGETS[name].seeds()):
+    contents = TARGETS[name].seeds()
+    longest = max(LONGEST_INPUT, 2 * max(map(len, contents)))
+    for number, data in enumerate(contents):
         (seeds / str(number)).write_bytes(data)
-    limits = [f"-max_total_time={seconds:.0f}", f"-timeout={TIMEOUT_S}", f"-rss_limit_mb={MEMORY_MB}", f"-max_len={LONGEST_INPUT}"]
+    limits = [f"-max_total_time={seconds:.0f}", f"-timeout={TIMEOUT_S}", f"-rss_limit_mb={MEMORY_MB}", f"-max_len={longest}"]
     limits += ["-print_final_stats=1", f"-artifact_prefix={folder}/"]
     command = [sys.executable, "-m", "tests.fuzz.drive", name, *limits, str(corpus), str(seeds)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, errors="replace", env={**os.environ, "PYTHONWARNINGS": ""})
@@ -85,7 +90,7 @@ def section(results: dict[str, Result], minutes: float) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=10.0, help="for all readers together (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, default=MINUTES, help="for all readers together (default: %(default)s)")
     parser.add_argument("--only", action="append", choices=list(TARGETS), help="this reader, again for more; no page then")
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder of inputs and findings (default: %(default)s)")
     parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")

@@ -1,12 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every reader of files that come from elsewhere: bytes in, and nothing out but the error that it documents.
+"""Every reader of files that come from elsewhere, and what recovers them: bytes in, and nothing out but the error that it documents.
 
 What else a target raises is a finding. Each has seeds, sound files from which a fuzzer starts.
 """
 
 import functools
+import hashlib
 import itertools
+import json
+import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,10 +17,14 @@ from pathlib import Path
 
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.bags.metadata import METADATA_FILE
+from terrain_estimator.bags.recovery import recover
 from terrain_estimator.cli.csv_import.mapping import Mapping, read_mapping
 from terrain_estimator.cli.csv_import.samples import CsvError, read_samples
 from terrain_estimator.cli.wheel_table import WheelTableError, read_table
-from terrain_estimator.config import EstimatorNodeConfig
+from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
+from terrain_estimator.estimator import Estimator
+from terrain_estimator.model_file import MODELS, LoadedModel, ModelFileError, load_model, read_metadata
+from terrain_estimator.saved_state import StateFileError, pack_state, read_state, unpack_state
 from terramechanics.loading import PRESETS, ConfigError
 from terramechanics.parameter_files import read_parameters
 from terramechanics.parameters import configure, template
@@ -37,6 +44,7 @@ class Target:
     read: Callable[[Path], None]  # raises what is a finding
     name: str  # of the file that it reads
     seeds: Callable[[], list[bytes]]
+    weight: float = 1.0  # of its share of the time
 
     def __call__(self, data: bytes) -> None:
         """Let it read these bytes."""
@@ -86,6 +94,43 @@ def read_bag_folder(path: Path) -> None:
         return
 
 
+def recover_bag(path: Path) -> None:
+    """Recover; what came of it is a bag."""
+    target = path.with_name("recovered")
+    shutil.rmtree(target, ignore_errors=True)
+    try:
+        recovery = recover(path, target)
+    except BagError:
+        return
+    if recovery.span.count:
+        with BagReader(target) as reader:
+            assert reader.span.count == recovery.span.count
+
+
+def restore_state(path: Path) -> None:
+    """Go on from a saved state."""
+    try:
+        Estimator(_model(), EstimatorConfig().core).restore(read_state(path, _model().sha256))
+    except StateFileError:
+        return
+
+
+def read_archive(path: Path) -> None:
+    """Arrays behind a first line that says their right size and sum, as a hostile file's would."""
+    payload = path.read_bytes()
+    header = json.loads(pack_state({}, _model().sha256).partition(b"\n")[0])
+    header |= {"size": len(payload), "sha256": hashlib.sha256(payload).hexdigest()}
+    try:
+        unpack_state(json.dumps(header).encode() + b"\n" + payload, _model().sha256, str(path))
+    except StateFileError:
+        return
+
+
+@functools.cache
+def _model() -> LoadedModel:
+    return load_model()
+
+
 def _refusing(read: Callable[[Path], object], *errors: type[Exception]) -> Callable[[Path], None]:
     def attempt(path: Path) -> None:
         try:
@@ -121,6 +166,10 @@ def _metadata() -> list[bytes]:
         return [(finished_bag(Path(folder, "run"), 1) / METADATA_FILE).read_bytes()]
 
 
+def _states() -> list[bytes]:
+    return [pack_state(Estimator(_model(), EstimatorConfig().core).save(), _model().sha256)]
+
+
 def _files(folder: Path, pattern: str) -> Callable[[], list[bytes]]:
     return lambda: [path.read_bytes() for path in sorted(folder.glob(pattern))]
 
@@ -135,14 +184,18 @@ _TABLE = b"""trial,slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N
 """
 
 TARGETS = {
-    "bag": Target(read_bag, "run.mcap", _bags),
+    "bag": Target(read_bag, "run.mcap", _bags, weight=5.0),
+    "recovery": Target(recover_bag, "run.mcap", _bags),
     "bag metadata": Target(read_bag_folder, METADATA_FILE, _metadata),
     "soil": Target(_refusing(load_soil, ConfigError), "soil.yaml", _files(PRESETS / "soils", "*.yaml")),
     "rover": Target(_refusing(load_rover, ConfigError), "rover.yaml", _files(PRESETS / "rovers", "*.yaml")),
     "parameters": Target(
         _refusing(lambda path: configure(EstimatorNodeConfig, read_parameters(path, "/estimator")), ConfigError), "p.yaml", _parameters
     ),
-    "mapping": Target(_refusing(read_mapping, ConfigError), "mapping.yaml", _files(EXAMPLES, "field_run.yaml")),
+    "mapping": Target(_refusing(read_mapping, ConfigError), "mapping.yaml", _files(EXAMPLES, "field_run.yaml"), weight=5.0),
+    "model metadata": Target(_refusing(read_metadata, ModelFileError), "model.json", _files(MODELS, "*.json")),
+    "state": Target(restore_state, "ground.state", _states),
+    "state archive": Target(read_archive, "ground.state", lambda: [state.partition(b"\n")[2] for state in _states()]),
     "samples": Target(_refusing(_samples, CsvError), "run.csv", _rows),
     "wheel table": Target(_refusing(lambda path: read_table(path, "rim"), WheelTableError), "table.csv", lambda: [_TABLE]),
 }

@@ -82,6 +82,13 @@ def archive(**arrays: Any) -> bytes:
     return buffer.getvalue()
 
 
+def bomb() -> bytes:
+    """64 MB of zeros in less than 100 kB."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, x=np.zeros(8_000_000))
+    return buffer.getvalue()
+
+
 class Trap:
     """Would be called by a pickle that is loaded."""
 
@@ -96,6 +103,9 @@ DAMAGE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "a number": (lambda _: b"1\n", "format is None"),
     "another version": (lambda c: reheaded(c, version=2), "version is 2, expected 1"),
     "another model": (lambda c: reheaded(c, model_sha256="00"), "model_sha256 is '00'"),
+    "a first line without end": (lambda _: b"[" * 100_000, "first line is no JSON"),
+    "nothing but a header": (lambda c: reheaded(c, b""), "no archive of plain arrays"),
+    "a bomb": (lambda c: reheaded(c, bomb()), "no archive of plain arrays .unpacks to [0-9]+ bytes"),
     "no archive": (lambda c: reheaded(c, b"nothing"), "no archive of plain arrays"),
     "a pickle": (lambda c: reheaded(c, pickle.dumps(Trap())), "no archive of plain arrays"),
     "an array of objects": (lambda c: reheaded(c, archive(x=np.array([Trap()], dtype=object))), "no archive of plain arrays"),
