@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of ``accuracy`` as a page in Markdown."""
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from terrain_estimator.cli.accuracy_lines import Claim, Line
 from terrain_estimator.cli.accuracy_targets import over_hills, verdicts
+from terrain_estimator.cli.tables import LICENCE, table
 from terrain_estimator.learning.accuracy import TIMES_S, ParameterScore, Share
 from terrain_estimator.learning.study import EVERY_ROW, NetShare, ReferenceCheck
 
@@ -23,7 +23,6 @@ class Run:
     net: list[NetShare]
 
 
-_LICENCE = "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier: Apache-2.0\n-->\n"
 _INTRODUCTION = """# Accuracy
 
 Written by `make accuracy` on {date}, seed {seed}; {done} of the {episodes} drives of 40 s that are meant for a cell over hills; the number
@@ -45,7 +44,7 @@ What these figures are not:
   the soil among three, have a net, and carry the constants as parameters always. They were judged on {side} drives a cell, with every
   row; with v+L+M alone they were not.
 - **No drive here goes through the node's estimator.** Blocks, rows and bank are the same, computed in batches, but screening, gates and
-  doubt are bypassed and the accelerometer is not used.
+  doubt are bypassed and the accelerometer is not used. [stream_study.md](stream_study.md) is of that estimator.
 - **The bound is not the tightest.** It counts the rover's mass (1 %) and centre of mass (2 cm) as unknown, with the deviations of the
   model's prior, as the estimator does. Those of the simulated rover are always the file's, never drawn from that prior. An estimator
   that is told both could fall below this bound: a ratio of 1 says that nothing is lost beside these two allowances.
@@ -54,12 +53,13 @@ _REASONS = """
 Where these are missed, and why:
 
 - **Velocity.** The filter that is judged here expects a velocity from the slip and sinkage of the same sample, and gates with it; what
-  `MotionPrediction` publishes is made a sample before. The filter's deviation agrees with its innovations and its intervals hold what
-  they say, but it is wider than the velocity sensor's noise: the force that moves the rover in between follows from slip and sinkage,
-  which are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's would cover too little.
-- **Velocity alone, constants wrong.** The intervals do not stay wide: they fall to a fraction of the bound, cover less than they say,
-  and the status calls parameters identified that cannot be. What narrows them was not found. A node always has the load row, too; with
-  it the coverage of identified parameters is in its band.
+  `MotionPrediction` publishes is made a sample before ([stream_study.md](stream_study.md)). The filter's deviation agrees with its
+  innovations and its intervals hold what they say, but it is wider than the velocity sensor's noise: the force that moves the rover in
+  between follows from slip and sinkage, which are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's
+  would cover too little.
+- **Velocity alone**, above all with wrong constants. The intervals do not stay wide: they fall to a fraction of the bound, cover less
+  than they say, and the status calls parameters identified that cannot be. What narrows them was not found. A node always has the load
+  row, too; with it the coverage of identified parameters is not below its band.
 - **68 %.** The truth is drawn uniformly, the model's prior is a Gaussian of about the same mean and deviation. Where the data say little
   of a parameter, or of one that it hangs together with, the interval is that of the prior, and holds 57 % of a uniform truth instead of
   68 (and all of it instead of 95 %). On compact sand the 68 % interval is not calibrated.
@@ -75,9 +75,9 @@ def page(run: Run) -> str:
     said = {"date": run.date, "episodes": run.episodes, "seed": run.seed, "done": _drives(hills), "side": _drives(shipped)}
     head = ("what", "target", "found", "met")
     parts = [
-        _LICENCE + _INTRODUCTION.format(**said),
-        f"## Targets, physics alone, {_drives(hills)} drives a cell\n\n" + _table(head, verdicts(run.cells, "physics")) + _REASONS,
-        f"## Targets, the models that ship, {_drives(shipped)} drives a cell\n\n" + _table(head, verdicts(run.cells, "shipped")),
+        LICENCE + _INTRODUCTION.format(**said),
+        f"## Targets, physics alone, {_drives(hills)} drives a cell\n\n" + table(head, verdicts(run.cells, "physics")) + _REASONS,
+        f"## Targets, the models that ship, {_drives(shipped)} drives a cell\n\n" + table(head, verdicts(run.cells, "shipped")),
         "## After 40 s over hills (S1), physics alone\n\n" + _final(hills),
         "## After 40 s over hills (S1), the models that ship\n\n" + _final(shipped),
         "## Error over time over hills (S1), physics alone\n\n" + _over_time(hills),
@@ -91,11 +91,6 @@ def page(run: Run) -> str:
 
 def _drives(lines: list[Line]) -> int:
     return min((line.score.episodes for line in lines), default=0)
-
-
-def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    every = [head, ["---"] * len(head), *lines]
-    return "".join("| " + " | ".join(line) + " |\n" for line in every)
 
 
 def _place(cell: Line) -> tuple[str, ...]:
@@ -129,13 +124,13 @@ def _final(cells: list[Line]) -> str:
         shares = (score.cohesion.coverage_95, score.tan_phi.coverage_95, score.cohesion.coverage_68, score.tan_phi.coverage_68)
         line += [_coverage(share) for share in (*shares, score.joint_coverage_95)]
         lines.append([*line, f"{score.nis:.2f}", f"{score.nll:.2f}", _percent(score.stuck)])
-    return _table(head, lines)
+    return table(head, lines)
 
 
 def _over_time(cells: list[Line]) -> str:
     head = (*_PLACE, *(f"{name} {time:g} s" for name in ("c", "tan phi") for time in TIMES_S))
     lines = [[*_place(cell), *_errors(cell.score.cohesion), *_errors(cell.score.tan_phi)] for cell in cells]
-    return "Median / 90th percentile of the relative error in %, in brackets the bound.\n\n" + _table(head, lines)
+    return "Median / 90th percentile of the relative error in %, in brackets the bound.\n\n" + table(head, lines)
 
 
 def _errors(parameter: ParameterScore) -> list[str]:
@@ -158,7 +153,7 @@ def _velocity(cells: list[Line]) -> str:
         line = [*_place(cell), cell.model, _percent(score.velocity_coverage_95), f"{score.velocity_spread:.2f}"]
         line += [f"{score.velocity_calibration:.2f}", f"{score.velocity_nll:.2f}"]
         lines.append([*line, *_claimed(score.cohesion, cell.cohesion), *_claimed(score.tan_phi, cell.tan_phi)])
-    return explanation + _table((*_PLACE, "model", "in 95 %", "spread", "calibration", "NLL", *said), lines)
+    return explanation + table((*_PLACE, "model", "in 95 %", "spread", "calibration", "NLL", *said), lines)
 
 
 def _claimed(parameter: ParameterScore, claim: Claim) -> tuple[str, str, str]:
@@ -176,7 +171,7 @@ def _reference(checks: list[ReferenceCheck]) -> str:
     for check in checks:
         pairs = (check.median_shift, check.largest_shift, check.spread_ratio)
         lines.append([check.rover, check.soil, str(check.episodes), *(f"{a:.3f} / {b:.3f}" for a, b in pairs)])
-    return explanation + _table(head, lines)
+    return explanation + table(head, lines)
 
 
 def _net(run: Run) -> str:
@@ -194,7 +189,7 @@ def _net(run: Run) -> str:
         said = f"{_percent(share.velocity)} / {_percent(share.load)} / {_percent(share.torque)}" if cell.model == "shipped" else ""
         lines.append([*_place(cell), cell.model, *_ablation(cell), said])
     head = (*_PLACE, "model", "c %", "tan phi %", "c in 95 %", "tan phi in 95 %", "NLL", "velocity NLL", "share v / L / M %")
-    return explanation + _table(head, lines)
+    return explanation + table(head, lines)
 
 
 def _ablation(cell: Line) -> list[str]:
