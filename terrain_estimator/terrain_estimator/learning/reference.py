@@ -1,9 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A reference posterior without linearisation: a grid over (c, tan phi), all else marginalised exactly.
+"""A reference posterior whose (c, tan phi) is no Gaussian: a grid over both, all else marginalised exactly, given the model's rows.
 
-For a fixed (c, tan phi) the rows of a block are linear in velocity and accelerometer bias with a known covariance, so
-both are Gaussian and a Kalman recursion is exact. What the model adds to this is its Gauss-Newton in (c, tan phi).
+For a fixed (c, tan phi) the rows of a block are linear in velocity, centre of mass and accelerometer bias with a known covariance,
+so these are Gaussian and a Kalman recursion is exact. What is checked is what the model adds to this: its Gauss-Newton in (c, tan phi)
+and its bank. The rows themselves are the model's, expanded where it expanded them, so an error of that expansion is in both; soil
+constants are exact, the soil is one, and there is no net.
 """
 
 from typing import NamedTuple

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recursion against the minimum of the same sum over a whole drive, found by another method with every velocity at once."""
+"""The recursion against the minimum of the same sum over a whole drive, found by another method with every velocity at once.
+
+The rows are expanded at the recursion's own answer, where Newton's method starts, too: constants are exact, the soil is known.
+"""
 
 import torch
 from torch import Tensor

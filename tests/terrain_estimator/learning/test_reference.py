@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recursion beside a posterior that linearises nothing."""
+"""The recursion beside a posterior on a grid, from the same rows."""
 
 from terrain_estimator.learning.accuracy import draw_drives, observation_times, row_mask
 from terrain_estimator.learning.batched import run
