@@ -50,6 +50,7 @@ setup(
             "slip_source = terrain_estimator.nodes.slip_source:main",
             "terrain_map = terrain_estimator.nodes.terrain_map:main",
             "selftest = terrain_estimator.cli.selftest:main",
+            "stream_study = terrain_estimator.cli.stream_study:main",
             "planner_study = terrain_estimator.cli.planner_study:main",
         ],
     },

@@ -148,7 +148,8 @@ class Estimator:
         self._keep(observation, state)
         if report.closed or self._used == 1:
             self._estimate = self._summarise()
-        return self._answer(observation.stamp_ns, self._accepted(screening, report), self._predict(observation, report))
+        awaited = linked and round(step_s / self._step_s) == 1  # the forecast is for one step
+        return self._answer(observation.stamp_ns, self._accepted(screening, report), self._predict(observation, report, awaited=awaited))
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""
@@ -204,23 +205,18 @@ class Estimator:
         outcome = screening.outcome if all(usable) else Outcome.ACCEPTED_PARTIALLY
         return Decision(outcome, tuple(rows), distance, self._gate, 0 if math.isnan(distance) else 1, detail)
 
-    def _predict(self, observation: Observation, report: "Report") -> Prediction:
-        innovation, innovation_variance = self._expected(observation)
+    def _predict(self, observation: Observation, report: "Report", *, awaited: bool) -> Prediction:
+        before, variance_before = self._forecast if awaited else (_NAN, _NAN)
         velocity, variance = self._forecast = report.velocity, report.variance
         return Prediction(
-            valid=True,
+            valid=math.isfinite(velocity),  # no acceleration is known right after a gap
             horizon_s=self._step_s,
             velocity=velocity,
             variance=variance + observation.velocity_sd**2,
             measured=observation.velocity,
-            innovation=innovation,
-            innovation_variance=innovation_variance,
+            innovation=observation.velocity - before,
+            innovation_variance=variance_before + observation.velocity_sd**2,
         )
-
-    def _expected(self, observation: Observation) -> tuple[float, float]:
-        """Innovation of the prediction that the update before published, and its variance."""
-        velocity, variance = self._forecast
-        return observation.velocity - velocity, variance + observation.velocity_sd**2
 
     def _summarise(self) -> Estimate:
         with running():
@@ -293,9 +289,9 @@ class Report(NamedTuple):
 
 
 def _finite(state: State, report: Report) -> bool:
-    """Whether every number that is ever published is finite; the posterior moves with closed blocks only."""
+    """Whether all that is published is finite; the posterior moves with closed blocks only, a forecast is NaN where there is none."""
     moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
-    return math.isfinite(report.velocity + report.variance + moved)
+    return math.isfinite(state["velocity"].sum().item() + moved) and not math.isinf(report.velocity + report.variance)
 
 
 @functools.lru_cache

@@ -58,7 +58,8 @@ State = dict[str, Tensor]
 - ``expected`` [D], ``covariance`` [D, D]: of the mixture within the most probable soil, which predicts the velocity
 - ``constants`` [6], ``varied`` [C, 6]: of that soil, as in Contact
 - ``velocity`` [2]: mean [m/s] and variance, now
-- ``drive`` [3]: last acceleration [m/s^2], variance of the noise of its features, mean square change a step
+- ``drive`` [6]: last acceleration [m/s^2], NaN where none is known; variance of the noise of its features; sum of square changes a
+  step and sum of their weights; variance of the acceleration, and its covariance with ``velocity``
 - ``innovation`` [2]: measured minus predicted velocity, and its variance; NaN where there was none
 - ``misfit`` [2]: squared Mahalanobis distance of the last block, and its degrees of freedom; NaN where there was none
 - ``report`` [8 + A]: what a caller reads after each observation: the forecast one step ahead [2], ``innovation`` [2],
@@ -113,7 +114,7 @@ class PAlpaca(Hypotheses):
         state = {
             "block": torch.zeros(0, self.observation_size, dtype=torch.float64),
             "velocity": torch.stack([start[0, -1], 1.0 / self.other_precision[-1]]),
-            "drive": torch.zeros(3, dtype=torch.float64),
+            "drive": torch.zeros(6, dtype=torch.float64),
             "innovation": nothing,
             "misfit": nothing,
             "prior": prior,

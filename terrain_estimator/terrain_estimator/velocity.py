@@ -13,40 +13,46 @@ from terrain_estimator.rows import drive_row
 
 OPEN = 1e-2
 """[(m/s)^-2] Precision of a velocity that nothing is known of."""
+MEMORY = 0.05
+"""[1] Share of the newest change of the acceleration in their mean square."""
 
 
 class VelocityFilter(Physics):
     """Follows, foretells and re-opens the velocity of a state."""
 
-    by_time: Tensor
-    by_time_squared: Tensor
-
     def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0) -> None:
         """See Physics."""
         super().__init__(body, constants, prior, net, added)
         self.open_precision = OPEN
-        # what of acceleration, noise and change moves mean and variance of the velocity
-        self.register_buffer("by_time", torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], dtype=torch.float64))
-        self.register_buffer("by_time_squared", torch.tensor([[0.0, 0.0, 0.0], [0.0, 1.0, 1.0]], dtype=torch.float64))
+        self.memory = MEMORY
 
     @torch.jit.export
     def predict(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """Posterior predictive of the velocity that ``observation`` measures: mean [m/s] and variance, shape [2]."""
-        mean, variance, _ = self.foresee(state, observation)
+        mean, variance, _, _ = self.foresee(state, observation)
         return torch.stack([mean, variance + observation[8 * self.axles + 1] ** 2])
 
     @torch.jit.export
     def forecast(self, state: dict[str, Tensor], horizon_s: float) -> Tensor:
-        """The true velocity ``horizon_s`` after the last observation if slip persists: mean [m/s] and variance, shape [2]."""
-        moves = horizon_s * self.by_time + horizon_s**2 * self.by_time_squared
-        return state["velocity"] + (moves * state["drive"]).sum(1)
+        """The true velocity ``horizon_s`` after the last observation if slip persists: mean [m/s] and variance, shape [2].
+
+        NaN until an acceleration is known, after a gap as well, and a change of it. The noise of the last slip and sinkage moves the
+        velocity and the acceleration alike, so both errors are correlated; what the acceleration changes by from one sample to the next
+        holds that noise twice, and only what is beyond is change of the ground.
+        """
+        acceleration, noise, change, seen, spread, shared = state["drive"].unbind(0)
+        velocity, variance = state["velocity"].unbind(0)
+        wander = torch.clamp(change / seen - 2.0 * noise, min=0.0)
+        uncertain = variance + 2.0 * horizon_s * shared + horizon_s**2 * (spread + wander)
+        ahead = torch.stack([velocity + horizon_s * acceleration, uncertain])
+        return torch.where(torch.isnan(acceleration) | (seen == 0.0), torch.full_like(ahead, float("nan")), ahead)
 
     def drive(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """The velocity row at ``observation`` and its changes by what is uncertain, as :func:`drive_row` has them."""
         return drive_row(observation[: 8 * self.axles].view(8, self.axles), self.leading(state))
 
-    def foresee(self, state: dict[str, Tensor], observation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration."""
+    def foresee(self, state: dict[str, Tensor], observation: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration and its variance."""
         a, expected = self.axles, state["expected"]
         by_cohesion, by_friction, alone = self.drive(state, observation).unbind(1)
         cohesion, friction = expected[:2].unbind(0)
@@ -61,19 +67,23 @@ class VelocityFilter(Physics):
         step = observation[-2]
         spread = torch.dot(direction, torch.mv(state["covariance"][:known, :known], direction)) + state["drive"][1]
         velocity, variance = state["velocity"].unbind(0)
-        return torch.addcmul(velocity, step, acceleration), torch.addcmul(variance, step * step, spread), acceleration
+        return torch.addcmul(velocity, step, acceleration), torch.addcmul(variance, step * step, spread), acceleration, spread
 
     def track(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
         """Kalman step of the velocity."""
-        mean, variance, acceleration = self.foresee(state, observation)
+        mean, variance, acceleration, spread = self.foresee(state, observation)
         measured, deviation = observation[8 * self.axles : 8 * self.axles + 2].unbind(0)
-        before, noise, change = state["drive"].unbind(0)
+        before, noise, change, seen, _, _ = state["drive"].unbind(0)
         own, innovation = deviation * deviation, measured - mean
         total = variance + own
         gain = variance / total
         state = state.copy()
         state["velocity"] = torch.stack([torch.addcmul(mean, gain, innovation), gain * own])
-        state["drive"] = torch.stack([acceleration, noise, torch.lerp(change, (acceleration - before).square(), 0.05)])
+        first = torch.isnan(before)
+        change = torch.where(first, change, torch.lerp(change, (acceleration - before).square(), self.memory))
+        seen = torch.where(first, seen, torch.lerp(seen, torch.ones_like(seen), self.memory))
+        shared = (1.0 - gain) * observation[-2] * spread
+        state["drive"] = torch.stack([acceleration, noise, change, seen, spread, shared])
         state["innovation"] = torch.stack([innovation, total])
         return state
 
@@ -82,7 +92,7 @@ class VelocityFilter(Physics):
         expected = state["expected"]
         by_source = noise @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
         state["velocity"] = torch.stack([expected[-1], state["covariance"][-1, -1]])
-        state["drive"] = torch.stack([state["drive"][0], by_source.square().sum(1).mean(), state["drive"][2]])
+        state["drive"] = torch.cat([state["drive"][:1], by_source.square().sum(1).mean().unsqueeze(0), state["drive"][2:]])
         return state
 
     def unlink(self, state: dict[str, Tensor], velocity: Tensor, variance: Tensor) -> dict[str, Tensor]:
@@ -98,5 +108,6 @@ class VelocityFilter(Physics):
         state["covariance"] = nn.functional.pad(state["covariance"][:-1, :-1], [0, 1, 0, 1])
         state["covariance"][-1, -1] = 1.0 / self.open_precision
         state["velocity"] = torch.stack([velocity, variance])
+        state["drive"] = torch.cat([torch.full_like(velocity, float("nan")).unsqueeze(0), state["drive"][1:]])
         state["innovation"] = torch.full_like(state["innovation"], float("nan"))
         return state
