@@ -33,7 +33,7 @@ SIMULATION: dict[str, object] = {
 def main(arguments: list[str] | None = None) -> int:
     """Run it; returns the exit code."""
     parser = argparse.ArgumentParser(prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--duration", type=float, default=20.0, help="simulated time [s] (default: %(default)s)")
+    parser.add_argument("--duration", type=float, default=10.0, help="simulated time [s] (default: %(default)s)")
     parser.add_argument("--real-time-factor", type=float, default=4.0, help="how much faster than real time (default: %(default)s)")
     parser.add_argument("--domain-id", type=int, default=0, help="ROS domain (default: one at random, so that nothing else is disturbed)")
     options = parser.parse_args(arguments)
