@@ -19,7 +19,7 @@ import torch
 from terrain_estimator.cli.accuracy_lines import lines
 from terrain_estimator.cli.accuracy_records import read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
-from terrain_estimator.cli.records import Piece, compute, digest
+from terrain_estimator.cli.records import Piece, compute, digest, write_results
 from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, is_main, settings, study
 from terramechanics.schedules import SCHEDULES
 
@@ -44,9 +44,7 @@ def main(argv: list[str] | None = None) -> int:
         if run is None:
             sys.stderr.write("accuracy: not one batch of every setting was done in this time; call it again, it goes on where it was\n")
             return 1
-        for path, text in ((args.out, json.dumps(dataclasses.asdict(run), indent=1) + "\n"), (args.table, page(run))):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+        write_results({args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)})
     except OSError as error:
         sys.stderr.write(f"accuracy: {error}\n")
         return 2

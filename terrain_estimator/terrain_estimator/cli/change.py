@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from terrain_estimator.cli.change_table import Run, page
-from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record
+from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record, write_results
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.learning.change import Change, FalseAlarms, Followed, follow_change, pool, study_constant
 from terrain_estimator.learning.change_score import score_change
@@ -69,9 +69,7 @@ def main(argv: list[str] | None = None) -> int:
         if run is None:
             sys.stderr.write("change: not one part of every line was done in this time; call it again, it goes on where it was\n")
             return 1
-        for path, text in ((args.out, json.dumps(dataclasses.asdict(run), indent=1) + "\n"), (args.table, page(run))):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+        write_results({args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)})
     except (ModelFileError, ConfigError, OSError) as error:
         sys.stderr.write(f"change: {error}\n")
         return 2

@@ -72,6 +72,13 @@ def read_record(path: Path) -> dict[str, NDArray[Any]] | None:
         raise OSError(f"{path}: {error}; remove it, it is computed anew") from error
 
 
+def write_results(texts: Mapping[Path, str]) -> None:
+    """Write the files that follow from the records; raises OSError."""
+    for path, text in texts.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
 def compute(title: str, missing: Sequence[Piece[_Result]], processes: int, minutes: float, keep: Callable[[_Result, Path], None]) -> None:
     """Compute and keep these pieces, as many as there is time for; ``minutes`` 0: all of them."""
     end = time.monotonic() + 60.0 * minutes if minutes else float("inf")

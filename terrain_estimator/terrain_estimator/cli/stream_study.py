@@ -16,7 +16,7 @@ from pathlib import Path
 
 import torch
 
-from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record
+from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record, write_results
 from terrain_estimator.cli.stream_table import Cell, page, score
 from terrain_estimator.learning.streaming import Streamed, joined, stream
 from terrain_estimator.learning.study import ROVERS, SOILS, WRONG
@@ -30,7 +30,7 @@ Place = tuple[str, str, float]
 """Rover, soil, and by how much the constants are wrong."""
 
 
-def piece(rover: str, soil: str, spread: float, seed: int) -> Streamed:
+def study_batch(rover: str, soil: str, spread: float, seed: int) -> Streamed:
     """A batch of drives of a cell."""
     return stream(load_model(rover), load_soil(soil), spread, BATCH, seed)
 
@@ -40,8 +40,7 @@ def main(argv: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     pieces = _pieces(args)
-    every = [piece for of_cell in pieces.values() for piece in of_cell]
-    every.sort(key=lambda piece: int(piece.path.stem.rpartition("-")[2]))  # every cell's first batch, then every cell's second
+    every = [piece for same in zip(*pieces.values(), strict=True) for piece in same]  # every cell's first batch, then every cell's second
     try:
         missing = [piece for piece in every if read_record(piece.path) is None]
         compute("stream_study", missing, args.jobs, args.minutes, lambda streamed, path: write_record(asdict(streamed), path))
@@ -51,9 +50,7 @@ def main(argv: list[str] | None = None) -> int:
             return 1
         date = datetime.now(UTC).date().isoformat()
         figures = {"date": date, "seed": args.seed, "cells": [asdict(cell) for cell in cells]}
-        for path, text in ((args.out, json.dumps(figures, indent=1) + "\n"), (args.table, page(cells, date, args.seed))):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+        write_results({args.out: json.dumps(figures, indent=1) + "\n", args.table: page(cells, date, args.seed)})
     except OSError as error:
         sys.stderr.write(f"stream_study: {error}\n")
         return 2
@@ -86,7 +83,7 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
         rover, soil, spread = place
         if rover in args.rover and soil in args.soil:
             name, first = f"{rover}-{soil}-{'wrong' if spread else 'exact'}", args.seed + 1000 * index
-            found[place] = [Piece(partial(piece, *place, first + k), folder / f"{name}-{k}.npz") for k in range(args.batches)]
+            found[place] = [Piece(partial(study_batch, *place, first + k), folder / f"{name}-{k}.npz") for k in range(args.batches)]
     return found
 
 
