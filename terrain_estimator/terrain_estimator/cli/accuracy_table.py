@@ -9,6 +9,7 @@ from terrain_estimator.cli.accuracy_targets import over_hills, verdicts
 from terrain_estimator.cli.tables import LICENCE, table
 from terrain_estimator.learning.accuracy import TIMES_S, ParameterScore, Share
 from terrain_estimator.learning.study import EVERY_ROW, NetShare, ReferenceCheck
+from terrain_estimator.learning.training import PRIOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +29,9 @@ _INTRODUCTION = """# Accuracy
 Written by `make accuracy` on {date}, seed {seed}; {done} of the {episodes} drives of 40 s that are meant for a cell over hills; the number
 of each cell is in the tables. The figures do not depend on the number of processes.
 
-Truth is uniform in c 0.5 to 5 kPa and phi 15 to 45 deg, the range of the model's prior; "paper" is the paper's test band, c 0.7 to
-1.3 kPa and phi 20 to 45 deg. "5 %": each of the six soil constants is wrong by up to 5 %, independently. Rows: v velocity,
+Truth is drawn from the model's prior, independent Gaussians of c ({c}) kPa and tan phi ({tan}) above zero; "paper" is the paper's
+test band, c 0.7 to 1.3 kPa and phi 20 to 45 deg, uniform. "5 %": each of the six soil constants is wrong by up to 5 %, independently, as
+in the prior of the models that do not take them for exact. Rows: v velocity,
 L load, M wheel torques, B moment balances. A node always has v and L; without `use_torque` and `use_moments` it has v+L. An episode
 ends at its first stuck second and keeps its last estimate; the share of such episodes is in the tables. "Bound" is the median error
 of an estimator that reaches the Cramer-Rao bound of the same drives, with the noise of slip, sinkage and angles propagated, the prior
@@ -41,8 +43,7 @@ What these figures are not:
 
 - **"Physics" is not a model that ships.** It is told the soil, has no net, and takes the soil constants for exact in the drives where
   they are; no command exports it. It shows what the method can do. **"Shipped"** are the model files of the package: they have to find
-  the soil among three, have a net, and carry the constants as parameters always. They were judged on {side} drives a cell, with every
-  row; with v+L+M alone they were not.
+  the soil among three, have a net, and carry the constants as parameters always. They were judged on {side} drives a cell.
 - **No drive here goes through the node's estimator.** Blocks, rows and bank are the same, computed in batches, but screening, gates and
   doubt are bypassed and the accelerometer is not used. [stream_study.md](stream_study.md) is of that estimator.
 - **The bound is not the tightest.** It counts the rover's mass (1 %) and centre of mass (2 cm) as unknown, with the deviations of the
@@ -58,11 +59,8 @@ Where these are missed, and why:
   between follows from slip and sinkage, which are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's
   would cover too little.
 - **Velocity alone**, above all with wrong constants. The intervals do not stay wide: they fall to a fraction of the bound, cover less
-  than they say, and the status calls parameters identified that cannot be. What narrows them was not found. A node always has the load
-  row, too; with it the coverage of identified parameters is not below its band.
-- **68 %.** The truth is drawn uniformly, the model's prior is a Gaussian of about the same mean and deviation. Where the data say little
-  of a parameter, or of one that it hangs together with, the interval is that of the prior, and holds 57 % of a uniform truth instead of
-  68 (and all of it instead of 95 %). On compact sand the 68 % interval is not calibrated.
+  than they say, and the status calls parameters identified that cannot be. The noise of slip and sinkage is a part of it: it stands in
+  the columns too, where it counts as if the ground had varied. A node always has the load row, too.
 - **Least deviation.** The bound is that of the true parameters, the posterior is taken at the estimated ones and of this drive's noise,
   so single drives lie below it.
 """
@@ -73,6 +71,8 @@ def page(run: Run) -> str:
     hills, shipped = over_hills(run.cells, "physics"), over_hills(run.cells, "shipped")
     others = [line for line in run.cells if (line.schedule, line.truth) != ("S1", "prior") and line.model == "physics"]
     said = {"date": run.date, "episodes": run.episodes, "seed": run.seed, "done": _drives(hills), "side": _drives(shipped)}
+    said["c"] = f"{PRIOR.cohesion_pa / 1e3:g} +- {PRIOR.cohesion_sd_pa / 1e3:g}"
+    said["tan"] = f"{PRIOR.tan_phi:g} +- {PRIOR.tan_phi_sd:g}"
     head = ("what", "target", "found", "met")
     parts = [
         LICENCE + _INTRODUCTION.format(**said),

@@ -7,7 +7,7 @@ An episode ends at its first stuck second and keeps its last estimate, in the bo
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +17,10 @@ from torch import Tensor
 
 from terrain_estimator.learning.batched import Trace
 from terrain_estimator.learning.departures import HIDDEN, Family, random_plant
-from terrain_estimator.learning.tasks import Tasks, measure_tasks, random_ground
+from terrain_estimator.learning.tasks import BENCHMARK, AboveZero, Range, Tasks, degrees, measure_tasks, random_ground
+from terrain_estimator.learning.training import PRIOR
 from terrain_estimator.packing import SCALAR_FIELDS, SCALARS
 from terrain_estimator.summary import IDENTIFIED_VARIANCE
-from terramechanics.ground import Ground
 from terramechanics.rover import Rover
 from terramechanics.sensors import Noise
 from terramechanics.simulation import STUCK_TIME, TIME_STEP, simulate
@@ -39,16 +39,10 @@ _ACCELERATION = SCALAR_FIELDS.index("acceleration") - SCALARS  # place in a pack
 _SETTLED_S = 5.0  # velocity predictions are judged from here on
 
 
-@dataclass(frozen=True, slots=True)
-class Band:
-    """Range of the truth: c [Pa] and phi [deg], both uniform."""
-
-    cohesion_pa: tuple[float, float]
-    phi_deg: tuple[float, float]
-
-
-PAPER_BAND = Band((700.0, 1300.0), (20.0, 45.0))
+PAPER_BAND = Range(((700.0, 1300.0),), (degrees(20.0, 45.0),))
 """The paper's test tasks (Banerjee et al., section V)."""
+FROM_PRIOR = AboveZero((PRIOR.cohesion_pa, PRIOR.tan_phi), (PRIOR.cohesion_sd_pa, PRIOR.tan_phi_sd))
+"""What the models believe of a ground before they have seen it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,18 +108,16 @@ def draw_drives(
     episodes: int,
     spread: float,
     seed: int,
-    band: Band | None = None,
+    truth: Range | AboveZero = BENCHMARK,
     hidden: Family | None = None,
 ) -> Drives:
-    """Simulate and measure episodes of the last of TIMES_S; truth uniform over the prior's range or over ``band``.
+    """Simulate and measure episodes of the last of TIMES_S with c and tan phi as ``truth`` says.
 
     Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family ``hidden`` acts in a share
     HIDDEN of the episodes. The same seed gives the same drives.
     """
     generator = torch.Generator().manual_seed(seed)
-    ground = random_ground(soil, episodes, generator, spread)
-    if band is not None:
-        ground = _banded(ground, episodes, band, generator)
+    ground = random_ground(soil, episodes, generator, spread, truth)
     plant = random_plant(hidden, rover, episodes, HIDDEN, generator) if hidden else None
     drive = simulate(rover, ground, schedule, TIMES_S[-1], generator, episodes, plant=plant)
     tasks = measure_tasks(drive, Noise(), generator)
@@ -135,14 +127,6 @@ def draw_drives(
     struggling = round(STUCK_TIME / TIME_STEP) - 1
     ends = torch.where(drive.sample.stuck[:, -1], (flagged - struggling).clamp(min=0), flagged)
     return Drives(tasks, ends, ground.patches[0].constants.expand(episodes, 6))
-
-
-def _banded(ground: Ground, episodes: int, band: Band, generator: torch.Generator) -> Ground:
-    low = torch.tensor([band.cohesion_pa[0], np.radians(band.phi_deg[0])], dtype=torch.float64)
-    high = torch.tensor([band.cohesion_pa[1], np.radians(band.phi_deg[1])], dtype=torch.float64)
-    drawn = low + (high - low) * torch.rand(episodes, 2, generator=generator, dtype=torch.float64)
-    drawn[:, 1] = torch.tan(drawn[:, 1])
-    return Ground([replace(ground.patches[0], strength=drawn)])
 
 
 def observation_times() -> Tensor:

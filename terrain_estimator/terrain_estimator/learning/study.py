@@ -11,7 +11,17 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.learning import accuracy
-from terrain_estimator.learning.accuracy import PAPER_BAND, Drives, Judged, Score, draw_drives, judge, observation_times, row_mask
+from terrain_estimator.learning.accuracy import (
+    FROM_PRIOR,
+    PAPER_BAND,
+    Drives,
+    Judged,
+    Score,
+    draw_drives,
+    judge,
+    observation_times,
+    row_mask,
+)
 from terrain_estimator.learning.batched import Trace, run
 from terrain_estimator.learning.bound import Known, cramer_rao_at
 from terrain_estimator.learning.reference import grid_posterior
@@ -32,6 +42,8 @@ SIDE_BATCHES = 2
 EVERY_ROW = "v+L+M+B"
 TARGET_ROWS = ("v+L+M", EVERY_ROW)
 """Row sets that the targets are for: with wheel torques, and with the moment balances too, as the estimator has them."""
+SHIPPED_ROWS = ("v+L", *TARGET_ROWS)
+"""Row sets that a node can have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +54,7 @@ class Setting:
     soil: str
     schedule: str = "S1"
     spread: float = 0.0  # [1] of the soil constants
-    truth: str = "prior"  # range of (c, phi): that of the prior, or that of the paper's tests
+    truth: str = "prior"  # where c and tan phi come from: the models' prior, or the range of the paper's tests
     rows: tuple[str, ...] = (EVERY_ROW,)
 
 
@@ -121,28 +133,36 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
     grid and says what the net contributes.
     """
     rover, soil = load_rover(setting.rover), load_soil(setting.soil)
-    band = PAPER_BAND if setting.truth == "paper" else None
-    drives = draw_drives(rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed, batch), band)
+    truth = PAPER_BAND if setting.truth == "paper" else FROM_PRIOR
+    drives = draw_drives(rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed, batch), truth)
     physics = physics_alone(rover, soil, exact=not setting.spread)
     part = Part({}, [], [])
     for rows in setting.rows:
         bound = _bound(physics, drives, rows, setting)
         trace = _run(physics, drives, rows)
         part.judged[rows, "physics"] = judge(trace, drives, bound, physics.prior_sd)
-        if rows != EVERY_ROW or not is_main(setting):
+        if not is_main(setting):
             continue
-        if not setting.spread and batch == 0:
+        if rows == EVERY_ROW and not setting.spread and batch == 0:
             part.reference.append(_check(physics, drives, trace, setting))
-        if rover.name not in model_names() or batch >= SIDE_BATCHES:
-            continue
-        loaded = load_model(rover.name)
-        for name, model in (("without net", restore(loaded, net=False)), ("shipped", restore(loaded))):
-            trace = _run(model, drives, rows)
-            part.judged[rows, name] = judge(trace, drives, bound, model.prior_sd)
-        if batch == 0:
-            known = [each.name for each in loaded.metadata.soils].index(soil.name)
-            part.net.append(_share(model, known, drives, trace, setting))
+        if rows in SHIPPED_ROWS and batch < SIDE_BATCHES and rover.name in model_names():
+            _judge_shipped(part, setting, drives, rows, bound, batch)
     return part
+
+
+def _judge_shipped(part: Part, setting: Setting, drives: Drives, rows: str, bound: Tensor, batch: int) -> None:
+    """Judge the model that ships, and with every row what its net contributes."""
+    loaded = load_model(setting.rover)
+    model = restore(loaded)
+    trace = _run(model, drives, rows)
+    part.judged[rows, "shipped"] = judge(trace, drives, bound, model.prior_sd)
+    if rows != EVERY_ROW:
+        return
+    without = restore(loaded, net=False)
+    part.judged[rows, "without net"] = judge(_run(without, drives, rows), drives, bound, without.prior_sd)
+    if batch == 0:
+        known = [each.name for each in loaded.metadata.soils].index(setting.soil)
+        part.net.append(_share(model, known, drives, trace, setting))
 
 
 def cells(setting: Setting, parts: Sequence[Part]) -> list[Cell]:

@@ -26,6 +26,24 @@ class Range:
     cohesion: tuple[tuple[float, float], ...]
     angle: tuple[tuple[float, float], ...]
 
+    def strength(self, share: Tensor) -> Tensor:
+        """c [Pa] and tan phi, shape [batch, 2], at these shares [batch, 2] of the length of all intervals."""
+        return torch.stack([uniform(self.cohesion, share[:, 0]), torch.tan(uniform(self.angle, share[:, 1]))], 1)
+
+
+@dataclass(frozen=True, slots=True)
+class AboveZero:
+    """Where c [Pa] and tan phi come from: independent Gaussians, of which only what is above zero is possible."""
+
+    mean: tuple[float, float]
+    sd: tuple[float, float]
+
+    def strength(self, share: Tensor) -> Tensor:
+        """c [Pa] and tan phi, shape [batch, 2], at these quantiles [batch, 2]."""
+        mean, sd = torch.tensor([self.mean, self.sd], dtype=torch.float64)
+        impossible = torch.special.ndtr(-mean / sd)
+        return mean + sd * torch.special.ndtri(impossible + (1.0 - impossible) * share)
+
 
 def degrees(*ends: float) -> tuple[float, float]:
     """An interval in radians."""
@@ -74,14 +92,13 @@ def uniform(intervals: tuple[tuple[float, float], ...], share: Tensor) -> Tensor
 
 
 def random_ground(
-    soil: Soil, batch: int, generator: torch.Generator, spread: float = CONSTANTS_SPREAD, strength: Range = BENCHMARK
+    soil: Soil, batch: int, generator: torch.Generator, spread: float = CONSTANTS_SPREAD, strength: Range | AboveZero = BENCHMARK
 ) -> Ground:
     """One ground a drive: c and phi as ``strength`` says, each soil constant uniform within +-``spread``."""
     unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
-    cohesion, angle = uniform(strength.cohesion, unit[:, 0]), uniform(strength.angle, unit[:, 1])
     error = 2.0 * torch.rand(batch, 6, generator=generator, dtype=torch.float64) - 1.0
     constants = soil.constants() * (1.0 + spread * error)
-    return Ground([Patch(constants, torch.stack([cohesion, torch.tan(angle)], 1), name=soil.name)])
+    return Ground([Patch(constants, strength.strength(unit), name=soil.name)])
 
 
 def draw_tasks(
