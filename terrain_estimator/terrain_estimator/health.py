@@ -140,7 +140,7 @@ class HealthMonitor:
     def _losses(self, entry: InputHealth) -> tuple[int, str]:
         """New losses of one input in words. An optional topic may be faster than the others: unpaired is normal there."""
         before = self._previous.get(entry.topic)
-        lost = entry.lost - (before.lost if before else 0)
+        lost = max(0, entry.lost - (before.lost if before else 0))  # fewer where one that was missing then came late
         backwards = entry.out_of_order - (before.out_of_order if before else 0)
         unpaired = entry.unpaired - (before.unpaired if before else 0) if entry.topic in REQUIRED_INPUTS else 0
         counts = (("lost", lost), ("out of order", backwards), ("without partner", unpaired))

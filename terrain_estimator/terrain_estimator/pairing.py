@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from terrain_estimator.ros_types import Message
-from terrain_estimator.sequences import missing
+from terrain_estimator.sequences import Sequence
 
 CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
 RESTART_AFTER = 10  # so many messages in a row before the last stamp: the publisher's clock was set back
@@ -33,7 +33,7 @@ class Counters:
     paired: int = 0
     unpaired: int = 0  # no partner came, or they came for a set that was already released
     out_of_order: int = 0  # stamp not after the predecessor's, duplicates among them
-    lost: int = 0  # gaps in the sequence numbers
+    lost: int = 0  # gaps in the sequence numbers that nothing filled later
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class _Input:
     counters: Counters = field(default_factory=Counters)
     waiting: deque[tuple[int, Message]] = field(default_factory=deque)
     latest_ns: int = -1  # stamp of the last message taken
-    sequence: int = -1
+    sequence: Sequence = field(default_factory=Sequence)
     backwards: int = 0  # messages in a row that were not after latest_ns
     backwards_ns: int = -1  # stamp of the last of them
 
@@ -84,9 +84,11 @@ class Synchronizer:
         entry.counters.received += 1
         if stamp_ns <= entry.latest_ns and not self._restarted(entry, stamp_ns):
             entry.counters.out_of_order += 1
+            if sequence is not None and entry.sequence.fill(sequence):
+                entry.counters.lost -= 1
             return []
         if sequence is not None:
-            _count_gap(entry, sequence)
+            entry.counters.lost += entry.sequence.note(sequence)
         entry.latest_ns, entry.backwards = stamp_ns, 0
         entry.waiting.append((stamp_ns, message))
         if len(entry.waiting) > CAPACITY:
@@ -184,13 +186,8 @@ def _consume(entry: _Input, at: int) -> Message:
     return entry.waiting.popleft()[1]
 
 
-def _count_gap(entry: _Input, sequence: int) -> None:
-    if entry.sequence >= 0:
-        entry.counters.lost += missing(entry.sequence, sequence)
-    entry.sequence = sequence
-
-
 def _forget(entry: _Input) -> None:
     entry.counters.unpaired += len(entry.waiting)
     entry.waiting.clear()
-    entry.latest_ns, entry.backwards, entry.backwards_ns, entry.sequence = -1, 0, -1, -1
+    entry.latest_ns, entry.backwards, entry.backwards_ns = -1, 0, -1
+    entry.sequence.restart()

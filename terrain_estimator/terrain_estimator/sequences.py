@@ -2,23 +2,58 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is missing by the sequence numbers of messages, which count a publisher's messages from 0 without gaps."""
 
-from collections import Counter
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+
+GAPS = 64
+"""So many of the newest gaps are remembered: a message that comes later than that stays lost."""
 
 
-def missing(before: int, sequence: int) -> int:
-    """Number of messages missing between two; none after a smaller number, which is a publisher that started again."""
-    return max(0, sequence - before - 1)
+@dataclass(slots=True)
+class Sequence:
+    """The numbers of one publisher's messages, and which of them are missing."""
+
+    _last: int | None = None
+    _gaps: list[range] = field(default_factory=list)
+
+    def note(self, number: int) -> int:
+        """Take the next message; returns how many are missing before it. A smaller number is a publisher that started again, and no gap."""
+        last, self._last = number if self._last is None else self._last, number
+        if number < last:
+            self._gaps.clear()
+        if number <= last + 1:
+            return 0
+        self._gaps = [*self._gaps, range(last + 1, number)][-GAPS:]
+        return number - last - 1
+
+    def fill(self, number: int) -> bool:
+        """Take a message that may be late: whether it was missing until now."""
+        for at, gap in enumerate(self._gaps):
+            if number in gap:
+                self._gaps[at : at + 1] = [rest for rest in (range(gap.start, number), range(number + 1, gap.stop)) if rest]
+                return True
+        return False
+
+    def restart(self) -> None:
+        """Begin anew: the next number follows none."""
+        self._last = None
+        self._gaps.clear()
 
 
 class Sequences:
-    """Counts by topic what is missing between the messages that are noted."""
+    """Counts by topic what is missing of the messages that are noted, and what came after its successors."""
 
     def __init__(self) -> None:
         """Begin with no topic."""
         self.lost: Counter[str] = Counter()
-        self._last: dict[str, int] = {}
+        self.late: Counter[str] = Counter()
+        self._topics: defaultdict[str, Sequence] = defaultdict(Sequence)
 
-    def note(self, topic: str, sequence: int) -> None:
+    def note(self, topic: str, number: int) -> None:
         """Take the next message of a topic."""
-        self.lost[topic] += missing(self._last.get(topic, sequence), sequence)
-        self._last[topic] = sequence
+        sequence = self._topics[topic]
+        if sequence.fill(number):
+            self.lost[topic] -= 1
+            self.late[topic] += 1
+        else:
+            self.lost[topic] += sequence.note(number)

@@ -72,6 +72,14 @@ def test_losses_are_reported_once() -> None:
     assert monitor.report(lossy, FRESH).level is Level.OK
 
 
+def test_what_was_lost_in_one_report_and_comes_late_in_the_next_is_out_of_order() -> None:
+    monitor = HealthMonitor()
+    assert "wheel_slip: 1 lost" in monitor.report(counters(wheel_slip=Counters(received=10, lost=1)), FRESH).summary
+    late = monitor.report(counters(wheel_slip=Counters(received=11, out_of_order=1)), FRESH)
+    assert (late.level, late.inputs[0].lost) == (Level.WARN, 0)
+    assert "wheel_slip: 1 out of order" in late.summary
+
+
 def test_an_optional_topic_may_be_faster_than_the_others() -> None:
     assert HealthMonitor().report(counters(imu=Counters(received=100, unpaired=90)), FRESH).level is Level.OK
     assert HealthMonitor().report(counters(odom=Counters(received=100, unpaired=90)), FRESH).level is Level.WARN

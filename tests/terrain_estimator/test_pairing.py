@@ -129,6 +129,17 @@ def test_gaps_in_the_sequence_are_counted_as_lost_and_a_restart_is_not() -> None
     assert synchronizer.counters["slip"].lost == 2
 
 
+def test_a_message_that_comes_after_its_successor_is_out_of_order_and_not_lost() -> None:
+    synchronizer = Synchronizer(TOPICS)
+    for number in (1, 2, 5, 4, 4, 6):
+        synchronizer.add(0, number * STEP, None, number)
+    counted = synchronizer.counters["slip"]
+    assert (counted.lost, counted.out_of_order) == (1, 2), "3 never came, 4 came late, and once more than it should"
+    synchronizer.reset()
+    synchronizer.add(0, STEP, None, 3)
+    assert counted.lost == 1, "another 3"
+
+
 def test_memory_is_bounded_when_partners_never_come() -> None:
     synchronizer = Synchronizer(TOPICS)
     for step in range(3 * CAPACITY):

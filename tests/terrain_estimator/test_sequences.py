@@ -10,7 +10,7 @@ import pytest
 from terrain_estimator.bags import BagWriter, Definition, Types, installed_definition, is_sequenced, sequence_of
 from terrain_estimator.cli import replay
 from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, PREDICTION, TRUTH
-from terrain_estimator.sequences import Sequences
+from terrain_estimator.sequences import GAPS, Sequence, Sequences
 from tests.drives import STEP_NS, drive_messages
 
 MESSAGES = Path(__file__).parents[2] / "msg_defs/msg"
@@ -56,6 +56,24 @@ def test_a_publisher_that_starts_again_is_no_gap() -> None:
     assert +sequences.lost == {"/a": 2}
 
 
+def test_what_comes_late_is_not_lost() -> None:
+    sequences = Sequences()
+    for number in (0, 4, 2, 3, 5, 9, 7, 0, 3, 2, 4):  # the second 0 is of a publisher that started again: 6 and 8 never come
+        sequences.note("/a", number)
+    assert (+sequences.lost, +sequences.late) == ({"/a": 1 + 2 + 1}, {"/a": 2 + 1 + 1})
+
+
+def test_a_late_message_is_counted_once_and_not_for_ever() -> None:
+    sequence = Sequence()
+    assert [sequence.note(number) for number in (0, 2**64 - 1)] == [0, 2**64 - 2]
+    assert [number for number in (0, 1, 1, 2**63, 2**63, 2**64 - 2, 2**64 - 1) if sequence.fill(number)] == [1, 2**63, 2**64 - 2]
+    sequence.restart()
+    for number in range(0, 4 * GAPS, 2):
+        sequence.note(number)
+    kept = [number for number in range(1, 4 * GAPS) if sequence.fill(number)]
+    assert kept == list(range(2 * GAPS - 1, 4 * GAPS - 2, 2)), "of 127 gaps the newest 64"
+
+
 def test_a_replay_says_what_is_missing_of_every_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     types = Types()
     expected = {f"/rover1/{name}": 1 + at for at, name in enumerate(PUBLISHED)}
@@ -70,12 +88,16 @@ def test_a_replay_says_what_is_missing_of_every_topic(tmp_path: Path, capsys: py
                 header = types.make("std_msgs/msg/Header", frame_id=name)
                 message = types.make(kind, header=header, sequence=number)
                 writer.write(topics[name], types.serialize(message), start + number * STEP_NS)
+        late = types.make(PUBLISHED["traction_advice"], sequence=3)
+        writer.write(topics["traction_advice"], types.serialize(late), stamp)
+        expected["/rover1/traction_advice"] -= 1
     page = tmp_path / "page.html"
     assert replay.main([str(tmp_path / "drive"), "--out", str(tmp_path / "out"), "--namespace", "rover1", "--report", str(page)]) == 0
     [summary] = json.loads((tmp_path / "out/summary.json").read_text())["bags"]
-    assert summary["lost"] == expected
+    assert (summary["lost"], summary["late"]) == (expected, {"/rover1/traction_advice": 1})
     said, shown = capsys.readouterr().out, page.read_text(encoding="utf-8")
     for topic, count in expected.items():
-        words = f"drive: {topic}: {count} lost, by the sequence numbers in the messages"
+        late_too = "1 out of order, " if topic in summary["late"] else ""
+        words = f"drive: {topic}: {late_too}{count} lost, by the sequence numbers in the messages"
         assert words in said
         assert words in shown

@@ -52,7 +52,8 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
         "estimates": replay.estimates,
         "outcomes": {outcome.name: count for outcome, count in sorted(replay.outcomes.items())},
         "inputs": {topic: dataclasses.asdict(counters) for topic, counters in replay.inputs.items()},
-        "lost": {topic: count for topic, count in sorted(replay.sequences.lost.items()) if count},
+        "lost": dict(sorted((+replay.sequences.lost).items())),
+        "late": dict(sorted((+replay.sequences.late).items())),
         "status": replay.status,
         "estimate": estimate_summary(replay),
         "wall_s": replay.wall_s,
@@ -142,9 +143,10 @@ def remarks(replay: Replay) -> list[str]:
         troubles = {"unpaired": counters.unpaired, "out of order": counters.out_of_order, "lost": counters.lost}
         if any(troubles.values()):
             lines.append(f"{replay.bag.name}: {topic}: {', '.join(f'{count} {what}' for what, count in troubles.items() if count)}")
-    for topic, count in sorted(replay.sequences.lost.items()):
-        if count:
-            lines.append(f"{replay.bag.name}: {topic}: {count} lost, by the sequence numbers in the messages")
+    lost, late = +replay.sequences.lost, +replay.sequences.late
+    for topic in sorted(lost | late):
+        counts = [f"{count[topic]} {what}" for what, count in (("out of order", late), ("lost", lost)) if count[topic]]
+        lines.append(f"{replay.bag.name}: {topic}: {', '.join(counts)}, by the sequence numbers in the messages")
     for topic, difference in (replay.differences or {}).items():
         lines.append(f"{replay.bag.name}: {topic} {f'differs from live: {difference}' if difference else 'is identical to live'}")
     return lines
