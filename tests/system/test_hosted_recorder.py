@@ -69,7 +69,7 @@ def test_a_name_by_the_time_is_never_taken(listener: Listener, tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     same = SimpleNamespace(now=lambda zone: datetime(2026, 1, 2, 3, 4, 5, tzinfo=zone))
-    monkeypatch.setattr("terrain_estimator.nodes.recorder.datetime", same)
+    monkeypatch.setattr("terrain_estimator.nodes.bag_thread.datetime", same)
     nodes = [recorder(listener, output) for output in ("", "", "", "~/run", "~/run")]
     assert [node.state for node in nodes] == ["active"] * 4 + ["unconfigured"]
     for node in nodes:

@@ -3,6 +3,7 @@
 """Turn a finished unchunked recording into zstd chunks, so that no moment exists at which the data is not on the disk."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from mcap.stream_reader import StreamReader
@@ -13,10 +14,10 @@ from terrain_estimator.bags.syncing import sync_folder
 TEMPORARY_SUFFIX = ".compacting"
 
 
-def compact(path: Path) -> None:
+def compact(path: Path, moved: Callable[[], None] = lambda: None) -> None:
     """Replace a finished file by one of the same records in compressed chunks.
 
-    A crash leaves the old file or the new one, and at most a temporary file beside it.
+    A crash leaves the old file or the new one, and at most a temporary file beside it. ``moved`` is called at every step.
 
     Raises:
         OSError: no space or no permission; the old file is untouched then.
@@ -27,6 +28,7 @@ def compact(path: Path) -> None:
             copier = Copier(target)
             for record in StreamReader(source).records:
                 copier.take(record)
+                moved()
             copier.finish()
             target.flush()
             os.fsync(target.fileno())

@@ -41,7 +41,7 @@ class Syncer:
             raise self._error
 
     def stop(self) -> None:
-        """End the thread."""
+        """End the thread, however long its fsync takes: the file must not be closed under it."""
         self._stopped.set()
         self._thread.join()
 

@@ -6,8 +6,9 @@ import math
 import os
 import shutil
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -20,6 +21,10 @@ from terrain_estimator.bags.part import Part, Topic
 from terrain_estimator.bags.qos import Qos
 from terrain_estimator.bags.syncing import sync_folder
 from terrain_estimator.bags.types import Message, Types
+from terrain_estimator.bags.worker import Worker
+
+UNSETTLED = 100
+"""So many finished files may wait for the disk, each with a descriptor and a thread; then the last one goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,16 +76,18 @@ class BagWriter:
         """
         self.folder = Path(folder).absolute()
         self.types = Types()
-        self._sync_interval_s = sync_interval_s if recording else None
+        self.sync_interval_s = sync_interval_s
+        self._recording = recording
         self._split = split or Split()
         self._custom = dict(custom or {})
         self._topics: dict[str, Topic] = {}
         self._metadata = list((metadata or {}).items())
         self._spans: dict[str, Span] = {}  # of all files, by name
         self._uncompressed: list[str] = []
-        self._settler = ThreadPoolExecutor(1, thread_name_prefix="settle")
+        self._settler = Worker("settle")
         self._settling: list[tuple[Part, Future[None]]] = []
         self._closed = False
+        self.whole = False  # finished, but for its compression
         self._make_folder()
         try:
             self._part = self._new_part()
@@ -107,6 +114,11 @@ class BagWriter:
     def late_s(self) -> float:
         """By how much [s] a power cut would cost more than ``sync_interval_s`` now, because the disk is slow."""
         return max(part.late_s for part in (self._part, *(part for part, _ in self._settling)))
+
+    @property
+    def moved_s(self) -> float:
+        """When the disk took something last, by the steady clock, while files are synced and compressed."""
+        return self._settler.moved_s
 
     @property
     def compaction_error(self) -> str:
@@ -146,7 +158,7 @@ class BagWriter:
         Raises:
             OSError: the disk is full or broken.
         """
-        if self._split.due(self._part, log_time_ns):
+        if len(self._settling) < UNSETTLED and self._split.due(self._part, log_time_ns):
             self._next_part()
         self._part.write(topic, data, log_time_ns, log_time_ns if publish_time_ns is None else publish_time_ns)
         topic.count.count += 1
@@ -171,17 +183,22 @@ class BagWriter:
             return
         self._part.finish()
         self._part.settle()
+        self._settler.move()
         for _, settled in self._settling:
             settled.result()
         write_metadata(self.folder, information([topic.count for topic in self._topics.values()], self._spans, self._custom))
-        self._compact(self._part)  # the bag is whole already
-        self._settler.shutdown()
+        self.whole = True
+        self._compact(self._part)
+        self._settler.end()
         self._closed = True
 
     def abandon(self) -> None:
         """Close the files as they are, without metadata.yaml, as a kill would leave them; never raises."""
         self._closed = True
-        self._settler.shutdown(cancel_futures=True)
+        for _, settled in self._settling:
+            if not settled.cancel():
+                settled.exception()  # waits
+        self._settler.end()
         for part in (self._part, *(part for part, _ in self._settling)):
             part.abandon()
 
@@ -199,7 +216,7 @@ class BagWriter:
     def _new_part(self) -> Part:
         """A file that can be read without those before it, but for messages that came once."""
         path = self.folder / f"{self.folder.name}_{len(self._spans)}.mcap"
-        part = Part(path, self._custom, self._sync_interval_s)
+        part = Part(path, self._custom, self.sync_interval_s if self._recording else None)
         try:
             for topic in self._topics.values():
                 part.add_topic(topic)
@@ -215,17 +232,17 @@ class BagWriter:
         """An fsync and a compaction can take long, so they are left to a thread; until then the file is synced as before."""
         self._part.finish()
         done, self._part = self._part, self._new_part()
-        self._settling.append((done, self._settler.submit(self._settle, done)))
+        self._settling.append((done, self._settler.give(partial(self._settle, done))))
 
     def _settle(self, part: Part) -> None:
         part.settle()
         self._compact(part)
 
     def _compact(self, part: Part) -> None:
-        if self._sync_interval_s is None:
+        if not self._recording:
             return
         try:
-            compact(part.path)
+            compact(part.path, self._settler.move)
         except Exception as error:  # noqa: BLE001 - whatever it is, the file is whole without it
             self._uncompressed.append(f"{part.path} stays uncompressed: {error}")
 

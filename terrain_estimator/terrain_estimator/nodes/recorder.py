@@ -2,16 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records topics to a bag: raw subscriptions in, MCAP out. Survives kill -9 with every message that reached it."""
 
-import itertools
-import math
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import suppress
+from concurrent.futures import Future
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 from typing import Any, cast
 
 from rclpy.clock import ROSClock
@@ -24,9 +20,10 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
-from terrain_estimator.bags import BagError, BagExistsError, BagWriter, Split, Topic
+from terrain_estimator.bags import BagError, BagWriter, Topic
 from terrain_estimator.config import RecorderConfig
 from terrain_estimator.diagnostics import DISK, FAILURES, UNRECORDED, Finding
+from terrain_estimator.nodes.bag_thread import BagThread
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import message_class
 from terrain_estimator.nodes.managed import ManagedNode, drain, spin
@@ -34,7 +31,6 @@ from terrain_estimator.nodes.offers import of_other_types, offered
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.ros_types import HEALTH
 from terramechanics.loading import ConfigError
-from terramechanics.parameters import effective, fingerprint
 
 QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
 POLL_S = 0.1
@@ -67,9 +63,10 @@ class RecorderNode(ManagedNode):
         super().__init__("recorder", RecorderConfig, stop, **options)
         self._log = self.get_logger()
         self._topics = self._resolve(self.config.topics)
-        self._writer: BagWriter | None = None
+        self._thread: BagThread | None = None
         self._looking: Timer | None = None
         self._sources: dict[str, Source] = {}
+        self._adding: dict[str, Future[Topic]] = {}
         self._identities: set[tuple[str, ...]] = set()
         self._complaints: set[str] = set()
         self._waiting: list[str] = []
@@ -81,12 +78,13 @@ class RecorderNode(ManagedNode):
 
     def configure(self) -> None:
         """Open the bag."""
-        self._writer, self._log_time_ns = self._new_bag(), 0
-        self._sources, self._identities, self._complaints, self._waiting, self._refused = {}, set(), set(), list(self._topics), {}
+        self._thread, self._log_time_ns, self.disk_failed = BagThread(self.config), 0, False
+        self._sources, self._adding, self._identities, self._complaints = {}, {}, set(), set()
+        self._waiting, self._refused = list(self._topics), {}
 
     def activate(self) -> None:
         """Look for publishers, and record them."""
-        self._log.info(f"waiting for the publishers of {len(self._waiting)} topics, bag {self._bag.folder}")
+        self._log.info(f"waiting for the publishers of {len(self._waiting)} topics, bag {self._bag.bag.folder}")
         self._looking = self.create_timer(POLL_S, self.guard(self._look_around), clock=self.steady)
 
     def deactivate(self) -> None:
@@ -101,12 +99,16 @@ class RecorderNode(ManagedNode):
             source.gone = True
 
     def cleanup(self) -> None:
-        """Finish the bag; a disk that is full or broken leaves what was written before."""
-        writer, self._writer = self._bag, None
+        """Finish the bag; a disk that is full or broken leaves what was written before, one that hangs what it takes of it."""
+        thread, self._thread = self._bag, None
+        writer = thread.bag
         try:
-            writer.close()
+            thread.close(late=self._log.warning)
+        except TimeoutError as error:
+            self.disk_failed = True
+            self._log.error(f"{error}")
         except OSError as error:
-            self._fail(writer, error)
+            self._fail(thread, error)
         if self.disk_failed:
             return
         if writer.compaction_error:
@@ -118,9 +120,9 @@ class RecorderNode(ManagedNode):
         """Messages that were left out, topics that are not recorded, and a disk that is behind."""
         failures, self._failures_said = self.failures - self._failures_said, self.failures
         yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
-        if self._writer:
-            yield DISK.judge(self._writer.late_s)
-        silent = [name for name in self._topics if name not in self._refused and self._is_silent(name)] if self._writer else []
+        if self._thread:
+            yield DISK.judge(self._thread.late_s)
+        silent = [name for name in self._topics if name not in self._refused and self._is_silent(name)] if self._thread else []
         words = [f"without a publisher: {', '.join(silent)}"] if silent else []
         words += [f"cannot record {name}: {why}" for name, why in self._refused.items()]
         yield UNRECORDED.judge(len(silent) + len(self._refused), text="; ".join(words) or "every topic that is recorded has a publisher")
@@ -130,34 +132,16 @@ class RecorderNode(ManagedNode):
         source = self._sources.get(name)
         return not (source.gone or source.subscription.get_publisher_count() if source else self.count_publishers(name))
 
-    def _new_bag(self) -> BagWriter:
-        """Where no name is given, that of the second may be taken: by another recorder, or before a reboot without a clock of its own."""
-        values = {name: str(value) for name, value in effective(self.config).items()}
-        record_to = partial(
-            BagWriter,
-            recording=True,
-            sync_interval_s=self.config.fsync_interval_s,
-            split=Split(self.config.split_size_mb * 1e6 or math.inf, self.config.split_duration_s or math.inf),
-            metadata={"recorder": values | {"configuration_sha256": fingerprint(effective(self.config))}},
-        )
-        if self.config.output:
-            return record_to(Path(self.config.output).expanduser())
-        name = f"bags/{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
-        names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
-        while True:
-            with suppress(BagExistsError):
-                return record_to(next(names))
-
     @property
-    def _bag(self) -> BagWriter:
-        if self._writer is None:
+    def _bag(self) -> BagThread:
+        if self._thread is None:
             raise BagError("the node is not configured: there is no bag")
-        return self._writer
+        return self._thread
 
-    def _fail(self, writer: BagWriter, error: OSError) -> None:
+    def _fail(self, thread: BagThread, error: OSError) -> None:
         """The disk fails: leave the bag as it is, and end."""
         self.disk_failed = True
-        writer.abandon()
+        thread.abandon()
         self._log.fatal(f"the disk fails, what was written before is kept: {error}")
         self._stop.set()
 
@@ -203,12 +187,14 @@ class RecorderNode(ManagedNode):
         type_name = old.topic.count.type_name if old else publishers[0].topic_type
         try:
             kind = message_class(type_name)
-            topic = old.topic if old else self._bag.add_topic(name, type_name, qos=tuple(offered(end) for end in publishers))
+            topic = old.topic if old else self._topic(name, type_name, publishers)
         except (BagError, ImportError, AttributeError) as error:
             self._refused[name] = str(error)
             self._complain(f"cannot record {name}: {error}")
             return None
         self._refused.pop(name, None)
+        if topic is None:
+            return None
         qos = QoSProfile(
             depth=QUEUE,
             reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
@@ -217,20 +203,34 @@ class RecorderNode(ManagedNode):
         if old and not old.gone:
             self.destroy_subscription(old.subscription)
 
-        def record(data: bytes, info: dict[str, int]) -> None:
-            if self.disk_failed:
+        thread = self._bag
+
+        def write(data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+            if thread.abandoned:
                 return
-            self.received += 1
             try:
-                self._bag.write(topic, data, self._next_log_time_ns(), info["source_timestamp"])
+                thread.bag.write(topic, data, log_time_ns, publish_time_ns)
                 if type_name == HEALTH:
-                    self._note_identity(name, data, kind)
+                    self._note_identity(thread.bag, name, data, kind)
             except OSError as error:
-                self._fail(self._bag, error)
+                self._fail(thread, error)
+
+        guarded = self.guard(write)
+
+        def record(data: bytes, info: dict[str, int]) -> None:
+            self.received += 1
+            thread.give(partial(guarded, data, self._next_log_time_ns(), info["source_timestamp"]), len(data))
 
         subscription = self.create_subscription(kind, name, cast("Any", self.guard(record)), qos, raw=True)
         self._sources[name] = Source(topic, subscription, reliable, transient_local, matched=old is not None and old.matched)
         return self._sources[name]
+
+    def _topic(self, name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> Topic | None:
+        """None while the disk hangs: then the bag has it at a later look."""
+        if name not in self._adding:
+            qos = tuple(offered(end) for end in publishers)
+            self._adding[name] = self._bag.give(partial(self._bag.bag.add_topic, name, type_name, qos=qos))
+        return self._adding.pop(name).result() if self._adding[name].done() else None
 
     def _next_log_time_ns(self) -> int:
         """By the clock, never before the last message's: readers go by it, and would mix what came before and after a step back."""
@@ -242,7 +242,7 @@ class RecorderNode(ManagedNode):
         self._log_time_ns = max(now_ns, self._log_time_ns)
         return self._log_time_ns
 
-    def _note_identity(self, topic: str, data: bytes, kind: type[Any]) -> None:
+    def _note_identity(self, bag: BagWriter, topic: str, data: bytes, kind: type[Any]) -> None:
         """Say once in the bag's metadata which model and which configuration an estimator runs with."""
         try:
             health = deserialize_message(data, kind)
@@ -253,7 +253,7 @@ class RecorderNode(ManagedNode):
         if identity not in self._identities:
             self._identities.add(identity)
             names = ("topic", "model_id", "model_sha256", "configuration_sha256")
-            self._bag.add_metadata("terrain_estimator", dict(zip(names, identity, strict=True)))
+            bag.add_metadata("terrain_estimator", dict(zip(names, identity, strict=True)))
 
     def _report_match(self, name: str, source: Source) -> None:
         self._waiting.remove(name)
@@ -261,7 +261,7 @@ class RecorderNode(ManagedNode):
         matched = len(self._topics) - len(self._waiting)
         self._log.info(f"matched {name} ({source.topic.count.type_name}, {kind}), {matched} of {len(self._topics)}")
         if not self._waiting:
-            self._log.info(f"recording {matched} topics to {self._bag.folder}")
+            self._log.info(f"recording {matched} topics to {self._bag.bag.folder}")
 
     def _complain(self, text: str) -> None:
         """Warn once."""

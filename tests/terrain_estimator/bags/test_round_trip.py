@@ -119,7 +119,7 @@ def test_a_crash_while_compacting_loses_nothing(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_full_disk_while_compacting_keeps_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(path: Path) -> None:
+    def full(path: Path, _: object) -> None:
         raise OSError(28, "No space left on device", str(path))
 
     monkeypatch.setattr("terrain_estimator.bags.writer.compact", full)

@@ -120,7 +120,7 @@ def test_a_disk_that_is_full_at_a_split_keeps_all_files_and_leaves_no_empty_one(
 def test_compressing_a_file_does_not_hold_up_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
 
-    def slow(path: Path) -> None:
+    def slow(path: Path, _: object) -> None:
         assert go_on.wait(20.0)
         raise ValueError(f"whatever happens to {path}")
 
