@@ -148,8 +148,9 @@ def test_topics_services_and_pinned_packages_are_those_of_the_project(page: Path
     text = "\n".join(code(page))
     published = {*INPUT_TYPES, *OUTPUT_TYPES, *RECORDED_TOPICS, *SHOWN}
     assert set(re.findall(r"ros2 topic (?:hz|info|echo) (?:-\S+ )*([\w/]+)", text)) <= published
-    services = re.findall(r"ros2 service call /(\w+)/\w+ ([\w/]+)", text)
-    assert all(node in NODES and kind == "std_srvs/srv/Trigger" for node, kind in services), services
+    services = re.findall(r"ros2 service call /(\w+)/(\w+) ([\w/]+)", text)
+    kinds = {"change_state": "lifecycle_msgs/srv/ChangeState"}
+    assert all(node in NODES and kind == kinds.get(name, "std_srvs/srv/Trigger") for node, name, kind in services), services
     lists = "\n".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "requirements").glob("*.txt")))
     for pinned in re.findall(r"(?<=[ \n])[\w.-]+==[\w.]+", text):
         assert re.search(rf"^{re.escape(pinned)}\b", lists, re.MULTILINE), f"{pinned} is not what requirements/ pins"

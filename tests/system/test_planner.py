@@ -3,6 +3,7 @@
 """The planner as a process of its own, and the subscriber of docs/examples that obeys it."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from tests.system.processes import Starter
 
 SOILS = ["loose_sand", "compact_sand", "regolith"]
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"
+CALL_SERVICE = Path(__file__).parents[2] / "ros2_ws/call_service.py"
 
 
 def estimate(header: Any, *, identified: bool) -> TerrainEstimate:
@@ -64,7 +66,9 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(start: Star
     assert 0.0 < last.expected_slip_lower < last.expected_slip < last.expected_slip_upper < 1.0
     assert last.speed_limit > 0.0
     assert 0.0 <= last.front_stall_probability < 0.5
-    assert listener.call(Trigger, "planner/resume", Trigger.Request()).success
+    caller = start.command(sys.executable, str(CALL_SERVICE), "/planner/resume", "std_srvs/srv/Trigger")
+    listener.spin_until(lambda: not caller.running, "the documented call ends")
+    assert (caller.wait(), "Trigger_Response(success=True" in caller.output) == (0, True), caller.output
     assert "over the soils mud" in process.output
     assert process.interrupt(60.0) == 0
 

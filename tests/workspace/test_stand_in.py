@@ -81,7 +81,16 @@ def test_a_wrong_name_lists_what_there_is(workspace: Path, arguments: tuple[str,
 def test_other_verbs_are_refused_with_a_reason(workspace: Path) -> None:
     result = ros2(workspace, "topic", "list")
     assert result.returncode == 2
-    assert "knows `ros2 run` alone, not `ros2 topic`" in result.stderr
+    assert "knows `ros2 run` and `ros2 service call` alone, not `ros2 topic`" in result.stderr
+    assert "knows of `ros2 service` `call` alone" in ros2(workspace, "service", "list").stderr
+
+
+def test_a_service_is_called_with_the_words_of_an_installed_ros2(workspace: Path, tmp_path: Path) -> None:
+    words = ("service", "call", "/planner/resume", "std_srvs/srv/Trigger", "{}")
+    (workspace / "call_service.py").write_text("import sys; print(sys.argv[1:])", encoding="utf-8")
+    assert ros2(workspace, *words).stdout == f"{list(words[2:])}\n"
+    write_script(tmp_path / "opt/ros2", 'echo "installed:" "$@"')
+    assert ros2(workspace, *words, path=f"{tmp_path / 'opt'}:/usr/bin:/bin").stdout == f"installed: {' '.join(words)}\n"
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("-h",), ("run", "--help")])

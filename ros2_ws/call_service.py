@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 service call` of machines without a ROS 2 installation: ros2_ws/bin/ros2 starts it."""
+
+import argparse
+import importlib
+import os
+import sys
+from typing import Any, Protocol
+
+import rclpy
+import yaml
+from rclpy.node import Node
+
+APPEAR_S = 10.0
+"""Discovery takes a second, or some on a busy machine."""
+ANSWER_S = 120.0
+"""A recorder that is cleaned up waits for its disk, and compresses what it has recorded."""
+
+
+class CallError(Exception):
+    """What is wrong with the command, or with the service."""
+
+
+class Message(Protocol):
+    """Any message of rclpy's classes."""
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """See rosidl_generator_py."""
+
+
+def main() -> int:
+    """Call a service, and print what it answers. Returns 0 where it answers, 1 where it does not, 2 where the command is wrong."""
+    parser = argparse.ArgumentParser(prog="ros2 service call", description="Calls a service once.")
+    parser.add_argument("name", help="of the service, such as /planner/resume")
+    parser.add_argument("type", help="such as std_srvs/srv/Trigger")
+    parser.add_argument("values", nargs="?", default="{}", help="of the request, in YAML; what is left out keeps its default")
+    options = parser.parse_args()
+    os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # messages look at it when they are imported: it makes a wrong type an AssertionError
+    try:
+        kind = service_class(options.type)
+        request = filled(kind.Request(), yaml.safe_load(options.values), "the request")
+    except (CallError, yaml.YAMLError) as error:
+        return refuse(2, error)
+    rclpy.init()
+    try:
+        sys.stdout.write(f"requester: making request: {request}\n\n")
+        sys.stdout.write(f"response:\n{answer(rclpy.create_node('operator'), options.name, kind, request)}\n\n")
+    except CallError as error:
+        return refuse(1, error)
+    except KeyboardInterrupt:
+        return refuse(1, "interrupted")
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def refuse(code: int, error: object) -> int:
+    """Say what is wrong; returns the exit code."""
+    sys.stderr.write(f"ros2 service call: {error}\n")
+    return code
+
+
+def service_class(name: str) -> type[Any]:
+    """The class of a type such as ``std_srvs/srv/Trigger``. Raises CallError where there is none."""
+    package, _, rest = name.partition("/")
+    try:
+        kind: type[Any] = getattr(importlib.import_module(f"{package}.srv"), rest.removeprefix("srv/"))
+    except (ImportError, AttributeError, TypeError) as error:
+        raise CallError(f"no type {name} is installed: {error}") from error
+    return kind
+
+
+def filled(message: Message, values: object, where: str) -> Message:
+    """The message with these fields set. Raises CallError where one is unknown or of another type."""
+    if not isinstance(values, dict):
+        raise CallError(f"{where}: {values!r} is no mapping of fields to values, such as {{transition: {{id: 3}}}}")
+    fields = message.get_fields_and_field_types()
+    for name, value in values.items():
+        if name not in fields:
+            raise CallError(f"{where} has no field {name}, but {', '.join(fields) or 'none'}")
+        field = getattr(message, name)
+        try:
+            setattr(message, name, filled(field, value, name) if hasattr(field, "get_fields_and_field_types") else value)
+        except AssertionError as error:
+            raise CallError(f"{where}, field {name}: {error}") from error
+    return message
+
+
+def answer(node: Node, name: str, kind: type[Any], request: Message) -> object:
+    """What the service says. Raises CallError where it is not there, or says nothing."""
+    client = node.create_client(kind, name)
+    if not client.wait_for_service(timeout_sec=APPEAR_S):
+        listed = node.get_service_names_and_types()
+        type_name = f"{kind.__module__.partition('.')[0]}/srv/{kind.__name__}"
+        others = [other for other, types in listed if type_name in types and other != client.srv_name]
+        raise CallError(
+            f"no {client.srv_name} within {APPEAR_S:g} s in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}; "
+            f"of this type there are: {', '.join(others) or 'none'}"
+        )
+    future = client.call_async(request)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=ANSWER_S)
+    if not future.done():
+        raise CallError(f"{client.srv_name} has not answered within {ANSWER_S:g} s")
+    return future.result()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
