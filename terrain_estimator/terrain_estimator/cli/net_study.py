@@ -13,13 +13,14 @@ import torch
 
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.learning.accuracy import PARAMETERS, ParameterScore, Score
-from terrain_estimator.learning.net_study import PLANTS, Comparison, compare
+from terrain_estimator.learning.net_study import PLANTS, Comparison, Limits, compare
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
+from terrain_estimator.palpaca import PAlpaca
 from terramechanics.soil import Soil
 
-HEADER = """| plant | | c error, median | tan phi error | coverage of 95 % of c | of tan phi | velocity NLL | NIS |
-|---|---|---|---|---|---|---|---|
+HEADER = """| plant | | c error, median | tan phi error | coverage of 95 % of c | of tan phi | velocity NLL | change by the net | NIS |
+|---|---|---|---|---|---|---|---|---|
 """
 
 
@@ -32,16 +33,19 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--plant", nargs="+", choices=PLANTS, default=list(PLANTS), help="plants to drive")
     parser.add_argument("--episodes", type=int, default=200, help="drives of 40 s a plant")
     parser.add_argument("--seed", type=int, default=7_000_000, help="of all that is drawn; not the one of any training")
+    parser.add_argument(
+        "--trust", nargs="+", type=_probability, default=[], help="prior probabilities that the net has a say; default: the model's"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/net_study.json"), help="file of all figures")
     args = parser.parse_args(argv)
     try:
         loaded = load_model(args.model)
         rover, soil = loaded.rover, _soil(loaded, args.soil)
-        models = restore(loaded, net=False), restore(loaded)
+        physics, candidates = restore(loaded, trust=0.0), _candidates(loaded, args.trust)
         results = []
         with ProgressReport(f"net_study: {loaded.model_id}") as report:
             for index, plant in enumerate(args.plant):
-                results.append(compare(rover, soil, *models, plant, args.episodes, args.seed + list(PLANTS).index(plant)))
+                results.append(compare(rover, soil, physics, candidates, plant, args.episodes, args.seed + list(PLANTS).index(plant)))
                 report.at((index + 1) / len(args.plant), plant)
         args.out.parent.mkdir(parents=True, exist_ok=True)
         figures = {"model": loaded.model_id, "seed": args.seed, "plants": list(map(_figures, results))}
@@ -56,11 +60,24 @@ def main(argv: list[str] | None = None) -> int:
 def _figures(result: Comparison) -> dict[str, Any]:
     """All that was measured: a plant with hidden effects has no bound to compare with."""
     figures = dataclasses.asdict(result)
-    for model in ("physics", "with_net"):
+    for score in (figures["physics"], *(candidate["score"] for candidate in figures["with_net"].values())):
         for parameter in PARAMETERS:
             for name in ("bound", "ratio_to_bound", "narrowest"):
-                del figures[model][parameter][name]
+                del score[parameter][name]
     return figures
+
+
+def _candidates(loaded: LoadedModel, trusts: list[float]) -> dict[str, PAlpaca]:
+    """The model with its net, or with the net trusted by each of ``trusts``."""
+    named: dict[str, float | None] = {f"net, trusted {trust:g}": trust for trust in trusts}
+    return {name: restore(loaded, trust=trust) for name, trust in (named or {"and net": None}).items()}
+
+
+def _probability(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < 1.0:
+        raise argparse.ArgumentTypeError(f"{text} is no probability above 0 and below 1")
+    return value
 
 
 def _soil(loaded: LoadedModel, name: str) -> Soil:
@@ -74,19 +91,16 @@ def table(results: list[Comparison]) -> str:
     """The figures as a Markdown table."""
     lines = []
     for result in results:
-        change = result.nll_change
-        lines += [
-            f"| {result.plant} | physics | {_line(result.physics)} |",
-            f"| | and net | {_line(result.with_net)} |",
-            f"| | change of NLL, {change.low:+.3f} to {change.high:+.3f} | | | | | {change.mean:+.3f} | |",
-        ]
+        lines.append(f"| {result.plant} | physics | {_line(result.physics)} |")
+        lines += [f"| | {name} | {_line(found.score, found.nll_change)} |" for name, found in result.with_net.items()]
     return HEADER + "\n".join(lines) + "\n"
 
 
-def _line(score: Score) -> str:
+def _line(score: Score, change: Limits | None = None) -> str:
     errors = (f"{100.0 * parameter.median_error[-1]:.1f} %" for parameter in (score.cohesion, score.tan_phi))
     covered = (_coverage(parameter) for parameter in (score.cohesion, score.tan_phi))
-    return " | ".join((*errors, *covered, f"{score.velocity_nll:.3f}", f"{score.nis:.2f}"))
+    changed = f"{change.mean:+.3f} ({change.low:+.3f} to {change.high:+.3f})" if change else ""
+    return " | ".join((*errors, *covered, f"{score.velocity_nll:.3f}", changed, f"{score.nis:.2f}"))
 
 
 def _coverage(parameter: ParameterScore) -> str:

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the net is worth: physics with and without it, on the plant that the rows describe and on plants with hidden effects."""
+"""What the net is worth, trusted more or less: on the plant that the rows describe and on plants with hidden effects."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -32,22 +33,33 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
-    """Physics alone and with the net, on the same drives of one plant."""
+class Candidate:
+    """A model with the net, beside physics alone on the same drives."""
 
-    plant: str
-    physics: Score
-    with_net: Score
+    score: Score
     nll_change: Limits  # of the one-step velocity predictive, with the net less without; a mean over drives [nat]
 
 
-def compare(rover: Rover, soil: Soil, physics: PAlpaca, with_net: PAlpaca, plant: str, episodes: int, seed: int) -> Comparison:
-    """Both models on ``episodes`` drives of 40 s, constants 5 % wrong; ``seed`` must be of no training."""
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Physics alone and with the net on one plant."""
+
+    plant: str
+    physics: Score
+    with_net: dict[str, Candidate]
+
+
+def compare(
+    rover: Rover, soil: Soil, physics: PAlpaca, candidates: Mapping[str, PAlpaca], plant: str, episodes: int, seed: int
+) -> Comparison:
+    """All models on ``episodes`` drives of 40 s, constants 5 % wrong; ``seed`` must be of no training."""
     drives = draw_drives(rover, soil, "S1", episodes, SPREAD, seed, hidden=PLANTS[plant])
-    traces = [_trace(model, drives) for model in (physics, with_net)]
-    alone, joined = (_score(model, trace, drives) for model, trace in zip((physics, with_net), traces, strict=True))
-    before, after = (velocity_nll(trace) for trace in traces)
-    return Comparison(plant, alone, joined, limits(after - before))
+    alone = _trace(physics, drives)
+    found = {}
+    for name, model in candidates.items():
+        trace = _trace(model, drives)
+        found[name] = Candidate(_score(model, trace, drives), limits(velocity_nll(trace) - velocity_nll(alone)))
+    return Comparison(plant, _score(physics, alone, drives), found)
 
 
 def limits(values: Tensor) -> Limits:

@@ -11,8 +11,8 @@ from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 
 
-def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
-    """The same model with the same numbers as a Python module; without ``net`` no hypothesis has one.
+def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
+    """The same model with the same numbers as a Python module; ``trust`` replaces the prior probability [1] that the net has a say.
 
     Raises ModelFileError where it has named effects.
     """
@@ -25,8 +25,8 @@ def restore(loaded: LoadedModel, *, net: bool = True) -> PAlpaca:
     columns, moments = last.shape[0] // rows, rows > len(loaded.rover.axle_x) + 2
     model = build_model(loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior, moments=moments)
     model.load_state_dict(values)
-    if not net:
-        _without_net(model)
+    if trust is not None:
+        _trust(model, trust)
     return _frozen(model)
 
 
@@ -37,12 +37,12 @@ def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
     """
     prior = PRIOR._replace(constants_sd=0.0) if exact else PRIOR
     model = build_model(rover, [soil], columns=1, hidden=1, prior=prior)
-    _without_net(model)
+    _trust(model, 0.0)
     return _frozen(model)
 
 
-def _without_net(model: PAlpaca) -> None:
-    model.net_log_weight.copy_(torch.tensor([0.0, -torch.inf]))
+def _trust(model: PAlpaca, probability: float) -> None:
+    model.net_log_weight.copy_(torch.tensor([1.0 - probability, probability], dtype=torch.float64).log())
 
 
 def _frozen(model: PAlpaca) -> PAlpaca:

@@ -158,7 +158,7 @@ def _judge_shipped(part: Part, setting: Setting, drives: Drives, rows: str, boun
     part.judged[rows, "shipped"] = judge(trace, drives, bound, model.prior_sd)
     if rows != EVERY_ROW:
         return
-    without = restore(loaded, net=False)
+    without = restore(loaded, trust=0.0)
     part.judged[rows, "without net"] = judge(_run(without, drives, rows), drives, bound, without.prior_sd)
     if batch == 0:
         known = [each.name for each in loaded.metadata.soils].index(setting.soil)

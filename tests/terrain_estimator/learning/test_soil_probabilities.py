@@ -107,7 +107,7 @@ def test_the_shipped_soils_have_the_probabilities_of_their_evidence() -> None:
     by several deviations.
     """
     loaded = load_model()
-    model = restore(loaded, net=False)
+    model = restore(loaded, trust=0.0)
     model.every_row.copy_(row_mask("v+L", model.axles))
     several = 0
     for soil in loaded.metadata.soils:
