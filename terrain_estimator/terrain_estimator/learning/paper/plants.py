@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.baselines.drives import Drives, Vehicle
-from terrain_estimator.learning.tasks import PAPER, Range, degrees, uniform
+from terrain_estimator.learning.tasks import PAPER, Range, degrees
 from terramechanics.contact import in_range, wheel_forces_linear_stress
 from terramechanics.ground import Ground, Patch
 from terramechanics.rover import Rover
@@ -96,7 +96,7 @@ def draw_drives(
     while found < count:
         size = max(8, count - found)
         share = [torch.rand(size, generator=generator, dtype=torch.float64) for _ in range(2)]
-        strength = torch.stack([uniform(draw.cohesion, share[0]), torch.tan(uniform(draw.angle, share[1]))], 1)
+        strength = draw.strength(torch.stack(share, 1))
         error = 2.0 * torch.rand(size, 6, generator=generator, dtype=torch.float64) - 1.0
         constants = soil.constants() * (1.0 + draw.spread * error)
         motion = _MOTIONS[plant](rover, constants, strength, duration_s, generator)
