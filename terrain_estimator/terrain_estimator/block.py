@@ -190,6 +190,33 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, factor, misfit, gained.amax())
 
 
+MOST_APPARENT = 0.5
+"""[1] Of the variance of (c, tan phi) after a block: what is taken for apparent is not more."""
+
+
+def without_apparent(step: Step, rows: BlockRows, most: float = MOST_APPARENT) -> Step:
+    """Take off what noise in the columns of (c, tan phi) looks like information about them.
+
+    Of the noise G_a in a column the residual tells the part G_a G' S^-1 r, which the columns are corrected by. What is left adds
+    N_ab = tr S^-1 (G_a G_b' - G_a G' S^-1 G G_b') to J' S^-1 J on average, also where the columns are nothing but noise: the second
+    derivative of the sum has it with the other sign, Gauss and Newton's approximation leaves it out (Nakamura 1990, corrected scores).
+    """
+    hypotheses, size, q = step.mean.shape[0], step.mean.shape[1], rows.target.shape[0]
+    theta = nn.functional.pad(step.mean.narrow(1, 0, 2), [0, 1], value=1.0)
+    half = row_noise(rows, theta)[0].select(1, 0).narrow(1, 0, 2)  # [H, 2, Q, Q] G_a G'
+    both = rows.gram.view(3, -1, 3, q, q).select(1, 0).narrow(0, 0, 2).narrow(1, 0, 2)  # [2, 2, Q, Q] G_b G_a'
+    inverse = torch.cholesky_solve(torch.eye(q, dtype=theta.dtype).expand(hypotheses, q, q), step.noise).unsqueeze(1)
+    told = inverse @ half @ inverse
+    whole = (inverse.unsqueeze(1) * both).sum((-1, -2))
+    apparent = symmetrize(whole - (told.unsqueeze(2) * half.unsqueeze(1)).sum((-1, -2)))
+    directions = torch.eye(size, 2, dtype=theta.dtype).expand(hypotheses, size, 2)
+    covariance = torch.cholesky_solve(directions, step.factor).narrow(1, 0, 2)
+    share = (covariance * apparent).sum((-1, -2))  # at least the largest part of the variance that it takes off in any direction
+    apparent = apparent * (most / share.clamp(min=most)).view(-1, 1, 1)
+    precision = step.precision - nn.functional.pad(apparent, [0, size - 2, 0, size - 2])
+    return Step(step.mean, precision, cholesky(precision), step.noise, step.misfit, step.decrement)
+
+
 MOST_STEPS = 8
 CONVERGED = 1e-3
 """[1] Squared length of a step, in standard deviations, after which no other is made."""
@@ -207,7 +234,7 @@ def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: i
         if bool(step.decrement < converged):
             break
         step = gauss_newton(padded, step.mean, rows, longest_step)
-    return solution_of(prior, step)
+    return solution_of(prior, without_apparent(step, rows))
 
 
 def solution_of(prior: Posterior, step: Step) -> Solution:

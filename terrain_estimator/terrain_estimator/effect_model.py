@@ -12,6 +12,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
+from terrain_estimator.agreement import agreement
 from terrain_estimator.block import BlockRows, Posterior, Solution, solve_block
 from terrain_estimator.gaussian import mixture, project
 from terrain_estimator.named_effects import Law, Touching, rates
@@ -21,11 +22,10 @@ from terrain_estimator.prior import Body, Prior
 from terrain_estimator.rows import (
     Contact,
     Rows,
-    agreeing_inputs,
-    changes,
     frame_of,
     measured_forces,
     places,
+    read_forces,
     rows_of_forces,
     values_alone,
     varied_inputs,
@@ -115,24 +115,28 @@ class PAlpacaWithEffects(PAlpaca):
         added = torch.stack([torch.zeros_like(push), push, turn], -1)
         return torch.cat([forces[..., :2], (forces[..., 2] + added).unsqueeze(-1)], -1)
 
-    def rows_under(self, packed: Tensor, away: Tensor, contact: Contact, values: Tensor) -> Rows:
-        """Rows of ``packed`` with effects of these ``values`` [n or 1, V], expanded ``away`` from the inputs without them."""
+    def rows_under(self, packed: Tensor, away: Tensor, contact: Contact, values: Tensor, doubt: Tensor | None = None) -> Rows:
+        """Rows of ``packed`` with effects of these ``values`` [n or 1, V], expanded ``away`` from the inputs without them, in ``doubt``."""
         plain, contact = self.undone(packed, values), self.loaded(contact, values)
         frame = frame_of(plain, contact)
         place = places(plain + away, frame, contact)
         where = varied_inputs(place, contact)
         forces = self.forces(where.slip, where.sinkage, where.constants, rates(packed, self.axles), values)
-        return rows_of_forces(frame, measured_forces(frame, place, changes(forces, where.scale, contact)))
+        return rows_of_forces(frame, measured_forces(frame, place, read_forces(forces, where.scale, contact, doubt)))
 
     def rows(self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor) -> Rows:
         """See Physics; the changes by the effects' values follow those by the constants."""
         values, alone = self.values_at(deviations), values_alone(contact)
         plain = self.undone(packed, values)
         straight = self.rows_under(packed, torch.zeros_like(packed), alone, values)
-        away = agreeing_inputs(straight, plain, self.loaded(alone, values), theta, chosen) - plain
-        rows = self.rows_under(packed, away, contact, values)
+        agreed = agreement(straight, plain, self.loaded(alone, values), theta, chosen)
+        away = agreed.inputs - plain
+        rows = self.rows_under(packed, away, contact, values, agreed.doubt)
         every, n = self.varied_values(values), packed.shape[0]
-        varied = self.rows_under(packed.repeat(every.shape[0], 1), away.repeat(every.shape[0], 1), alone, every.repeat_interleave(n, 0))
+        many = every.shape[0]
+        varied = self.rows_under(
+            packed.repeat(many, 1), away.repeat(many, 1), alone, every.repeat_interleave(n, 0), agreed.doubt.repeat(many, 1, 1)
+        )
         return with_changes(rows, varied)
 
     def solve(self, before: Posterior, packed: Tensor, soil: int, expansion: Tensor) -> tuple[Solution, BlockRows, Tensor]:

@@ -5,11 +5,12 @@
 import torch
 from torch import Tensor, nn
 
+from terrain_estimator.agreement import agreement
 from terrain_estimator.block import FIXED, LINK_VARIANCE, BlockRows, block_rows, fixed_columns
 from terrain_estimator.net import NetFeatures
 from terrain_estimator.packing import packed_size
 from terrain_estimator.prior import Body, Prior, uncertain_constants
-from terrain_estimator.rows import MOMENT_VARIANCE, PA_PER_UNIT, Contact, Rows, agreeing_inputs, frame_of, row_names, rows_at, values_alone
+from terrain_estimator.rows import MOMENT_VARIANCE, PA_PER_UNIT, Contact, Rows, frame_of, row_names, rows_at, values_alone
 from terrain_estimator.stencil import Stencil, stencil
 from terramechanics.contact import in_range, quadrature
 from terramechanics.suspension import Geometry
@@ -28,6 +29,7 @@ class Physics(nn.Module):
     stencil_moves: Tensor
     stencil_constants: Tensor
     stencil_weights: Tensor
+    stencil_curvature: Tensor
     stand_in: Tensor
     body_scale: Tensor
     axle_x: Tensor
@@ -86,7 +88,7 @@ class Physics(nn.Module):
 
     def physics(self, constants: Tensor, varied: Tensor) -> Contact:
         """The same for given constants."""
-        differences = Stencil(self.stencil_moves, self.stencil_constants, self.stencil_weights)
+        differences = Stencil(self.stencil_moves, self.stencil_constants, self.stencil_weights, self.stencil_curvature)
         geometry = Geometry(self.axle_x, self.centre, self.pivot, self.radius)
         return Contact(
             constants, varied, differences, self.nodes, self.column_unit, geometry,
@@ -122,8 +124,8 @@ class Physics(nn.Module):
         """Rows of packed observations where those that are ``chosen`` agree best, given ``theta`` [3]."""
         del deviations
         frame = frame_of(packed, contact)
-        measured = rows_at(frame, packed, values_alone(contact))
-        return rows_at(frame, agreeing_inputs(measured, packed, contact, theta, chosen), contact)
+        agreed = agreement(rows_at(frame, packed, values_alone(contact)), packed, contact, theta, chosen)
+        return rows_at(frame, agreed.inputs, contact, agreed.doubt)
 
     def average(self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor) -> tuple[BlockRows, Tensor]:
         """Rows of a block on a soil, those ``chosen`` [R] (1 or 0), and the noise of its velocity rows [n, E, 3].

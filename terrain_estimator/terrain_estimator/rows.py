@@ -18,7 +18,11 @@ value and turned into the full covariance of the rows, not into a variance of ea
 
 The rows are linear in those errors only near the true inputs: a sinkage of 1.3 mm measured to 0.3 mm is far from them, and
 forces that are convex in it come out 1.5 % too large. So they are expanded not where the inputs were measured but where
-all rows of the instant agree best (``likely_inputs``), as orthogonal distance regression does in every iteration.
+all rows of the instant agree best (``agreement``), as orthogonal distance regression does in every iteration. That place is
+still in doubt, with covariance P in deviations. With h the row, x the true input, d the error of the place and e that of the
+measurement, what is used is h(x + d) + h'(x + d) (e - d) = h(x) + h'(x) e + h'' (d e - d^2 / 2), and as d is the part of e
+that the rows do not tell, E[d e] = E[d^2] = P: the mean is h'' P / 2 too large, which is taken off. It is small beside the
+noise of one row and has the same sign in all, so it would come to outweigh the noise of a long drive.
 """
 
 from typing import NamedTuple
@@ -26,8 +30,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.gaussian import cholesky
-from terrain_estimator.stencil import Stencil
+from terrain_estimator.stencil import OWN, Stencil
 from terramechanics.contact import in_range, wheel_forces
 from terramechanics.suspension import Geometry, along_body, axle_places, balances, directions
 
@@ -134,9 +137,10 @@ def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Forces:
     return Forces(values, by_slip, by_sinkage * scale.unsqueeze(-1).unsqueeze(-1))
 
 
-def values_alone(contact: Contact) -> Contact:
+def values_alone(contact: Contact, own: int = OWN) -> Contact:
     """The same without the changes for uncertain constants (TorchScript has no ``_replace``)."""
-    first = Stencil(contact.stencil.moves[:5], contact.stencil.constants[:5], contact.stencil.weights[:, :1, :5])
+    stencil = contact.stencil
+    first = Stencil(stencil.moves[:own], stencil.constants[:own], stencil.weights[:, :1, :own], stencil.curvature[:, :own])
     return Contact(
         contact.constants, contact.varied[:1], first, contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
@@ -149,6 +153,25 @@ def with_body(contact: Contact, geometry: Geometry, body_scale: Tensor) -> Conta
         contact.constants, contact.varied, contact.stencil, contact.nodes, contact.column_unit, geometry, body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
     )  # fmt: skip
+
+
+def without_excess(forces: Forces, evaluated: Tensor, scale: Tensor, doubt: Tensor, contact: Contact) -> Forces:
+    """Less what the values come out too large on average where slip and sinkage are in ``doubt`` [n, 3, A], see :class:`Agreement`.
+
+    ``evaluated`` [K, n, A, 3, 3] are the forces at the inputs of a Variation with its ``scale``.
+    """
+    weights = contact.stencil.curvature
+    halves = (weights @ (evaluated * contact.column_unit).flatten(1)).view(weights.shape[:1] + evaluated.shape[1:])
+    share = doubt * torch.stack([torch.ones_like(scale), scale * scale, scale], 1)
+    excess = (halves * share.transpose(0, 1).unsqueeze(-1).unsqueeze(-1)).sum(0, keepdim=True)
+    values = torch.cat([forces.values.narrow(0, 0, 1) - excess, forces.values.narrow(0, 1, forces.values.shape[0] - 1)])
+    return Forces(values, forces.by_slip, forces.by_sinkage)
+
+
+def read_forces(evaluated: Tensor, scale: Tensor, contact: Contact, doubt: Tensor | None = None) -> Forces:
+    """What :func:`changes` reads from the forces, without their excess where slip and sinkage are in ``doubt``."""
+    forces = changes(evaluated, scale, contact)
+    return forces if doubt is None else without_excess(forces, evaluated, scale, doubt, contact)
 
 
 class Frame(NamedTuple):
@@ -221,49 +244,17 @@ def measured_forces(frame: Frame, place: Tensor, forces: Forces) -> Forces:
     return Forces(torch.addcmul(values, deeper.unsqueeze(-1).unsqueeze(-1), forces.by_sinkage), forces.by_slip, forces.by_sinkage)
 
 
-LARGEST_ERROR = 3.0
-"""[standard deviations] by which an input is moved at most."""
-
-
-def likely_inputs(packed: Tensor, contact: Contact, theta: Tensor, chosen: Tensor, largest: float = LARGEST_ERROR) -> Tensor:
-    """Packed observations with each slip and sinkage where the rows of its instant agree best, given ``theta`` [3]."""
-    rows = rows_at(frame_of(packed, contact), packed, values_alone(contact))
-    return agreeing_inputs(rows, packed, contact, theta, chosen, largest)
-
-
-def agreeing_inputs(rows: Rows, packed: Tensor, contact: Contact, theta: Tensor, chosen: Tensor, largest: float = LARGEST_ERROR) -> Tensor:
-    """What :func:`likely_inputs` returns, from the ``rows`` of the measured inputs.
-
-    One step of the projection that orthogonal distance regression makes, e = G' S^-1 r, by the rows that are ``chosen``
-    [R] (1 or 0), without the velocity's, whose dv/dt no single instant measures. As a place to expand the rows around, it
-    need not be exact, nor ``theta`` = (c [kPa], tan phi, 1).
-    """
-    axles, others = contact.geometry.axle_x.shape[0], rows.used.shape[1] - 1
-    used = (rows.used * chosen).narrow(1, 1, others)
-    noise = (rows.noise[0] @ theta).narrow(1, 1, others) * used.unsqueeze(-1)
-    residual = (rows.target - rows.features[0] @ theta).narrow(1, 1, others) * used
-    own = rows.variance.narrow(1, 1, others) * used + (1.0 - used)
-    covariance = noise @ noise.transpose(1, 2) + torch.diag_embed(own)
-    error = (noise.transpose(1, 2) @ torch.cholesky_solve(residual.unsqueeze(-1), cholesky(covariance))).squeeze(-1)
-    faster, deeper, _ = error.clamp(-largest, largest).split_with_sizes([axles, axles, axles + 1], 1)
-    slip, slip_sd, sinkage, sinkage_sd, angle, rest = packed.split_with_sizes([axles] * 5 + [packed.shape[1] - 5 * axles], 1)
-    moved, sunk = slip + slip_sd * faster, torch.maximum(sinkage + sinkage_sd * deeper, 0.3 * sinkage)
-    possible = are_usable(moved, sunk, angle, contact)
-    moved, sunk = torch.where(possible, moved, slip), torch.where(possible, sunk, sinkage)
-    return torch.cat([moved, slip_sd, sunk, sinkage_sd, angle, rest], 1)
-
-
 def regression_rows(packed: Tensor, likely: Tensor, contact: Contact) -> Rows:
     """Rows of n packed observations [n, 8 A + SCALARS], expanded around the inputs of ``likely``, which has the same shape."""
     return rows_at(frame_of(packed, contact), likely, contact)
 
 
-def rows_at(frame: Frame, likely: Tensor, contact: Contact) -> Rows:
-    """What :func:`regression_rows` returns, from the frame of the measured observations."""
+def rows_at(frame: Frame, likely: Tensor, contact: Contact, doubt: Tensor | None = None) -> Rows:
+    """What :func:`regression_rows` returns, from the frame of the measured observations, without the excess that ``doubt`` makes."""
     place = places(likely, frame, contact)
     where = varied_inputs(place, contact)
-    forces = wheel_forces(where.slip, where.sinkage, where.constants, contact.radius, contact.width, contact.nodes)
-    return rows_of_forces(frame, measured_forces(frame, place, changes(forces, where.scale, contact)))
+    evaluated = wheel_forces(where.slip, where.sinkage, where.constants, contact.radius, contact.width, contact.nodes)
+    return rows_of_forces(frame, measured_forces(frame, place, read_forces(evaluated, where.scale, contact, doubt)))
 
 
 def features_of(frame: Frame, values: Tensor) -> Tensor:

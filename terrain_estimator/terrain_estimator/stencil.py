@@ -7,13 +7,17 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+OWN = 6
+"""Of the inputs, those with the soil constants as given; they stand first."""
+
 
 class Stencil(NamedTuple):
-    """At which K = 2 + 3 C inputs forces are evaluated, and how changes are read from them: see :func:`stencil`."""
+    """At which K = 3 + 3 C inputs forces are evaluated, and how changes are read from them: see :func:`stencil`."""
 
     moves: Tensor  # [K, 2] deviations by which slip and sinkage are moved
     constants: Tensor  # [K] int: which of the C sets of soil constants
     weights: Tensor  # [3, C, K] of the evaluations in the values and in their changes by slip and by sinkage
+    curvature: Tensor  # [3, K] in half the second differences by slip and by sinkage, and in the mixed one
 
 
 def stencil(uncertain: int) -> Stencil:
@@ -23,13 +27,17 @@ def stencil(uncertain: int) -> Stencil:
     the spread of its input. For the changes by the constants one side is enough.
     """
     sets = 1 + uncertain
-    moves = torch.tensor([[0.0, -1.0], [-1.0, 0.0], *([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]] * sets)], dtype=torch.float64)
-    one_sided = torch.zeros(3, sets, 2 + 3 * sets, dtype=torch.float64)
+    own = [[0.0, -1.0], [-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]  # OWN of them, with the constants as given
+    moves = torch.tensor([*own, *(own[2:5] * uncertain)], dtype=torch.float64)
+    one_sided = torch.zeros(3, sets, 3 + 3 * sets, dtype=torch.float64)
     for k in range(sets):
-        value = 2 + 3 * k
+        value = 3 + 3 * k if k else 2
         one_sided[:, k, value] = torch.tensor([1.0, -1.0, -1.0])
         one_sided[1, k, value + 1] = one_sided[2, k, value + 2] = 1.0
     weights = 1e3 * (one_sided - one_sided[:, :1])
     weights[0, 0, 2] = 1.0
     weights[1, 0, [3, 1]] = weights[2, 0, [4, 0]] = torch.tensor([0.5, -0.5], dtype=torch.float64)
-    return Stencil(moves, torch.tensor([0, 0, *(k for k in range(sets) for _ in range(3))]), weights)
+    curvature = torch.zeros(3, 3 + 3 * sets, dtype=torch.float64)
+    curvature[0, [3, 1, 2]] = curvature[1, [4, 0, 2]] = torch.tensor([0.5, 0.5, -1.0], dtype=torch.float64)
+    curvature[2, [5, 3, 4, 2]] = torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64)
+    return Stencil(moves, torch.tensor([0] * OWN + [k for k in range(1, sets) for _ in range(3)]), weights, curvature)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from terrain_estimator.agreement import agreement
 from terrain_estimator.discovery.parts import Part, plant_of, undone
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.prior import uncertain_constants
@@ -20,7 +21,6 @@ from terrain_estimator.rows import (
     PA_PER_UNIT,
     Contact,
     Rows,
-    agreeing_inputs,
     changes,
     frame_of,
     measured_forces,
@@ -110,11 +110,11 @@ class Laws:
         )
 
     def likely(self, place: Place, chosen: Tensor) -> Tensor:
-        """How far the inputs are, where all rows agree best, from the measured ones: [n, 8 A + 9], see ``likely_inputs``."""
+        """How far the inputs are, where all rows agree best, from the measured ones: [n, 8 A + 9], see ``agreement``."""
         plant_, contact, packed = self._at(place)
         rows = self._rows(packed, packed, values_alone(contact), place, plant_)
         theta = torch.cat([place.theta, torch.ones_like(place.theta[:1])])
-        return agreeing_inputs(rows, packed, contact, theta, chosen) - packed
+        return agreement(rows, packed, contact, theta, chosen).inputs - packed
 
     def rows(self, place: Place, away: Tensor, *, changes_too: bool) -> Rows:
         """Rows expanded ``away`` from the measured inputs; with their changes by the soil constants where asked for."""

@@ -18,10 +18,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from terrain_estimator.agreement import LARGEST_ERROR
 from terrain_estimator.bank import Bank, Solved, join
-from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, gauss_newton, solution_of
+from terrain_estimator.block import CONVERGED, MOST_STEPS, BlockRows, Posterior, Solution, Step, gauss_newton, solution_of, without_apparent
 from terrain_estimator.palpaca import PAlpaca, State
-from terrain_estimator.rows import LARGEST_ERROR, row_names
+from terrain_estimator.rows import row_names
 
 CHUNK = 16
 """Blocks whose rows are computed at once, so that they stay in the processor's cache."""
@@ -287,4 +288,4 @@ def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Sol
         chosen = Posterior(*(field[moving] for field in padded))
         further = newton(chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step)
         step = Step(*(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True)))
-    return solution_of(prior, step)
+    return solution_of(prior, torch.vmap(without_apparent)(step, rows))

@@ -20,7 +20,7 @@ from terramechanics.rover import Rover
 from terramechanics.simulation import TIME_STEP
 from terramechanics.soil import Soil
 
-VERSION = "9"
+VERSION = "10"
 """Of the model's structure and training, part of the model's id."""
 
 

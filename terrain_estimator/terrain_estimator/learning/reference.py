@@ -17,7 +17,6 @@ from terrain_estimator.block import FIXED, BlockRows, block_rows, row_noise
 from terrain_estimator.gaussian import cholesky, drop, log_determinant
 from terrain_estimator.learning.batched import lay_out, run
 from terrain_estimator.palpaca import PAlpaca
-from terrain_estimator.rows import likely_inputs, regression_rows
 
 POINTS, REACH = 49, 6.0
 """Points of the grid along each axis, and its half width in standard deviations of the model's posterior."""
@@ -86,8 +85,8 @@ def _unlink(model: PAlpaca, bank: _Bank) -> _Bank:
 
 
 def _rows(model: PAlpaca, packed: Tensor, place: Tensor, mask: Tensor, *, linked: bool) -> BlockRows:
-    contact, theta = model.nominal_contact(), torch.cat([place, torch.ones_like(place[:1])])
-    rows = regression_rows(packed, likely_inputs(packed, contact, theta, mask), contact)
+    theta = torch.cat([place, torch.ones_like(place[:1])])
+    rows = model.rows(packed, model.nominal_contact(), place[:0], theta, mask)
     rows = rows._replace(used=rows.used * mask)
     measured = packed[:, 8 * model.axles :]
     step = measured[:, -2] * rows.used[:, 0]
