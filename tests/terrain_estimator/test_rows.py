@@ -76,7 +76,8 @@ def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None
     found = drives("loose_sand")
     model, axles = physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True), 3
     contact, chosen = model.nominal_contact(), row_mask(rows, axles)
-    corrected, certain = [], []
+    corrected: list[Tensor] = []
+    certain: list[Tensor] = []
     for drive, end in enumerate(found.ends.tolist()):
         if not end:
             continue
@@ -84,9 +85,9 @@ def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None
         theta = strength(found)[int(found.ends[:drive].sum()), :, 0]
         exact = regression_rows(true, true, contact)
         linear = exact.noise[0, :, 0] @ theta  # [n, E]
-        wheels = (measured - true)[:, : 6 * axles].view(-1, 6, axles)[:, [0, 2, 4]] / measured[:, : 6 * axles].view(-1, 6, axles)[
-            :, [1, 3, 5]
-        ]
+        # Of slip, sinkage and angle, the value and its deviation.
+        errors, spreads = (x[:, : 6 * axles].view(-1, 3, 2, axles) for x in (measured - true, measured))
+        wheels = errors[:, :, 0] / spreads[:, :, 1]
         known = exact.features[0, :, 0] @ theta + (linear[:, :-1] * wheels.flatten(1)).sum(1)  # the pitch is in the target
         agreed = agreement(regression_rows(measured, measured, contact), measured, contact, theta, chosen)
         scale = linear.square().sum(1).sqrt()
@@ -96,6 +97,5 @@ def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None
             shifts.append(((found_rows.features[0, :, 0] @ theta - known) / scale)[both])
     shift, before = torch.cat(corrected), torch.cat(certain)
     error = float(shift.std()) / shift.shape[0] ** 0.5
-    print(rows, before.mean(), shift.mean(), error)
     assert float(before.mean()) < -8.0 * error
     assert abs(float(shift.mean())) < 0.25 * abs(float(before.mean())) + 4.0 * error
