@@ -8,6 +8,7 @@ Drives are computed in batches, each of which is kept: a run that was ended, or 
 import argparse
 import dataclasses
 import json
+import math
 import os
 import sys
 from datetime import UTC, datetime
@@ -20,11 +21,14 @@ from terrain_estimator.cli.accuracy_lines import lines
 from terrain_estimator.cli.accuracy_records import read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
 from terrain_estimator.cli.records import Piece, compute, digest, write_results
+from terrain_estimator.learning.accuracy import LONG_TIMES_S
 from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, is_main, settings, study
 from terramechanics.schedules import SCHEDULES
 
 BATCH = 100
 """Drives of a setting that are computed at once."""
+LONG_SHARE = 0.4
+"""[1] Of these where drives are long."""
 _CONSTANTS = ("exact", "wrong")
 
 
@@ -56,9 +60,10 @@ def _batches(chosen: list[Setting], args: argparse.Namespace) -> list[tuple[Sett
     """Every setting's first batch, then every setting's second, and so on; after SIDE_BATCHES of the main settings alone."""
     folder, found = args.records / f"{digest()}-{args.seed}", []
     for number, start in enumerate(range(0, args.episodes, BATCH)):
-        episodes = min(BATCH, args.episodes - start)
         for setting in chosen if number < SIDE_BATCHES else filter(is_main, chosen):
-            place = (setting.rover, setting.soil, setting.schedule, _constants(setting), setting.truth, number, episodes)
+            episodes = math.ceil((LONG_SHARE if setting.times_s == LONG_TIMES_S else 1.0) * min(BATCH, args.episodes - start))
+            drives = (setting.rover, setting.soil, f"{setting.schedule}-{setting.times_s[-1]:g}s", _constants(setting), setting.truth)
+            place = (*drives, number, episodes)
             work = partial(study, setting, episodes, args.seed, number)
             found.append((setting, Piece(work, folder / ("-".join(map(str, place)) + ".npz"))))
     return found
@@ -86,7 +91,7 @@ def _gathered(batches: list[tuple[Setting, Piece[Part]]], args: argparse.Namespa
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="accuracy", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument(
-        "--episodes", type=int, default=1000, help="drives of 40 s a main cell, over hills with truth from the prior; at most 200 of others"
+        "--episodes", type=int, default=1000, help="drives of 40 s over hills a cell; 200 where other things change, 80 of 400 s at most"
     )
     parser.add_argument("--seed", type=int, default=5_000_000, help="of all that is drawn; not the one of any training")
     parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers")

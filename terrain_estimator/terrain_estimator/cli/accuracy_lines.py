@@ -9,14 +9,14 @@ import torch
 from scipy.stats import norm
 from torch import Tensor
 
-from terrain_estimator.learning.accuracy import Judged, Share, pool, share_of
+from terrain_estimator.learning.accuracy import Judged, Share, pool, share_of, until
 from terrain_estimator.learning.study import Cell, Part, Setting, cells
 from terrain_estimator.summary import IDENTIFIED_VARIANCE
 
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What the published intervals of one parameter claim after 40 s."""
+    """What the published intervals of one parameter claim after a cell's time."""
 
     least: float  # smallest published deviation of any drive, over its bound [1]
     unfounded: float  # share of drives whose status calls it identified while the bound would not [1]
@@ -36,8 +36,9 @@ def lines(setting: Setting, parts: Sequence[Part]) -> list[Line]:
     found = []
     for cell in cells(setting, parts):
         judged = pool([part.judged[cell.rows, cell.model] for part in parts if (cell.rows, cell.model) in part.judged])
-        place = (cell.rover, cell.soil, cell.schedule, cell.spread, cell.truth, cell.rows, cell.model, cell.score)
-        found.append(Line(*place, _claim(judged, 0), _claim(judged, 1)))
+        judged = until(judged, setting.times_s.index(cell.after_s) + 1)
+        place = (cell.rover, cell.soil, cell.schedule, cell.spread, cell.truth, cell.rows, cell.model, cell.duration_s, cell.after_s)
+        found.append(Line(*place, cell.score, _claim(judged, 0), _claim(judged, 1)))
     return found
 
 

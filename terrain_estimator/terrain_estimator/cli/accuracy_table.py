@@ -72,6 +72,7 @@ Where these are missed, and why:
 def page(run: Run) -> str:
     """The whole page."""
     hills, shipped = over_hills(run.cells, "physics"), over_hills(run.cells, "shipped")
+    long = [line for line in run.cells if line.duration_s > TIMES_S[-1]]
     others = [line for line in run.cells if (line.schedule, line.truth) != ("S1", "prior") and line.model == "physics"]
     said = {"date": run.date, "episodes": run.episodes, "seed": run.seed, "done": _drives(hills), "side": _drives(shipped)}
     said["c"] = f"{PRIOR.cohesion_pa / 1e3:g} +- {PRIOR.cohesion_sd_pa / 1e3:g}"
@@ -84,6 +85,7 @@ def page(run: Run) -> str:
         "## After 40 s over hills (S1), physics alone\n\n" + _final(hills),
         "## After 40 s over hills (S1), the models that ship\n\n" + _final(shipped),
         "## Error over time over hills (S1), physics alone\n\n" + _over_time(hills),
+        "## Long drives over hills (S1), physics alone\n\n" + _long(long),
         "## Other schedules and the paper's test band, physics alone\n\n" + _final(others) + "\n" + _over_time(others),
         "## The velocity filter, and what the status says\n\n" + _velocity([*hills, *shipped]),
         "## Distance from a grid reference\n\n" + _reference(run.reference),
@@ -141,6 +143,17 @@ def _errors(parameter: ParameterScore) -> list[str]:
     return [f"{_percent(median)} / {_percent(high)} ({_percent(bound)})" for median, high, bound in series]
 
 
+def _long(cells: list[Line]) -> str:
+    head = (*_PLACE, "after s", "c median % (bound)", "tan phi median % (bound)", "c in 95 %", "tan phi in 95 %", "both in 95 % ellipse")
+    lines = []
+    for cell in cells:
+        both = (cell.score.cohesion, cell.score.tan_phi)
+        errors = [f"{_percent(found.median_error[-1])} ({_percent(found.bound[-1])})" for found in both]
+        shares = [*(found.coverage_95 for found in both), cell.score.joint_coverage_95]
+        lines.append([*_place(cell), f"{cell.after_s:g}", *errors, *map(_coverage, shares)])
+    return table(head, lines)
+
+
 def _velocity(cells: list[Line]) -> str:
     explanation = (
         "Spread is the median predicted deviation over that of the velocity sensor: more than 1, as the force that moves the rover is\n"
@@ -187,7 +200,7 @@ def _net(run: Run) -> str:
     lines = []
     for cell in run.cells:
         share = shares.get((cell.rover, cell.soil, cell.spread))
-        if share is None or (cell.schedule, cell.truth, cell.rows) != ("S1", "prior", EVERY_ROW):
+        if share is None or (cell.schedule, cell.truth, cell.duration_s, cell.rows) != ("S1", "prior", TIMES_S[-1], EVERY_ROW):
             continue
         said = f"{_percent(share.velocity)} / {_percent(share.load)} / {_percent(share.torque)}" if cell.model == "shipped" else ""
         lines.append([*_place(cell), cell.model, *_ablation(cell), said])

@@ -5,7 +5,7 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from terrain_estimator.cli.accuracy_lines import Claim, Line
-from terrain_estimator.learning.accuracy import ParameterScore, Share
+from terrain_estimator.learning.accuracy import TIMES_S, ParameterScore, Share
 from terrain_estimator.learning.study import TARGET_ROWS
 
 MOST_OF_BOUND = 1.3
@@ -27,8 +27,8 @@ Verdict = tuple[str, str, str, str]
 
 
 def over_hills(lines: Sequence[Line], model: str) -> list[Line]:
-    """Lines of a model that the targets are for: drives over hills, truth from the whole prior."""
-    return [line for line in lines if (line.schedule, line.truth, line.model) == ("S1", "prior", model)]
+    """Lines of a model that the targets are for: drives of 40 s over hills, truth from the whole prior."""
+    return [line for line in lines if (line.schedule, line.truth, line.duration_s, line.model) == ("S1", "prior", TIMES_S[-1], model)]
 
 
 def verdicts(lines: Sequence[Line], model: str) -> list[Verdict]:

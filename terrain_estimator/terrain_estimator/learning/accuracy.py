@@ -28,6 +28,8 @@ from terramechanics.soil import Soil
 
 TIMES_S = (5.0, 10.0, 20.0, 40.0)
 """[s] Times at which estimates are judged; a drive lasts until the last."""
+LONG_TIMES_S = (40.0, 100.0, 200.0, 400.0)
+"""[s] The same of long drives."""
 PARAMETERS = ("cohesion", "tan_phi")
 ROWS = {"v": (1, 0, 0, 0), "v+L": (1, 1, 0, 0), "v+L+M": (1, 1, 1, 0), "v+L+M+B": (1, 1, 1, 1)}
 """Rows that an estimator is given: velocity, load, torques, moment balances; the accelerometer never."""
@@ -65,7 +67,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class ParameterScore:
-    """One parameter; tuples are over TIMES_S, errors relative to the truth."""
+    """One parameter; tuples are over times, errors relative to the truth."""
 
     median_error: tuple[float, ...]
     p90_error: tuple[float, ...]
@@ -110,8 +112,9 @@ def draw_drives(
     seed: int,
     truth: Range | AboveZero = BENCHMARK,
     hidden: Family | None = None,
+    duration_s: float = TIMES_S[-1],
 ) -> Drives:
-    """Simulate and measure episodes of the last of TIMES_S with c and tan phi as ``truth`` says.
+    """Simulate and measure episodes with c and tan phi as ``truth`` says.
 
     Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family ``hidden`` acts in a share
     HIDDEN of the episodes. The same seed gives the same drives.
@@ -119,7 +122,7 @@ def draw_drives(
     generator = torch.Generator().manual_seed(seed)
     ground = random_ground(soil, episodes, generator, spread, truth)
     plant = random_plant(hidden, rover, episodes, HIDDEN, generator) if hidden else None
-    drive = simulate(rover, ground, schedule, TIMES_S[-1], generator, episodes, plant=plant)
+    drive = simulate(rover, ground, schedule, duration_s, generator, episodes, plant=plant)
     tasks = measure_tasks(drive, Noise(), generator)
     for packed in (tasks.measured, tasks.true):
         packed[..., _ACCELERATION] = torch.nan
@@ -129,13 +132,13 @@ def draw_drives(
     return Drives(tasks, ends, ground.patches[0].constants.expand(episodes, 6))
 
 
-def observation_times() -> Tensor:
-    """TIMES_S as indices of observations."""
-    return torch.tensor([round(time / TIME_STEP) - 1 for time in TIMES_S])
+def observation_times(times_s: Sequence[float] = TIMES_S) -> Tensor:
+    """Times as indices of observations."""
+    return torch.tensor([round(time / TIME_STEP) - 1 for time in times_s])
 
 
 class Judged(NamedTuple):
-    """What is kept of N drives, so that those of several calls can be put together (:func:`pool`); K are TIMES_S."""
+    """What is kept of N drives, so that those of several calls can be put together (:func:`pool`); K times."""
 
     truth: Tensor  # [N, 2] c [Pa] and tan phi
     mean: Tensor  # [N, K, 2]
@@ -149,7 +152,7 @@ class Judged(NamedTuple):
 
 
 def judge(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor) -> Judged:
-    """Compare a trace with the truth at TIMES_S. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2] of the model."""
+    """Compare a trace with the truth at the K times of the trace. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2] of the model."""
     counted = ~torch.isnan(trace.misfit) & (trace.degrees > 0)
     quantile = torch.from_numpy(chi2.ppf(0.95, trace.degrees.numpy()))
     blocks = [trace.misfit, trace.degrees, torch.ones_like(trace.misfit), (trace.misfit > quantile).double()]
@@ -175,6 +178,11 @@ def judge(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor) -> Judg
 def pool(parts: Sequence[Judged]) -> Judged:
     """The drives of all parts."""
     return Judged(*(torch.cat(fields) for fields in zip(*parts, strict=True)))
+
+
+def until(judged: Judged, times: int) -> Judged:
+    """The same, judged at the first ``times`` times; blocks and velocity are those of whole drives still."""
+    return judged._replace(mean=judged.mean[:, :times], covariance=judged.covariance[:, :times], least=judged.least[:, :times])
 
 
 def score(judged: Judged) -> Score:

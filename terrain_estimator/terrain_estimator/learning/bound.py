@@ -28,7 +28,7 @@ _STEP = 1e-4  # [1] relative, of the differences with respect to the soil consta
 class Known:
     """What an estimator is given beside the observations."""
 
-    rows: Tensor | None = None  # [R] 1 for the rows that may be used, 0 for others
+    rows: Tensor | None = None  # [S, R] 1 for the rows that each of S estimators may use, 0 for others; every row where None
     ends: Tensor | None = None  # [batch] observations of a drive that count
     constants: Tensor | None = None  # [batch, 6] true soil constants, those of the model where None
     constants_sd: float = 0.0  # [1] relative standard deviation of what is known of each constant
@@ -40,36 +40,37 @@ def cramer_rao(model: PAlpaca, tasks: Tasks) -> Tensor:
     Takes physics, noise and prior from ``model``, not its learnt columns and with exact soil constants,
     and the rows from ``tasks.true``.
     """
-    return cramer_rao_at(model, tasks, torch.tensor([tasks.true.shape[1] - 1]), Known())[:, 0]
+    return cramer_rao_at(model, tasks, torch.tensor([tasks.true.shape[1] - 1]), Known())[0, :, 0]
 
 
 def cramer_rao_at(model: PAlpaca, tasks: Tasks, times: Tensor, known: Known) -> Tensor:
-    """The same after the observations ``times`` [K] (counted from 0, rising), shape [batch, K, 2, 2]."""
+    """The same after the observations ``times`` [K] (counted from 0, rising) with each set of rows, shape [S, batch, K, 2, 2]."""
     batch, time, _ = tasks.true.shape
-    information = _information_of_all(model, tasks, known)
+    sets = torch.ones(1, len(row_names(model.axles)), dtype=torch.float64) if known.rows is None else known.rows
+    information = _information_of_all(model, tasks, known, sets).flatten(0, 1)
     unit = torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     loose = [torch.full((6,), max(known.constants_sd, 1e-6) ** -2.0, dtype=torch.float64)] if known.constants_sd else []
     precision = torch.diag(torch.cat([(model.prior_sd / unit) ** -2.0, *loose, model.other_precision[-model.kept :]]))
-    precision = precision.expand(batch, -1, -1)
-    ends = torch.full((batch,), time) if known.ends is None else known.ends
+    ends = (torch.full((batch,), time) if known.ends is None else known.ends).repeat(sets.shape[0])
+    precision = precision.expand(ends.shape[0], -1, -1)
     size, found = precision.shape[-1], []
     for index in range(int(times[-1]) + 1):
         extended = torch.nn.functional.pad(precision, [0, 1, 0, 1]) + information[:, index]
         _, after = drop(torch.zeros_like(extended[..., 0]), extended, size - 1)
         precision = torch.where((index < ends).view(-1, 1, 1), after, precision)
         if index in times:
-            directions = torch.eye(2, size, dtype=torch.float64).T.expand(batch, -1, -1)
+            directions = torch.eye(2, size, dtype=torch.float64).T.expand_as(precision[..., :2])
             found.append(torch.cholesky_solve(directions, cholesky(precision))[:, :2])
-    return symmetrize(torch.stack(found, 1)) * unit * unit.unsqueeze(-1)
+    covariances = symmetrize(torch.stack(found, 1)) * unit * unit.unsqueeze(-1)
+    return covariances.view(sets.shape[0], batch, *covariances.shape[1:])
 
 
-def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known) -> Tensor:
-    """J' S^-1 J of every observation [batch, time, D + 1, D + 1] at the true parameters."""
+def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known, sets: Tensor) -> Tensor:
+    """J' S^-1 J of every observation by the rows of ``sets`` [S, R], [S, batch, time, D + 1, D + 1], at the true parameters."""
     batch, time, size = tasks.true.shape
     packed = tasks.true.reshape(-1, size)
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = theta.repeat_interleave(time, 0)
-    mask = torch.ones(len(row_names(model.axles)), dtype=torch.float64) if known.rows is None else known.rows
     contact = values_alone(model.nominal_contact())
     constants = contact.constants.expand(batch, 6) if known.constants is None else known.constants
     constants = constants.repeat_interleave(time, 0).unsqueeze(1)  # [n, 1, 6], for every axle
@@ -78,14 +79,11 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known) -> Tensor:
         here = slice(start, start + CHUNK)
         local = contact._replace(constants=constants[here])
         rows = regression_rows(packed[here], packed[here], local)
-        rows = rows._replace(used=rows.used * mask)
         columns = _by_constants(packed[here], local, theta[here]) if known.constants_sd else rows.features[0, ..., :0]
-        pieces.append(
-            torch.vmap(lambda *fields: _information(model, fields))(
-                rows.features[0], rows.noise[0], rows.target, rows.variance, rows.used, columns, packed[here], theta[here]
-            )
-        )
-    return torch.cat(pieces).view(batch, time, *pieces[0].shape[1:])
+        alike = (rows.features[0], rows.noise[0], rows.target, rows.variance), (columns, packed[here], theta[here])
+        each = torch.vmap(lambda *fields: _information(model, fields))
+        pieces.append(torch.stack([each(*alike[0], rows.used * mask, *alike[1]) for mask in sets]))
+    return torch.cat(pieces, 1).view(sets.shape[0], batch, time, *pieces[0].shape[2:])
 
 
 def _by_constants(packed: Tensor, contact: Contact, theta: Tensor) -> Tensor:

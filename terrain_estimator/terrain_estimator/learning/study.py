@@ -13,7 +13,9 @@ from torch import Tensor
 from terrain_estimator.learning import accuracy
 from terrain_estimator.learning.accuracy import (
     FROM_PRIOR,
+    LONG_TIMES_S,
     PAPER_BAND,
+    TIMES_S,
     Drives,
     Judged,
     Score,
@@ -56,6 +58,7 @@ class Setting:
     spread: float = 0.0  # [1] of the soil constants
     truth: str = "prior"  # where c and tan phi come from: the models' prior, or the range of the paper's tests
     rows: tuple[str, ...] = (EVERY_ROW,)
+    times_s: tuple[float, ...] = TIMES_S  # at which it is judged; a drive lasts until the last
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,8 @@ class Cell:
     truth: str
     rows: str
     model: str  # "physics": no net, constants exact where they are; "shipped": the file; "without net": the file's
+    duration_s: float  # of a drive
+    after_s: float  # of it the score's last time
     score: Score
 
 
@@ -113,12 +118,13 @@ def settings() -> list[Setting]:
     for rover in ROVERS:
         cells += [Setting(rover, "loose_sand", schedule, rows=("v", *TARGET_ROWS)) for schedule in ("S2", "S3", "S4")]
         cells.append(Setting(rover, "loose_sand", truth="paper", rows=("v", *TARGET_ROWS)))
+        cells += [Setting(rover, "loose_sand", spread=spread, rows=SHIPPED_ROWS, times_s=LONG_TIMES_S) for spread in (0.0, WRONG)]
     return cells
 
 
 def is_main(setting: Setting) -> bool:
-    """Whether the targets are for it: drives over hills (S1), truth drawn from the prior."""
-    return (setting.schedule, setting.truth) == ("S1", "prior")
+    """Whether the targets are for it: drives of 40 s over hills (S1), truth drawn from the prior."""
+    return (setting.schedule, setting.truth, setting.times_s) == ("S1", "prior", TIMES_S)
 
 
 def seed_of(setting: Setting, seed: int, batch: int) -> int:
@@ -134,12 +140,13 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
     """
     rover, soil = load_rover(setting.rover), load_soil(setting.soil)
     truth = PAPER_BAND if setting.truth == "paper" else FROM_PRIOR
-    drives = draw_drives(rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed, batch), truth)
+    drives = draw_drives(
+        rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed, batch), truth, duration_s=setting.times_s[-1]
+    )
     physics = physics_alone(rover, soil, exact=not setting.spread)
     part = Part({}, [], [])
-    for rows in setting.rows:
-        bound = _bound(physics, drives, rows, setting)
-        trace = _run(physics, drives, rows)
+    for rows, bound in zip(setting.rows, _bounds(physics, drives, setting), strict=True):
+        trace = _run(physics, drives, rows, setting.times_s)
         part.judged[rows, "physics"] = judge(trace, drives, bound, physics.prior_sd)
         if not is_main(setting):
             continue
@@ -166,22 +173,29 @@ def _judge_shipped(part: Part, setting: Setting, drives: Drives, rows: str, boun
 
 
 def cells(setting: Setting, parts: Sequence[Part]) -> list[Cell]:
-    """The lines of the tables that all parts of a setting give together."""
+    """The lines of the tables that all parts of a setting give together: after whole drives, of long ones after each of their times."""
     place = (setting.rover, setting.soil, setting.schedule, setting.spread, setting.truth)
     found: dict[tuple[str, str], list[Judged]] = {}
     for part in parts:
         for key, judged in part.judged.items():
             found.setdefault(key, []).append(judged)
-    return [Cell(*place, *key, accuracy.score(accuracy.pool(judged))) for key, judged in found.items()]
+    times, lines = setting.times_s, []
+    for key, judgements in found.items():
+        judged = accuracy.pool(judgements)
+        scores = [(time, accuracy.score(accuracy.until(judged, count))) for count, time in enumerate(times, 1)]
+        lines += [Cell(*place, *key, times[-1], *found) for found in (scores if times == LONG_TIMES_S else scores[-1:])]
+    return lines
 
 
-def _bound(model: PAlpaca, drives: Drives, rows: str, setting: Setting) -> Tensor:
-    known = Known(row_mask(rows, model.axles), drives.ends, drives.constants, setting.spread / math.sqrt(3.0))
-    return cramer_rao_at(model, drives.tasks, observation_times(), known)
+def _bounds(model: PAlpaca, drives: Drives, setting: Setting) -> Tensor:
+    """With each row set of the setting [S, N, K, 2, 2]."""
+    sets = torch.stack([row_mask(rows, model.axles) for rows in setting.rows])
+    known = Known(sets, drives.ends, drives.constants, setting.spread / math.sqrt(3.0))
+    return cramer_rao_at(model, drives.tasks, observation_times(setting.times_s), known)
 
 
-def _run(model: PAlpaca, drives: Drives, rows: str) -> Trace:
-    return run(model, drives.tasks.measured, observation_times(), drives.ends, row_mask(rows, model.axles))
+def _run(model: PAlpaca, drives: Drives, rows: str, times_s: Sequence[float] = TIMES_S) -> Trace:
+    return run(model, drives.tasks.measured, observation_times(times_s), drives.ends, row_mask(rows, model.axles))
 
 
 def _check(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> ReferenceCheck:
