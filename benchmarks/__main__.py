@@ -16,7 +16,7 @@ from pathlib import Path
 
 from benchmarks.lines import Effort, Line
 from benchmarks.machine import machine
-from benchmarks.page import number, page
+from benchmarks.page import number, page, quantity
 
 NAMES = ("observation", "latency", "rate", "replaying", "reading", "simulation", "training", "cost")
 """Modules of this folder; each has ``lines(effort)``."""
@@ -65,7 +65,7 @@ def show(line: Line) -> None:
         else f" (bar: {'at least' if line.least else 'at most'} {number(line.bar)}, {'met' if line.met else 'MISSED'})"
     )
     note = f"; {line.note}" if line.note else ""
-    print(f"{line.what}: {number(line.value)} {line.unit}{bar}, {number(line.ratio)} of {line.reference}{note}", flush=True)
+    print(f"{line.what}: {quantity(line)}{bar}, {number(line.ratio)} of {line.reference}{note}", flush=True)
 
 
 if __name__ == "__main__":

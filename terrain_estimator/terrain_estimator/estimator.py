@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.model_file import LoadedModel, running
@@ -297,4 +297,4 @@ def _finite(state: State, report: Report) -> bool:
 @functools.lru_cache
 def _threshold(probability: float, degrees: int) -> float:
     """chi-square threshold that good data exceed with this probability; infinite where the gate is off."""
-    return float(chi2.isf(probability, degrees)) if probability > 0.0 else math.inf
+    return float(chdtri(degrees, probability)) if probability > 0.0 else math.inf
