@@ -31,13 +31,14 @@ Both axes of each panel are logarithmic; the dashed line is linear cost. The loo
 
 ## What limits the node
 
-The update is one TorchScript module whose tensors hold a few numbers each. `torch.profiler` counts 480 calls of torch's operators in an update, 4900 in
-one that closes a block, of one to three microseconds each: the cost is the dispatch of small operations, not their arithmetic, so it grows
-little with the number of parameters, and neither more threads nor an accelerator would shorten it. Latency, the highest rate and replay
-follow from it. Scalars in C++ would be the way, and a second copy of the physics, which training and simulation share with the node today.
+The update is one TorchScript module whose tensors hold a few numbers each. `torch.profiler` counts 480 calls of torch's operators in an
+update, 4900 in one that closes a block, of one to three microseconds each: the cost is the dispatch of small operations, not their
+arithmetic, so it grows little with the number of parameters, and neither more threads nor an accelerator would shorten it. Latency, the
+highest rate and replay follow from it. Scalars in C++ would be the way, and a second copy of the physics, which training and simulation
+share with the node today.
 
-At 10 Hz a quarter of the node's processor time is the update; two fifths are rclpy's executor, which builds its wait set anew for every wake-up
-(py-spy). With rclpy's experimental EventsExecutor the node took 3.5 instead of 5.4 % of a core. It is not used: in this release
+At 10 Hz a quarter of the node's processor time is the update; two fifths are rclpy's executor, which builds its wait set anew for every
+wake-up (py-spy). With rclpy's experimental EventsExecutor the node took 3.5 instead of 5.4 % of a core. It is not used: in this release
 an exception in one of rclpy's own callbacks, as at a /clock before zero, ends the process with it (ros2/rclpy#1641), and it does
 not serve callbacks that are coroutines, as those of the services are (ros2/rclpy#1478).
 """

@@ -60,13 +60,13 @@ Where these are missed, and why:
   between follows from slip and sinkage, which are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's
   would cover too little.
 - **Velocity alone**, above all with wrong constants. The intervals do not stay wide: they fall to a fraction of the bound, cover less
-  than they say, and the status calls parameters identified that cannot be. A node always has the load row, too. What noise does in curved laws and to the information
-  is corrected ([method.md](method.md)), in these rows as well, and is not the cause.
+  than they say, and the status calls parameters identified that cannot be. A node always has the load row, too. What noise does
+  in curved laws and to the information is corrected ([method.md](method.md)), in these rows as well, and is not the cause.
 - **Least deviation.** The bound is that of the true parameters, the posterior is taken at the estimated ones and of this drive's noise,
   so single drives lie below it.
 """
-_LONG = """The same ground all the way. What shifts every row a little to one side is nothing beside the interval after 40 s; the interval shrinks
-with the root of time, the shift stays. "Drives" are few: the limits are wide.
+_LONG = """The same ground all the way. What shifts every row a little to one side is nothing beside the interval after 40 s; the interval
+shrinks with the root of time, the shift stays.
 
 """
 
