@@ -114,7 +114,7 @@ def draw_drives(
     hidden: Family | None = None,
     duration_s: float = TIMES_S[-1],
 ) -> Drives:
-    """Simulate and measure episodes with c and tan phi as ``truth`` says.
+    """Simulate and measure episodes of ``duration_s`` [s] with c and tan phi as ``truth`` says.
 
     Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family ``hidden`` acts in a share
     HIDDEN of the episodes. The same seed gives the same drives.
@@ -133,7 +133,7 @@ def draw_drives(
 
 
 def observation_times(times_s: Sequence[float] = TIMES_S) -> Tensor:
-    """Times as indices of observations."""
+    """Times [s] as indices of observations [K]."""
     return torch.tensor([round(time / TIME_STEP) - 1 for time in times_s])
 
 

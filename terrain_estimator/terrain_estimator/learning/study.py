@@ -58,7 +58,7 @@ class Setting:
     spread: float = 0.0  # [1] of the soil constants
     truth: str = "prior"  # where c and tan phi come from: the models' prior, or the range of the paper's tests
     rows: tuple[str, ...] = (EVERY_ROW,)
-    times_s: tuple[float, ...] = TIMES_S  # at which it is judged; a drive lasts until the last
+    times_s: tuple[float, ...] = TIMES_S  # [s] at which it is judged; a drive lasts until the last
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +72,8 @@ class Cell:
     truth: str
     rows: str
     model: str  # "physics": no net, constants exact where they are; "shipped": the file; "without net": the file's
-    duration_s: float  # of a drive
-    after_s: float  # of it the score's last time
+    duration_s: float  # [s] of a drive
+    after_s: float  # [s] of it, where the score ends
     score: Score
 
 
@@ -183,7 +183,7 @@ def cells(setting: Setting, parts: Sequence[Part]) -> list[Cell]:
     for key, judgements in found.items():
         judged = accuracy.pool(judgements)
         scores = [(time, accuracy.score(accuracy.until(judged, count))) for count, time in enumerate(times, 1)]
-        lines += [Cell(*place, *key, times[-1], *found) for found in (scores if times == LONG_TIMES_S else scores[-1:])]
+        lines += [Cell(*place, *key, times[-1], *scored) for scored in (scores if times == LONG_TIMES_S else scores[-1:])]
     return lines
 
 
