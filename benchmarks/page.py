@@ -38,9 +38,9 @@ highest rate and replay follow from it. Scalars in C++ would be the way, and a s
 share with the node today.
 
 At 10 Hz a quarter of the node's processor time is the update; two fifths are rclpy's executor, which builds its wait set anew for every
-wake-up (py-spy). With rclpy's experimental EventsExecutor the node took 3.5 instead of 5.4 % of a core. It is not used: in this release
-an exception in one of rclpy's own callbacks, as at a /clock before zero, ends the process with it (ros2/rclpy#1641), and it does
-not serve callbacks that are coroutines, as those of the services are (ros2/rclpy#1478).
+wake-up (py-spy). With rclpy's experimental EventsExecutor it took 3.5 % of a core in a run in which it took 5.4 % without. It is not
+used: in this release an exception in one of rclpy's own callbacks, as at a /clock before zero, ends the process with it
+(ros2/rclpy#1641), and it does not serve callbacks that are coroutines, as those of the services are (ros2/rclpy#1478).
 """
 
 

@@ -18,7 +18,7 @@ SIMULATOR = {
     "soil": ("loose_sand", "preset or YAML file"),
     "schedule": ("S1", "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands"),
     "duration": ("60.0", "[s] of the drive; 0: until Ctrl-C"),
-    "seed": ("0", "of the sensor noise"),
+    "seed": ("0", "of drive and noise"),
 }
 ROVER = {
     "namespace": ("", "of all topics and nodes"),
