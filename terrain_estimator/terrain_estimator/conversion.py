@@ -82,7 +82,12 @@ class Converter:
         self._slip_bounds = _Bounds(core.slip_minimum, core.slip_maximum)
         self._sinkage_bounds = _Bounds(0.0, rover.wheel_radius)
         self._bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
+        self._joints_read = self._bogie_joints.union(self._axles)
         self._groups: dict[str, tuple[list[str], Groups]] = {}  # by topic: the last names and their groups
+
+    def concerns(self, topic: str, message: Message) -> bool:
+        """Whether there is something to convert in a message: a mast or an arm may have its joints on joint_states, too."""
+        return topic != "joint_states" or not self._joints_read.isdisjoint(message.name)
 
     def convert(self, stamp_ns: int, messages: tuple[Message, ...]) -> Conversion:
         """One observation from one set; refusals are WRONG_FRAME and WRONG_WHEELS, with the names in ``detail``."""

@@ -86,7 +86,9 @@ class Pipeline:
         return self._synchronizer.flush()
 
     def pair(self, topic: str, message: Message) -> list[MessageSet]:
-        """First step of ``add``: the sets that a message completes."""
+        """First step of ``add``: the sets that a message completes. What does not concern the rover takes no partner from what does."""
+        if not self._converter.concerns(topic, message):
+            return []
         return self._synchronizer.add(self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None))
 
     def convert(self, complete: MessageSet) -> Conversion:

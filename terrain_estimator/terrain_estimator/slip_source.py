@@ -56,9 +56,18 @@ class SlipSource:
         topics = (Topic(JOINTS, required=True), Topic(VELOCITY, required=True))
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._sequence = 0
+        self._turned = False  # whether rates of our wheels came
 
     def pair(self, topic: str, message: Message) -> list[MessageSet]:
-        """Take a message of JOINTS or VELOCITY; the pairs that it completes, usually none or one."""
+        """Take a message of JOINTS or VELOCITY; the pairs that it completes, usually none or one.
+
+        Joints of others, a mast or an arm, are passed over; until the wheels' come they are taken, so that the pair is refused by name.
+        """
+        if topic == JOINTS:
+            ours = not set(self._rover.wheel_names).isdisjoint(message.name)
+            self._turned = self._turned or ours
+            if self._turned and not ours:
+                return []
         return self._synchronizer.add((JOINTS, VELOCITY).index(topic), stamp_ns(message), message)
 
     def slip_message(self, pair: MessageSet, make: Make) -> Message:

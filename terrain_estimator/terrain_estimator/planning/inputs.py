@@ -23,5 +23,7 @@ class Inputs:
 
     def add(self, topic: str, message: Message) -> list[Observation | None]:
         """Take one message of an input topic; the observations that it completes, None for a set that cannot be converted."""
+        if not self._converter.concerns(topic, message):
+            return []
         sets = self._synchronizer.add(self._index[topic], stamp_ns(message), message)
         return [self._converter.convert(complete.stamp_ns, complete.messages).observation for complete in sets]
