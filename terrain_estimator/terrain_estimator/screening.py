@@ -45,6 +45,7 @@ def screen(observation: Observation, previous_stamp_ns: int | None, wheel_radius
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
         or _refuse_standstill(observation, wheel_radius_m, config.standstill_speed)
         or _refuse_scalars(observation)
+        or _refuse_reverse(observation, wheel_radius_m, config.standstill_speed)
     )
     if refusal is not None:
         return Screening(refusal[0], observation, refusal[1])
@@ -76,6 +77,23 @@ def _refuse_standstill(observation: Observation, radius: float, threshold: float
     if abs(observation.velocity) < bound:
         return Outcome.STANDSTILL, f"the velocity {observation.velocity:.4g} m/s is below {bound:.3g} m/s"
     return None
+
+
+def backwards(observation: Observation, radius: float, threshold: float) -> bool:
+    """Whether a rover that does not stand drives backwards: no rim is faster forward than ``threshold`` [m/s].
+
+    The model is of forward driving: its thrust would point the wrong way.
+    """
+    rims = [rate * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
+    if rims:
+        return max(rims) < threshold
+    return observation.velocity < -(threshold + _STANDSTILL_BOUND * observation.velocity_sd)
+
+
+def _refuse_reverse(observation: Observation, radius: float, threshold: float) -> _Refusal:
+    if not backwards(observation, radius, threshold):
+        return None
+    return Outcome.OUT_OF_RANGE, "the rover drives backwards, or its wheel rates have the wrong sign: the model is of forward driving"
 
 
 def _refuse_scalars(observation: Observation) -> _Refusal:

@@ -77,6 +77,23 @@ def test_without_torque_imu_and_wheel_rates_it_is_still_accepted() -> None:
     assert bare.outcome is Outcome.ACCEPTED
 
 
+@pytest.mark.parametrize(
+    ("rates", "velocity", "used"),
+    [
+        ([-1.5] * 3, -0.15, False),
+        ([-1.5, 0.0, math.nan], -0.15, False),
+        ([-1.5, -1.5, 0.5], -0.15, True),  # one axle rolls back, as on a step
+        ([1.5] * 3, -0.15, True),  # it slides down
+        ([math.nan] * 3, -0.15, False),
+        ([math.nan] * 3, -0.03, True),  # within the noise of one that hardly moves
+    ],
+)
+def test_a_rover_that_drives_backwards_is_refused(rates: list[float], velocity: float, *, used: bool) -> None:
+    result = verdict(wheel_rate=np.array(rates), velocity=velocity)
+    assert result.outcome is (Outcome.ACCEPTED if used else Outcome.OUT_OF_RANGE)
+    assert ("backwards" in result.detail) is not used
+
+
 @pytest.mark.parametrize(("previous_ns", "outcome"), [(10**9, Outcome.DUPLICATE), (10**9 + 1, Outcome.TIME_BACKWARDS)])
 def test_a_stamp_that_does_not_increase_is_refused(previous_ns: int, outcome: Outcome) -> None:
     assert verdict(previous_ns).outcome is outcome

@@ -15,6 +15,7 @@ from terrain_estimator.planning.belief import Belief, Samples, draw
 from terrain_estimator.planning.front import Reading, front_samples
 from terrain_estimator.planning.margins import Margins, margins, stall_probability, unknown_margins
 from terrain_estimator.planning.table import TractionTable
+from terrain_estimator.screening import backwards
 from terramechanics.loading import ConfigError
 
 NEW_GROUND = 0.02
@@ -71,12 +72,16 @@ class Planner:
             raise ConfigError(f"parameters reaction_time and deceleration allow {limit}: lower the one or raise the other")
 
     def observe(self, observation: Observation) -> None:
-        """Take what was measured at one instant: on the move, or standing. Without a pitch or a velocity it tells nothing."""
+        """Take what was measured at one instant: on the move, or standing. Without a pitch or a velocity it tells nothing.
+
+        Nor does it backwards, where the rear wheels lead and the slope is the other way.
+        """
         rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius)
         stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= _STANDS)
         complete = math.isfinite(observation.pitch) and math.isfinite(observation.velocity)
         self._standing = observation if stands and complete else None
-        if stands or not complete or not np.isfinite(observation.slip).any():
+        reverses = not stands and backwards(observation, self._table.rover.wheel_radius, _STANDS)
+        if stands or reverses or not complete or not np.isfinite(observation.slip).any():
             return
         self._recent.append(observation)
         oldest = observation.stamp_ns - self._window_ns

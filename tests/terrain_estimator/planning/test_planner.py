@@ -161,6 +161,7 @@ BLIND: dict[str, dict[str, Any]] = {
     "pitch": {"pitch": math.nan},
     "velocity": {"velocity": math.nan},
     "slip of every wheel": {"slip": np.full(3, math.nan)},
+    "driving forward": {"wheel_rate": np.full(3, -1.0), "velocity": -0.1},
     "pitch of a rover that stands": {"pitch": math.nan, "wheel_rate": np.zeros(3)},
     "slip and wheel rates": {"slip": np.full(3, math.nan), "wheel_rate": np.full(3, math.nan), "velocity": 0.0},
 }
