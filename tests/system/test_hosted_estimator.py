@@ -131,6 +131,24 @@ def test_a_state_that_is_refused_is_put_aside_and_the_node_estimates(
     node.start()
     assert path.with_name("ground.state.loaded").read_bytes() == good
     node.end()
+    path.write_bytes(b"nor this")
+    node.start()
+    assert [path.with_name(f"ground.state.refused{ending}").read_bytes() for ending in ("", "-2")] == [b"not a state", b"nor this"]
+    node.end()
+
+
+def test_a_folder_that_is_named_as_state_file_is_left_where_it_is(node: EstimatorNode, path: Path) -> None:
+    (path / "bags").mkdir(parents=True)
+    node.start()
+    assert (node.state, node.wrong) == (
+        "unconfigured",
+        f"cannot configure: {path} is a folder or a device: name a file by the parameter state.file",
+    )
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    path.rename(path.with_name("data"))
+    node.start()
+    assert node.state == "active"
+    node.end()
 
 
 class Rover:

@@ -72,6 +72,8 @@ class EstimatorNode(ManagedNode):
         model = load_model(self.config.estimator.model)
         pipeline = Pipeline(model, self.config.estimator)
         path = self._state_path
+        if path is not None and path.exists() and not path.is_file():
+            raise StateFileError(f"{path} is a folder or a device: name a file by the parameter state.file")
         if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
             pipeline = Pipeline(model, self.config.estimator)  # of the refused one it is not known what it took
         self._pipeline, self._health = pipeline, HealthMonitor()

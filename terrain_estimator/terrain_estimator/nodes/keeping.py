@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps the estimator's state on the disk, beside the thread that estimates: an fsync takes as long as it likes."""
 
+import itertools
 import math
 import shutil
 import threading
@@ -139,7 +140,7 @@ def go_on(pipeline: Pipeline, path: Path, logger: RcutilsLogger) -> bool:
     try:
         pipeline.restore(read_state(path, pipeline.meta.model_sha256))
     except Exception as error:  # noqa: BLE001 - whatever the file holds
-        aside = path.with_name(path.name + REFUSED)
+        aside = _free_name(path)
         with suppress(OSError):
             path.replace(aside)
         logger.error(f"{error}; it is put aside as {aside}, and the prior holds")  # noqa: G004, TRY400 - rclpy's logger
@@ -150,3 +151,10 @@ def go_on(pipeline: Pipeline, path: Path, logger: RcutilsLogger) -> bool:
     except OSError as error:
         logger.warning(f"the state that the node goes on from cannot be kept for replays: {error}")  # noqa: G004
     return True
+
+
+def _free_name(path: Path) -> Path:
+    """For what is put aside. Never that of an earlier one: started once with a wrong model, then with the right one, both are refused."""
+    numbered = (f"{REFUSED}-{number}" for number in itertools.count(2))
+    candidates = (path.with_name(path.name + ending) for ending in itertools.chain([REFUSED], numbered))
+    return next(each for each in candidates if not each.exists())
