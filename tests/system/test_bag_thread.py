@@ -161,6 +161,10 @@ def test_a_bag_on_a_disk_that_hangs_from_the_start_is_refused_by_name(disk: Disk
     disk.answers.clear()
     with pytest.raises(TimeoutError, match=f"{tmp_path / 'run'}: the disk has taken nothing for 0.2 s, so there is no bag"):
         Recording(tmp_path / "run")
+    assert (tmp_path / "run").exists()
+    disk.answers.set()
+    wait_until(lambda: not (tmp_path / "run").exists(), "what was begun is taken back once the disk answers")
+    Recording(tmp_path / "run").thread.abandon()
 
 
 def test_a_node_that_cleans_up_says_what_the_disk_owes_and_later_that_it_is_written(

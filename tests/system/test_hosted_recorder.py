@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.type_hash import TypeHash
 from rosgraph_msgs.msg import Clock
 
@@ -29,6 +30,7 @@ from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import drive_messages
 from tests.system.listening import Listener
+from tests.system.waiting import wait_until
 
 SLIP = "msg_defs/msg/WheelSlip"
 RECORDED = "every topic that is recorded has a publisher"
@@ -170,6 +172,49 @@ def test_diagnostics_say_what_is_not_recorded_and_why(listener: Listener, tmp_pa
     listener.node.destroy_publisher(sinkages)
     assert said(UNRECORDED) == RECORDED
     node.end()
+
+
+class HalfInstalled(type):
+    """A package that has its Python part, and not its library."""
+
+    _TYPE_SUPPORT = None
+
+    @classmethod
+    def __import_type_support__(cls) -> None: ...
+
+
+def test_what_one_topic_raises_is_no_matter_of_the_others(listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = recorder(listener, tmp_path / "run", {"topics": "wheel_sinkage wheel_slip"})
+
+    def found(name: str) -> type[Any]:
+        return HalfInstalled("Half", (), {}) if name.endswith("WheelSinkage") else factory.message_class(name)
+
+    monkeypatch.setattr("terrain_estimator.nodes.recorder.message_class", found)
+    listener.node.create_publisher(WheelSinkage, "wheel_sinkage", 1)
+    listener.spin_until(lambda: node.count_publishers("wheel_sinkage"), "the broken one is there")
+    record(listener, node, 2)
+    [finding] = [each for each in node.findings() if each.check is UNRECORDED]
+    assert "cannot record /wheel_sinkage: no type_support imported" in finding.text
+    look = node.get_publishers_info_by_topic
+    monkeypatch.setattr(node, "get_publishers_info_by_topic", lambda name: look(name) if name == "/wheel_slip" else not_installed())
+    record(listener, node, 1)
+    node.end()
+    with BagReader(tmp_path / "run") as reader:
+        assert (list(reader.topics), reader.span.count) == (["/wheel_slip"], 3)
+
+
+def test_what_waits_when_publishers_offer_something_else_is_recorded(listener: Listener, tmp_path: Path) -> None:
+    node = recorder(listener, tmp_path / "run")
+    publisher = listener.publisher(WheelSlip, "wheel_slip")
+    for number in range(20):
+        publisher.publish(WheelSlip(sequence=number))
+    assert publisher.wait_for_all_acked()
+    listener.node.create_publisher(WheelSlip, "wheel_slip", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+    wait_until(lambda: node.count_publishers("wheel_slip") == 2, "the other publisher is there")
+    listener.spin_until(lambda: not node._sources["/wheel_slip"].reliable, "it follows")
+    node.end()
+    with BagReader(tmp_path / "run") as reader:
+        assert [reader.decode(message).sequence for message in reader.messages()] == list(range(20))
 
 
 def not_installed(*_: object) -> None:

@@ -202,6 +202,11 @@ class BagWriter:
         for part in (self._part, *(part for part, _ in self._settling)):
             part.abandon()
 
+    def discard(self) -> None:
+        """Take back a bag in which nothing was written; never raises."""
+        self.abandon()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
     def __enter__(self) -> Self:
         """Return the writer itself."""
         return self

@@ -46,7 +46,7 @@ class BagThread:
         self._worker = Worker("bag")
         made = self._worker.give(partial(_new_bag, config))
         if not self._awaited(made, lambda: 0.0):
-            self._worker.give(lambda: made.result().abandon())
+            self._worker.give(lambda: made.result().discard())
             self._worker.end()
             raise TimeoutError(f"{config.output or UNNAMED}: the disk has taken nothing for {PATIENCE_S:g} s, so there is no bag")
         if made.exception():

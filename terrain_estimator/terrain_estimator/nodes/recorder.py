@@ -11,12 +11,13 @@ from functools import partial
 from typing import Any, cast
 
 from rclpy.clock import ROSClock
-from rclpy.exceptions import InvalidTopicNameException
+from rclpy.exceptions import InvalidTopicNameException, NoTypeSupportImportedException
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.type_support import check_for_type_support
 from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
@@ -159,9 +160,12 @@ class RecorderNode(ManagedNode):
     def _look_around(self) -> None:
         if isinstance(clock := self.get_clock(), ROSClock) and clock.ros_time_is_active and clock.now().nanoseconds == 0:
             return
+        for name in self._topics:
+            self.guard(self._look_at)(name)  # what one topic raises is no matter of the others
+
+    def _look_at(self, name: str) -> None:
         try:
-            for name in self._topics:
-                self._follow(name, self.get_publishers_info_by_topic(name))
+            self._follow(name, self.get_publishers_info_by_topic(name))
         except OSError as error:
             self._fail(self._bag, error)
 
@@ -187,8 +191,9 @@ class RecorderNode(ManagedNode):
         type_name = old.topic.count.type_name if old else publishers[0].topic_type
         try:
             kind = message_class(type_name)
+            check_for_type_support(kind)
             topic = old.topic if old else self._topic(name, type_name, publishers)
-        except (BagError, ImportError, AttributeError) as error:
+        except (ValueError, ImportError, AttributeError, NoTypeSupportImportedException) as error:
             self._refused[name] = str(error)
             self._complain(f"cannot record {name}: {error}")
             return None
@@ -201,7 +206,9 @@ class RecorderNode(ManagedNode):
             durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if transient_local else QoSDurabilityPolicy.VOLATILE,
         )
         if old and not old.gone:
+            self.guard(drain)([old.subscription])
             self.destroy_subscription(old.subscription)
+            old.gone = True
 
         thread = self._bag
 
