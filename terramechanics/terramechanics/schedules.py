@@ -4,7 +4,7 @@
 
 S1 every axle at its own wheel rate, a sum of two slow sines, over random hills
 S2 wheel torques redrawn every step from one band for 20 s, then from one of half the torque, on level ground
-S3 equal constant wheel rates on level ground: identifies almost nothing
+S3 equal constant wheel rates on level ground: tells least, above all by velocity alone
 S4 as S1, with a square wave of +-50 % and a period of 2 s in all wheel rates
 """
 
