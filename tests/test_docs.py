@@ -9,6 +9,7 @@ are checked alone.
 import importlib
 import importlib.util
 import re
+import runpy
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from docs.pages import NODES
 from terrain_estimator.dashboard.reading import TOPICS as SHOWN
 from terrain_estimator.nodes.terrain_map import TOPICS as MAPPED
 from terrain_estimator.nodes.watch import TOPICS as WATCHED
+from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
 from terrain_estimator.slip_source import JOINTS, VELOCITY
 from terramechanics.parameters import parameters
@@ -181,6 +183,13 @@ def test_the_soil_that_the_page_shows_is_a_soil_file(tmp_path: Path) -> None:
     path = tmp_path / "my_sand.yaml"
     path.write_text(text, encoding="utf-8")
     assert load_soil(path).name == path.stem
+
+
+def test_the_program_without_ros_that_the_page_shows_runs(tmp_path: Path) -> None:
+    (text,) = (token.content for token in tokens(ROOT / "docs/estimator.md") if token.type == "code_block" and "import" in token.content)
+    path = tmp_path / "program.py"
+    path.write_text(text, encoding="utf-8")
+    assert runpy.run_path(str(path))["update"].decision.outcome is Outcome.ACCEPTED
 
 
 def test_versions_are_one() -> None:
