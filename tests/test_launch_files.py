@@ -123,6 +123,13 @@ def test_the_check_finds_an_argument_that_an_included_file_does_not_have(tmp_pat
         started(tmp_path / "drive.launch.py")
 
 
+def test_slip_is_not_made_with_the_wheel_radius_of_another_rover_than_the_models() -> None:
+    with pytest.raises(ValueError, match="give rover:="):
+        nodes("rover.launch.py", velocity="visual_odometry", model="paper_rover")
+    found = nodes("rover.launch.py", velocity="visual_odometry", model="paper_rover", rover="paper_rover")
+    assert values(found["/slip_source"])["rover"] == "paper_rover"
+
+
 def test_a_folder_of_parameter_files_that_is_none_is_refused() -> None:
     with pytest.raises(FileNotFoundError, match="config:=nowhere"):
         nodes("rover.launch.py", config="nowhere")

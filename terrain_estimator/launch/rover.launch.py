@@ -21,7 +21,7 @@ PATIENCE_S = "60"
 ARGUMENTS = {
     "namespace": ("", "of all topics and nodes"),
     "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
-    "rover": ("", "name or YAML file of the rover, for other names of its wheels; empty: the model's"),
+    "rover": ("", "name or YAML file of the rover, for other names of its wheels; empty: the model's. With velocity and model needed"),
     "velocity": ("", "topic of a velocity that slip_source makes wheel_slip of (not odom); empty: the rover publishes wheel_slip itself"),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
@@ -52,6 +52,9 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(context: LaunchContext) -> list[Node]:
     """What is empty is left to the parameter file, and without one to the node's default."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    if value["velocity"] and value["model"] and not value["rover"]:
+        message = f"model:={value['model']} with velocity:=: give rover:=, too, since slip_source needs its wheel radius and knows no model"
+        raise ValueError(message)
     wanted = {
         "estimator": {"model": value["model"], "rover": value["rover"], "state.file": value["state"]},
         "slip_source": {"rover": value["rover"]} if value["velocity"] else None,
