@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the posterior says about the ground: intervals, and whether the data or the prior set them."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from terramechanics.loading import ConfigError
 
 IDENTIFIED_VARIANCE = 0.1
 """[1] A parameter counts as identified when the data left this share of its prior variance, or less."""
+MOST_CORRELATED = 1.0 - 1e-9
+"""[1] What is published stays definite in double precision where two sharp hypotheses leave but a line between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +50,16 @@ class Beliefs:
 def doubted(mean: Floats, covariance: Floats, beliefs: Beliefs, doubt: float) -> tuple[Floats, Floats]:
     """Moments of (c, tan phi) where with probability ``doubt`` the ground is another, of which only the prior is known."""
     shift = beliefs.prior_mean - mean
-    symmetric = 0.5 * (covariance + covariance.T)  # the model's is up to rounding
-    between = (1.0 - doubt) * symmetric + doubt * np.diag(beliefs.prior_sd**2)
-    return mean + doubt * shift, between + doubt * (1.0 - doubt) * np.outer(shift, shift)
+    between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
+    return mean + doubt * shift, definite(between + doubt * (1.0 - doubt) * np.outer(shift, shift))
+
+
+def definite(covariance: Floats) -> Floats:
+    """``covariance`` [2, 2] of correlation MOST_CORRELATED at most, exactly symmetric, with the same variances."""
+    (cohesion, one), (other, friction) = covariance.tolist()
+    most = MOST_CORRELATED * math.sqrt(cohesion) * math.sqrt(friction)
+    shared = max(-most, min(0.5 * (one + other), most))
+    return np.array([[cohesion, shared], [shared, friction]])
 
 
 def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, soil_probability: tuple[float, ...]) -> Estimate:

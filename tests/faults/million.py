@@ -7,10 +7,13 @@ code 1 where one is not. The seeds are 1, 2, 3 and so on, one for each estimator
 """
 
 import argparse
+import multiprocessing
+import os
 import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -63,23 +66,30 @@ def run(model: LoadedModel, updates: int, seed: int, longest: int = 200) -> Resu
         result.clock_resets += bool(answer.update.warnings)
         estimate = outgoing["terrain_estimate"]
         result.least = min(result.least, 1.0 - abs(estimate.covariance[1]) / (estimate.cohesion_stddev * estimate.tan_phi_stddev))
-        result.unsound += [f"update {result.updates}: {text}" for message in outgoing.values() for text in unsound(message)]
+        result.unsound += [f"seed {seed}, update {result.updates}: {text}" for message in outgoing.values() for text in unsound(message)]
     result.seconds = time.process_time() - begin
     return result
 
 
 def main() -> int:
-    """Run all estimators one after the other, and keep the section of the page up to date."""
+    """Run all estimators, and keep the section of the page up to date."""
     options = _parser().parse_args()
-    torch.set_num_threads(1)
-    model, total = load_model(), Result()
-    for seed in range(1, options.estimators + 1):
-        total += run(model, options.updates // options.estimators, seed)
-        sys.stdout.write(f"{total.updates} updates, {total.seconds:.0f} s, unsound: {len(total.unsound)}\n")
-        sys.stdout.flush()
-        replace_section(options.page, HEADING, section(total, seed))
-    sys.stdout.writelines(f"{line}\n" for line in total.unsound[:20])
+    total, seeds = Result(), range(1, options.estimators + 1)
+    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
+        results = pool.imap(partial(run_alone, options.updates // options.estimators), seeds)
+        for estimators, result in enumerate(results, 1):
+            total += result
+            sys.stdout.write(f"{total.updates} updates, {total.seconds:.0f} s, unsound: {len(total.unsound)}\n")
+            sys.stdout.writelines(f"{line}\n" for line in result.unsound[:20])
+            sys.stdout.flush()
+            replace_section(options.page, HEADING, section(total, estimators))
     return int(bool(total.unsound))
+
+
+def run_alone(updates: int, seed: int) -> Result:
+    """One estimator of the installed model, in a process of its own."""
+    torch.set_num_threads(1)
+    return run(load_model(), updates, seed)
 
 
 def section(total: Result, estimators: int) -> str:
@@ -99,7 +109,8 @@ stamps jump; each is turned into the messages that the node publishes. {machine(
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="million", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--updates", type=int, default=1_000_000, help="of all estimators together (default: %(default)s)")
-    parser.add_argument("--estimators", type=int, default=100, help="one after the other (default: %(default)s)")
+    parser.add_argument("--estimators", type=int, default=100, help="each with a seed of its own (default: %(default)s)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time; the result does not depend on it")
     parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
     return parser
 
