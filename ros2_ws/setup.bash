@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Makes the built workspace usable in this shell:  . ros2_ws/setup.bash
-# With the wheels (make test or make demo ran before) it needs nothing else; with an installed ROS 2 source that first.
+# With the wheels (make workspace ran before) it needs nothing else; with an installed ROS 2 source that first.
 _te_here=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
 if [ -f "$_te_here/install/.built" ]; then
     # Built on the wheels (by ros2_ws/compile): another ROS that this shell has sourced would be imported before them.
@@ -20,7 +20,7 @@ if [ -f "$_te_here/install/setup.bash" ]; then
     [ -z "$_te_nounset" ] || set -u
     unset _te_nounset COLCON_PYTHON_EXECUTABLE
 else
-    echo "The workspace is not built yet: run make test, or colcon build in $_te_here" >&2
+    echo "The workspace is not built yet: run make workspace, or with an installed ROS python -m colcon build in $_te_here (docs/getting_started.md)" >&2
 fi
 export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_te_here/fastdds.xml}"
 case ":$PATH:" in
