@@ -88,7 +88,13 @@ REQUIRED = Check(
 OPTIONAL = Check(
     "optional input", "time without a message after the first, by the steady clock", "s", "its rows are missing: check its publisher", 1.0
 )
-LOSSES = Check("losses", "messages lost, out of order or without partner since the last report", "", "check stamps, load and network", 0.0)
+LOSSES = Check(
+    "losses",
+    "messages lost, out of order or, on a required topic, without partner since the last report",
+    "",
+    "check stamps, load and network",
+    0.0,
+)
 REFUSED = Check("refused", "share of the observations since the last report", "1", "", 0.0, 0.99)
 NUMERICS = Check(
     "numerics", "observations since the last report that failed numerically", "", "reset the estimator, report the recording", error=0.0
