@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from terrain_estimator.bags import BagReader, BagWriter, Split, Types, compare
-from terrain_estimator.cli import replay
+from terrain_estimator.cli import recover_bag, replay
 from terrain_estimator.cli.replaying import Replay
 from terrain_estimator.cli.summary import print_table
 from terrain_estimator.config import EstimatorConfig
@@ -106,6 +106,18 @@ def test_several_bags_are_runs_of_their_own(bag: Path, tmp_path: Path) -> None:
     assert [each["estimates"] for each in summary["bags"]] == [30, 80]
     run(tmp_path / "alone", bag)
     assert identical(tmp_path / "out/drive_estimates", tmp_path / "alone/drive_estimates")
+
+
+def test_bags_of_one_name_do_not_replace_each_others_estimates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    types = Types()
+    names = ("first/run.1", "first/run.2", "second/run.2")
+    bags = [write_bag(tmp_path / name, drive_messages(types.make, 0.1 * (1 + at)), types) for at, name in enumerate(names)]
+    code, summary = run(tmp_path / "out", "--overwrite", *bags)
+    assert (code, [each["estimates"] for each in summary["bags"]]) == (2, [1, 2])
+    assert "run.2_estimates has the estimates of a bag of the same name" in capsys.readouterr().err
+    assert [len(estimates(tmp_path / f"out/run.{number}_estimates")) for number in (1, 2)] == [1, 2]
+    assert recover_bag.main([str(bags[0])]) == 0
+    assert (tmp_path / "first/run.1_recovered").is_dir()
 
 
 @pytest.mark.parametrize(

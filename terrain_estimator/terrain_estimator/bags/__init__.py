@@ -7,7 +7,7 @@ from terrain_estimator.bags.definitions import Definition, installed_definition
 from terrain_estimator.bags.errors import BagError, BagExistsError
 from terrain_estimator.bags.part import Topic
 from terrain_estimator.bags.qos import STATE, Qos
-from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo
+from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo, bag_name
 from terrain_estimator.bags.recovery import Recovery, recover
 from terrain_estimator.bags.sequence import is_sequenced, sequence_of
 from terrain_estimator.bags.types import Message, Types
@@ -29,6 +29,7 @@ __all__ = [
     "Topic",
     "TopicInfo",
     "Types",
+    "bag_name",
     "compare",
     "installed_definition",
     "is_sequenced",

@@ -201,6 +201,12 @@ class BagReader:
         return f"{start}; {missing:.3f} s and {self._stored.span.count - self.span.count} messages are missing at the end"
 
 
+def bag_name(path: Path) -> str:
+    """Name of a bag: of its folder as it is, dots and all; of a bare file without its ending."""
+    path = path.resolve()
+    return path.name if path.is_dir() else path.stem
+
+
 def _find_files(path: Path) -> tuple[list[Path], StoredMetadata | None]:
     if path.is_dir():
         return _files_of_folder(path)

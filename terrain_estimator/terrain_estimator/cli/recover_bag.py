@@ -9,7 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from terrain_estimator.bags import BagError, Recovery, recover
+from terrain_estimator.bags import BagError, Recovery, bag_name, recover
 
 NOTHING, WRONG = 1, 2
 DAMAGED = "_damaged"
@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     bag: Path = options.bag if options.bag.name not in {"", ".."} else options.bag.resolve()
     aside = bag.with_name(bag.name + DAMAGED)
-    target = options.out or bag.with_name(f"{bag.stem}_recovered")
+    target = options.out or bag.with_name(f"{bag_name(bag)}_recovered")
     if options.replace and not bag.is_dir():
         parser.error(f"--replace: {options.bag} is no folder: give the bag's folder")
     if options.replace and aside.exists():

@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from terrain_estimator.bags import BagError
+from terrain_estimator.bags import BagError, bag_name
 from terrain_estimator.cli.replaying import Replay, Start, compare_with_live, replay
 from terrain_estimator.cli.summary import print_table, summary, write_summary
 from terrain_estimator.cli.topics import TopicError, absolute, bag_topics
@@ -89,7 +89,8 @@ def _replay_all(
     failed = False
     for bag in options.bags:
         try:
-            output = _output(options.out, bag, overwrite=options.overwrite)
+            output = options.out / f"{bag_name(bag)}_estimates"
+            _make_room(output, [each.estimates_bag for each in replays], overwrite=options.overwrite)
             replays.append(replay(bag, output, model, config, names, start))
             if options.compare:
                 compare_with_live(replays[-1], names)
@@ -121,16 +122,18 @@ def _report(path: Path, replays: list[Replay], model: LoadedModel, config: Estim
     return True
 
 
-def _output(folder: Path, bag: Path, *, overwrite: bool) -> Path:
-    """Folder of the estimates bag; an earlier one is removed where the user says so. Raises BagError where it is in the way."""
-    output = folder / f"{bag.resolve().stem}_estimates"
+def _make_room(output: Path, written: list[Path], *, overwrite: bool) -> None:
+    """Remove the estimates bag of an earlier replay where the user says so. Raises BagError where one is in the way."""
+    if output in written:
+        raise BagError(
+            f"{output} has the estimates of a bag of the same name: give this one another name, or replay it by itself with --out"
+        )
     if output.exists() and not overwrite:
         raise BagError(f"{output} exists from an earlier replay: give --overwrite, or another folder by --out")
     if overwrite and output.is_dir():
         for file in (*output.glob("*.mcap"), output / "metadata.yaml"):
             file.unlink(missing_ok=True)
         output.rmdir()
-    return output
 
 
 def _refuse(text: str) -> int:
