@@ -14,14 +14,25 @@ class Sequence:
     """The numbers of one publisher's messages, and which of them are missing."""
 
     _last: int | None = None
+    _again: int | None = None  # the newest number, where it is neither missing nor after the last one
     _gaps: list[range] = field(default_factory=list)
 
     def note(self, number: int) -> int:
-        """Take the next message; returns how many are missing before it. A smaller number is a publisher that started again, and no gap."""
-        last, self._last = number if self._last is None else self._last, number
-        if number < last:
+        """Take the next message; returns how many are missing before it.
+
+        A smaller number is a copy of a message; two in a row that increase are a publisher that started again, which is no gap.
+        """
+        if self._last is None:
+            self._last = number
+        last, again = self._last, self._again
+        if number <= last:
+            if again is None or not (number == again + 1 or again < number < last):
+                self._again = number if number < last else again
+                return 0
             self._gaps.clear()
-        if number <= last + 1:
+            last = again
+        self._last, self._again = number, None
+        if number == last + 1:
             return 0
         self._gaps = [*self._gaps, range(last + 1, number)][-GAPS:]
         return number - last - 1
@@ -36,7 +47,7 @@ class Sequence:
 
     def restart(self) -> None:
         """Begin anew: the next number follows none."""
-        self._last = None
+        self._last = self._again = None
         self._gaps.clear()
 
 

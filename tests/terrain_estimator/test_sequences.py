@@ -63,6 +63,24 @@ def test_what_comes_late_is_not_lost() -> None:
     assert (+sequences.lost, +sequences.late) == ({"/a": 1 + 2 + 1}, {"/a": 2 + 1 + 1})
 
 
+@pytest.mark.parametrize(
+    ("numbers", "lost", "late"),
+    [
+        ([0, 1, 3, 2, 2, 4, 5], 0, 1),  # every message comes twice, and this one late
+        ([0, 0, 2, 2, 1, 1, 4, 4, 3, 3, 5], 0, 2),
+        ([5, 6, 7, 8, 6, 8, 9, 11], 1, 0),
+        ([5, 6, 7, 8, 6, 6, 5, 9, 11], 1, 0),
+        ([0, 1, 0, 1, 2, 4], 1, 0),  # a publisher that starts again
+        ([5, 6, 7, 8, 0, 3, 4], 2, 0),
+    ],
+)
+def test_a_copy_is_told_from_a_publisher_that_starts_again(numbers: list[int], lost: int, late: int) -> None:
+    sequences = Sequences()
+    for number in numbers:
+        sequences.note("/a", number)
+    assert (sequences.lost["/a"], sequences.late["/a"]) == (lost, late)
+
+
 def test_a_late_message_is_counted_once_and_not_for_ever() -> None:
     sequence = Sequence()
     assert [sequence.note(number) for number in (0, 2**64 - 1)] == [0, 2**64 - 2]
