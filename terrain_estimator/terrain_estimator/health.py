@@ -27,6 +27,7 @@ from terrain_estimator.pairing import Counters
 from terrain_estimator.ros_types import REQUIRED_INPUTS
 from terrain_estimator.update import Update
 
+REFERENCE = REQUIRED_INPUTS[0]
 FEWEST_INNOVATIONS = 5
 """Below so many a mean of squares says nothing."""
 
@@ -127,6 +128,7 @@ class HealthMonitor:
         return "estimating" if self._recent else "waiting for complete observations"
 
     def _judge_inputs(self, inputs: tuple[InputHealth, ...]) -> Iterator[Finding]:
+        incomplete = any(self._unpaired(entry) for entry in inputs if entry.topic == REFERENCE)
         for entry in inputs:
             age_s = entry.age_s
             if entry.topic in REQUIRED_INPUTS:
@@ -134,15 +136,23 @@ class HealthMonitor:
                 yield REQUIRED.judge(math.inf if math.isnan(age_s) else age_s, entry.topic, words)
             else:
                 yield OPTIONAL.judge(age_s, entry.topic, f"no data on {entry.topic} for {age_s:.1f} s")
-            count, words = self._losses(entry)
+            count, words = self._losses(entry, incomplete=incomplete)
             yield LOSSES.judge(count, entry.topic, f"{entry.topic}: {words or 'none lost'}")
 
-    def _losses(self, entry: InputHealth) -> tuple[int, str]:
-        """New losses of one input in words. An optional topic may be faster than the others: unpaired is normal there."""
+    def _unpaired(self, entry: InputHealth) -> int:
+        """New messages without a partner."""
+        before = self._previous.get(entry.topic)
+        return entry.unpaired - (before.unpaired if before else 0)
+
+    def _losses(self, entry: InputHealth, *, incomplete: bool) -> tuple[int, str]:
+        """New losses of one input in words; ``incomplete`` where an instant lacked messages.
+
+        Unpaired is normal on an optional topic, and where no instant lacks anything: that topic is faster than the reference.
+        """
         before = self._previous.get(entry.topic)
         lost = max(0, entry.lost - (before.lost if before else 0))  # fewer where one that was missing then came late
         backwards = entry.out_of_order - (before.out_of_order if before else 0)
-        unpaired = entry.unpaired - (before.unpaired if before else 0) if entry.topic in REQUIRED_INPUTS else 0
+        unpaired = self._unpaired(entry) if incomplete and entry.topic in REQUIRED_INPUTS else 0
         counts = (("lost", lost), ("out of order", backwards), ("without partner", unpaired))
         return lost + backwards + unpaired, ", ".join(f"{count} {what}" for what, count in counts if count)
 

@@ -80,9 +80,15 @@ def test_what_was_lost_in_one_report_and_comes_late_in_the_next_is_out_of_order(
     assert "wheel_slip: 1 out of order" in late.summary
 
 
-def test_an_optional_topic_may_be_faster_than_the_others() -> None:
-    assert HealthMonitor().report(counters(imu=Counters(received=100, unpaired=90)), FRESH).level is Level.OK
-    assert HealthMonitor().report(counters(odom=Counters(received=100, unpaired=90)), FRESH).level is Level.WARN
+def test_a_topic_may_be_faster_than_the_slip_and_one_that_lacks_is_told() -> None:
+    for topic in ("imu", "odom"):
+        assert HealthMonitor().report(counters(**{topic: Counters(received=100, unpaired=90)}), FRESH).level is Level.OK
+    lacking = counters(wheel_slip=Counters(received=10, unpaired=2), odom=Counters(received=20, unpaired=12))
+    monitor = HealthMonitor()
+    assert "wheel_slip: 2 without partner" in (summary := monitor.report(lacking, FRESH).summary)
+    assert "odom: 12 without partner" in summary
+    lacking["odom"].unpaired += 10
+    assert monitor.report(lacking, FRESH).level is Level.OK
 
 
 def test_a_failed_callback_is_an_error() -> None:
