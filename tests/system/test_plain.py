@@ -2,11 +2,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every node relies on: a message that cannot be digested does not end it."""
 
+import os
+import signal
+import threading
+from collections.abc import Iterator
+
 import pytest
 from std_msgs.msg import String
 
+from terrain_estimator.nodes.command_line import take_signals
 from terrain_estimator.nodes.plain import guarded
 from tests.system.listening import Listener
+
+
+@pytest.fixture
+def _signals_as_before() -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("_signals_as_before")
+def test_a_lost_connection_ends_a_node_in_order_unless_nohup_says_no() -> None:
+    stop = threading.Event()
+    for ignored in (True, False):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+        take_signals(stop)
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert stop.is_set() is not ignored
+    for number in (signal.SIGINT, signal.SIGTERM):
+        stop.clear()
+        os.kill(os.getpid(), number)
+        assert stop.is_set()
 
 
 def test_a_callback_that_raises_is_counted_and_said_and_the_next_message_is_taken(

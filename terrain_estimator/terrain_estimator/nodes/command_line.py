@@ -25,15 +25,14 @@ def begin(name: str, example: str, config: type[Any]) -> threading.Event:
         config: made of fields by ``terramechanics.loading``; ``--help`` lists them.
 
     Returns:
-        What SIGINT and SIGTERM set.
+        What the signals set that end a node.
 
     Raises:
         ConfigError: an argument, a remapping rule or a parameter file is wrong.
         SystemExit: with code 0 after ``--help``.
     """
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    take_signals(stop)
     try:
         others = remove_ros_args(sys.argv)[1:]
     except Exception as error:  # rclpy's errors have no common class; a damaged parameter file ends here
@@ -49,3 +48,13 @@ def begin(name: str, example: str, config: type[Any]) -> threading.Event:
     except Exception as error:
         raise ConfigError(str(error)) from error
     return stop
+
+
+def take_signals(stop: threading.Event) -> None:
+    """Let Ctrl-C, a service manager and a lost connection end a node in order: SIGINT, SIGTERM, SIGHUP.
+
+    A SIGHUP that is ignored, as nohup does, stays so; shells ignore SIGINT in the background, and there it has to end a node all the same.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: stop.set())
