@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 
 from msg_defs.msg import TerrainEstimate, WheelSinkage, WheelSlip
 from terrain_estimator.nodes.watch import Watch
+from terramechanics.loading import ConfigError
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 from tests.system.waiting import wait_until
@@ -49,3 +50,14 @@ def test_its_memory_grows_for_a_report_alone(listener: Listener, tmp_path: Path)
     for node in (plain, reporting):
         listener.leave(node)
     assert json.loads((tmp_path / "report.json").read_text())["messages"]["wheel_slip"] == 5
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [("report", "none/such/report.json", "there is no such folder"), ("use_sim_time", 1, "use_sim_time: expected true or false, got 1")],
+)
+def test_what_would_go_wrong_in_silence_or_at_the_end_is_refused_at_the_start(
+    listener: Listener, name: str, value: str | int, words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        listener.host(Watch, parameter_overrides=[Parameter(name, value=value)])

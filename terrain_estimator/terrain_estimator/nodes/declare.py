@@ -10,10 +10,12 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from terrain_estimator.nodes.quality import check_overrides
+from terramechanics.loading import ConfigError
 from terramechanics.parameter_files import DUMP, OVERRIDES, configured
 from terramechanics.parameters import Parameter, effective, parameters, template
 
 Config = TypeVar("Config")
+SIM_TIME = "use_sim_time"
 
 
 def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Config:
@@ -35,6 +37,8 @@ def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Con
     name = node.get_fully_qualified_name()
     overrides = {key: value for key, value in given.items() if key.startswith(OVERRIDES)}
     check_overrides(overrides, map(node.resolve_topic_name, topics))
+    if type(clock := given.get(SIM_TIME, False)) is not bool:
+        raise ConfigError(f"parameter {SIM_TIME}: expected true or false, got {clock!r}")  # rclpy says so, and goes on by the wall clock
     result = configured(config, name, {key: value for key, value in given.items() if key not in overrides}, sys.argv)
     if DUMP in sys.argv:
         print(template(name, result))  # noqa: T201 - the user asked for it

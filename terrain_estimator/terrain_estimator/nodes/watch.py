@@ -22,6 +22,7 @@ from terrain_estimator.nodes.plain import guarded, run
 from terrain_estimator.nodes.silence import Patience
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, LISTENED, OUTPUT_TYPES, Message, stamp_ns
 from terrain_estimator.timing import timing
+from terramechanics.loading import ConfigError
 
 TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
 SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")
@@ -40,6 +41,8 @@ class Watch(Node):
         """
         super().__init__("watch", automatically_declare_parameters_from_overrides=True, **options)
         self._config = declare(self, WatchConfig)
+        if not Path(self._config.report).parent.is_dir():  # it is written at the end, which may be in weeks
+            raise ConfigError(f"parameter report: {self._config.report}: there is no such folder, make it first")
         self.arrivals_ns = {topic: array("q") for topic in TOPICS if self._config.report}  # who only watches may do so for weeks
         self._last: dict[str, Message] = {}
         self._matched: set[str] = set()
