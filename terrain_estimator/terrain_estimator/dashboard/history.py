@@ -86,4 +86,4 @@ class History:
             return later
         if earlier is None or later is None:
             return earlier if later is None else later
-        return earlier + (later - earlier) / (weight + 1)
+        return earlier - earlier / (weight + 1) + later / (weight + 1)  # the difference of two huge values would be infinite

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rows in constant memory, and events that last."""
 
+import pytest
+
 from terrain_estimator.dashboard.history import History
 from terrain_estimator.dashboard.journal import KEPT, Journal
 
@@ -38,6 +40,10 @@ def test_a_row_of_a_whole_drive_is_the_mean_of_its_period_where_noise_would_hide
     for k in range(80):
         once.add((0.1 * k, float(k)))
     assert [row[1] for row in rows(once)] == [19.5]
+    for k in range(8):
+        once.add((8.0 + 0.5 * k, 1.7e308 * (-1) ** k))
+    once.add((12.0, 0.0))
+    assert rows(once)[-1][1] == pytest.approx(0.0, abs=1e300), "no infinite number, which JSON has not"
 
 
 def test_the_history_of_a_whole_drive_becomes_coarser_and_loses_no_peak() -> None:
