@@ -4,6 +4,7 @@
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -162,6 +163,14 @@ def test_every_effect_of_the_registry_can_be_added_or_says_why_not(plain: Loaded
 def test_a_wrong_effect_is_refused_by_name(plain: LoadedModel, effects: list[Sized], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         with_effects(plain, effects)
+
+
+def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedModel) -> None:
+    values = plain.module.state_dict()
+    values["of_old"] = values.pop("stencil_moves")
+    old = dataclasses.replace(plain, module=SimpleNamespace(state_dict=lambda: values))  # type: ignore[arg-type]
+    with pytest.raises(ModelFileError, match=f"{plain.model_id} was made by another version.*: the estimator takes it.*train it again"):
+        with_effects(old, [Sized("payload", 1.0, 1.0)])
 
 
 def test_effects_are_not_added_to_a_model_that_has_some(plain: LoadedModel) -> None:

@@ -13,8 +13,8 @@ import torch
 
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.learning.accuracy import PARAMETERS, ParameterScore, Score
+from terrain_estimator.learning.adding import restored
 from terrain_estimator.learning.net_study import PLANTS, Comparison, Limits, compare
-from terrain_estimator.learning.restore import restore
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
 from terrain_estimator.palpaca import PAlpaca
 from terramechanics.soil import Soil
@@ -41,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         loaded = load_model(args.model)
         rover, soil = loaded.rover, _soil(loaded, args.soil)
-        physics, candidates = restore(loaded, trust=0.0), _candidates(loaded, args.trust)
+        physics, candidates = restored(loaded, trust=0.0), _candidates(loaded, args.trust)
         results = []
         with ProgressReport(f"net_study: {loaded.model_id}") as report:
             for index, plant in enumerate(args.plant):
@@ -70,7 +70,7 @@ def _figures(result: Comparison) -> dict[str, Any]:
 def _candidates(loaded: LoadedModel, trusts: list[float]) -> dict[str, PAlpaca]:
     """The model with its net, or with the net trusted by each of ``trusts``."""
     named: dict[str, float | None] = {f"net, trusted {trust:g}": trust for trust in trusts}
-    return {name: restore(loaded, trust=trust) for name, trust in (named or {"and net": None}).items()}
+    return {name: restored(loaded, trust=trust) for name, trust in (named or {"and net": None}).items()}
 
 
 def _probability(text: str) -> float:

@@ -16,9 +16,10 @@ from terrain_estimator.effect_model import PAlpacaWithEffects, ValuePrior
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import PRIOR, body_of
-from terrain_estimator.model_file import AddedEffect, LoadedModel, Metadata
+from terrain_estimator.model_file import AddedEffect, LoadedModel, Metadata, ModelFileError
 from terrain_estimator.named_effects import LAWS, NOT_ONLINE
 from terrain_estimator.packing import scalar_fields
+from terrain_estimator.palpaca import PAlpaca
 from terramechanics.effects import describe
 from terramechanics.loading import ConfigError
 
@@ -48,12 +49,23 @@ class Sized:
         return self
 
 
+def restored(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
+    """As :func:`restore`. Raises ModelFileError where another version made the file, too."""
+    try:
+        return restore(loaded, trust=trust)
+    except RuntimeError as error:  # torch's: tensors are missing or have other shapes
+        raise ModelFileError(
+            f"model {loaded.model_id} was made by another version, whose tensors are others: the estimator takes it as it is, "
+            "but to go on from it train it again (docs/training.md)"
+        ) from error
+
+
 def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEffects:
-    """The model ``loaded`` with ``effects`` as further parameters. Raises ConfigError that names the effect."""
+    """The model ``loaded`` with ``effects`` as further parameters. Raises ConfigError that names the effect, and as :func:`restored`."""
     names = [effect.checked().name for effect in effects]
     if not names or len(set(names)) != len(names):
         raise ConfigError(f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once")
-    plain, body = restore(loaded), body_of(loaded.rover)
+    plain, body = restored(loaded), body_of(loaded.rover)
     prior = PRIOR if plain.uncertain_constants else PRIOR._replace(constants_sd=0.0)
     laws = [LAWS[name](body) for name in names]
     model = PAlpacaWithEffects(body, plain.constants, prior, plain.net, laws, value_prior(effects))
