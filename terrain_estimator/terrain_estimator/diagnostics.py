@@ -90,7 +90,7 @@ OPTIONAL = Check(
 )
 LOSSES = Check(
     "losses",
-    "messages lost, out of order or, on a required topic, without partner since the last report",
+    "messages lost, out of order or, on a required topic where an instant lacked one, without partner since the last report",
     "",
     "check stamps, load and network",
     0.0,
