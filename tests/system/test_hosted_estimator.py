@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -257,3 +258,39 @@ def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone
     assert [rover.health[-1].resets for rover in rovers] == [1, 0, 0]
     for node in nodes:
         node.end()
+
+
+def test_in_an_executor_with_threads_a_service_waits_for_the_update(listener: Listener, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover1")
+    node.start()
+    rover = Rover(listener, "rover1", list(drive_messages(factory.make, 0.1)))
+    executor = MultiThreadedExecutor(2, context=node.context)
+    executor.add_node(node)  # which takes it from the listener's
+    done, resets = list[str](), threading.Event()
+    add, reset = Pipeline.add, Pipeline.reset
+
+    def slow(pipeline: Pipeline, topic: str, message: Any) -> Any:
+        done.append("begun")
+        resets.wait(QUEUED_S)
+        answers = add(pipeline, topic, message)
+        done.append("updated")
+        return answers
+
+    def said(pipeline: Pipeline) -> None:
+        reset(pipeline)
+        done.append("reset")
+        resets.set()
+
+    monkeypatch.setattr(Pipeline, "add", slow)
+    monkeypatch.setattr(Pipeline, "reset", said)
+    spinning = threading.Thread(target=executor.spin)
+    spinning.start()
+    rover.events = rover.events[:1]
+    rover.publish(0)
+    listener.spin_until(lambda: done, "the update has begun")
+    rover.reset()
+    listener.spin_until(lambda: "updated" in done, "the update is done")
+    assert done == ["begun", "updated", "reset"]
+    executor.shutdown()
+    spinning.join()
+    node.end()

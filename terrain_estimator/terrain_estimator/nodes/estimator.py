@@ -63,6 +63,7 @@ class EstimatorNode(ManagedNode):
         self._listening: list[Subscription] = []
         self._ticking: list[Timer] = []
         self._judged: tuple[Finding, ...] = ()
+        self._alone = threading.Lock()  # with the pipeline: services run beside the other callbacks where an executor has threads
         meanwhile = ReentrantCallbackGroup()  # else nothing would be served while a service waits for the disk
         for name, action in (("reset", self._reset), ("save_state", self._save), ("load_state", self._load)):
             self.create_service(Trigger, f"~/{name}", self._answering(action), callback_group=meanwhile)
@@ -141,7 +142,9 @@ class EstimatorNode(ManagedNode):
         return Path(self.config.state_file).expanduser() if self.config.state_file else None
 
     def _answer_the_rest(self) -> None:
-        for answer in self._configured.flush():
+        with self._alone:
+            answers = self._configured.flush()
+        for answer in answers:
             self._publish(answer, 0.0)
 
     def _subscribe(self, topic: str) -> None:
@@ -151,7 +154,9 @@ class EstimatorNode(ManagedNode):
         def receive(message: Message, info: dict[str, int]) -> None:
             received_ns = info["received_timestamp"] or time.time_ns()  # by the wall clock; 0 where the middleware does not tell
             self._heard_s[topic] = time.monotonic()
-            for answer in pipeline.add(topic, message):
+            with self._alone:
+                answers = pipeline.add(topic, message)
+            for answer in answers:
                 self._publish(answer, max(0.0, (time.time_ns() - received_ns) * 1e-9))  # that clock may be set back
 
         def match(info: QoSSubscriptionMatchedInfo) -> None:
@@ -186,10 +191,12 @@ class EstimatorNode(ManagedNode):
             self._keeper.give(self._packed())
 
     def _packed(self) -> bytes:
-        return pack_state(self._configured.save(), self._configured.meta.model_sha256)
+        with self._alone:
+            return pack_state(self._configured.save(), self._configured.meta.model_sha256)
 
     async def _reset(self) -> str:
-        self._configured.reset()
+        with self._alone:
+            self._configured.reset()
         return "the posterior is the prior again"
 
     async def _save(self) -> str:
@@ -200,7 +207,8 @@ class EstimatorNode(ManagedNode):
     async def _load(self) -> str:
         path, model = self._kept.path, self._configured.meta.model_sha256
         arrays = await done(beside(partial(read_state, path, model)))
-        self._configured.restore(arrays)
+        with self._alone:
+            self._configured.restore(arrays)
         return f"going on from the state in {path}"
 
     @property
