@@ -16,6 +16,8 @@ POINT = np.dtype(
     }
 )
 """Fields of a point [m, m, m, Pa, 1, Pa, 1, s]; RViz and Foxglove want x, y, z in single precision."""
+_LARGEST = float(np.finfo(np.float32).max)
+"""What is larger would be infinite in single precision."""
 _KINDS = {"<f4": 7, "<f8": 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64
 
 
@@ -55,7 +57,7 @@ class Track:
         place = odometry.pose.pose.position
         values = (estimate.cohesion, estimate.tan_phi, estimate.cohesion_stddev, estimate.tan_phi_stddev)
         point = (place.x, place.y, place.z, *values, stamp_ns(estimate) * 1e-9)
-        if not all(math.isfinite(value) for value in point):
+        if not all(abs(value) <= _LARGEST for value in point):
             return False
         if self._points and math.dist(point[:3], self._points[-1][:3]) < self._spacing_m:
             return False

@@ -55,6 +55,7 @@ def test_what_is_not_finite_is_no_point() -> None:
     track = Track(0.1, 10)
     assert not track.add(estimate(0.0, math.nan), odometry(0.0))
     assert not track.add(estimate(0.0), odometry(math.inf))
+    assert not track.add(estimate(0.0), odometry(-1e39)), "infinite in single precision"
     assert len(track) == 0
     assert cloud_message(track, TYPES.make, estimate(0.0).header).width == 0
 
