@@ -226,9 +226,12 @@ def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_re
         assert words in text
 
 
-def test_a_report_that_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert not replay._report(tmp_path, [], load_model(), EstimatorConfig())
+def test_a_report_or_a_summary_that_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = load_model()
+    assert not replay._report(tmp_path, [], model, EstimatorConfig())
     assert f"{tmp_path}: the report cannot be written" in capsys.readouterr().err
+    assert not replay._summary(tmp_path, [], model, EstimatorConfig())
+    assert f"{tmp_path}: the summary cannot be written" in capsys.readouterr().err
 
 
 def test_the_comparison_finds_a_live_estimate_that_differs(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

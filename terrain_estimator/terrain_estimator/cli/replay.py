@@ -99,14 +99,24 @@ def _replay_all(
             _refuse(str(error))
     if replays:
         print_table(replays)
-        write_summary(options.out / "summary.json", summary(replays, model, config))
-        print(f"summary: {options.out / 'summary.json'}")
+        failed |= not _summary(options.out / "summary.json", replays, model, config)
         failed |= bool(options.report) and not _report(options.report, replays, model, config)
     if failed:
         return WRONG
     if any(each.differences and any(each.differences.values()) for each in replays):
         return DIFFERENT
     return NOTHING if any(each.estimates == 0 for each in replays) else 0
+
+
+def _summary(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
+    """Write what came of the runs; whether that went well."""
+    try:
+        write_summary(path, summary(replays, model, config))
+    except OSError as error:
+        _refuse(f"{path}: the summary cannot be written: {error.strerror}")
+        return False
+    print(f"summary: {path}")
+    return True
 
 
 def _report(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
