@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import Twist
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import TerrainEstimate, TractionAdvice
@@ -79,6 +80,13 @@ def test_what_is_wrong_is_named(start: Starter) -> None:
         assert process.wait(60.0) == 2
         assert words in process.output
         assert "Traceback" not in process.output
+
+
+def test_the_documented_subscriber_goes_by_a_clock_that_nobody_sets_back_or_stops(start: Starter, listener: Listener) -> None:
+    commands = listener.collect(Twist, "cmd_vel")
+    start.command(sys.executable, str(EXAMPLES / "follow_advice.py"), "--ros-args", "-p", "use_sim_time:=true")  # and there is no /clock
+    listener.wait_for_messages(commands, 2)
+    assert {each.linear.x for each in commands} == {0.0}
 
 
 def test_the_documented_subscriber_stops_the_rover_before_a_soft_patch_traps_it_and_creeps_on_when_told_to(
