@@ -59,9 +59,16 @@ Where these are missed, and why:
   innovations and its intervals hold what they say, but it is wider than the velocity sensor's noise: the force that moves the rover in
   between follows from slip and sinkage, which are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's
   would cover too little.
-- **Velocity alone**, above all with wrong constants. The intervals do not stay wide: they fall to a fraction of the bound, cover less
-  than they say, and the status calls parameters identified that cannot be. A node always has the load row, too. What noise does
-  in curved laws and to the information is corrected ([method.md](method.md)), in these rows as well, and is not the cause.
+- **Velocity alone** with wrong constants. The intervals do not stay wide: they cover less than they say, and the status calls parameters
+  identified that cannot be. A node always has the load row, too. The derivative of a row by a soil constant is proportional to c and
+  tan phi, and every block takes it where the estimate is then; as noise moves the estimate, the blocks together seem to tell apart
+  what none of them can (Huang, Mourikis and Roumeliotis, 2010, on the consistency of Kalman filters). On regolith (100 drives, c / tan phi)
+  the 95 % intervals hold 84 / 82 %, with one hypothesis instead of nine, none born, 49 / 51 %, and without noise they are a little
+  wide. A trial that also keeps the information about the products of c and tan phi with each constant, so that all blocks have the
+  newest derivatives, held 92 / 91 % with one hypothesis, but lost the posterior's definiteness in 4 of the drives. It is not in the models.
+- **68 % of tan phi on compact sand**, Mars-like rover: with exact constants 15 % of the drives are stuck before the first estimate, nearly
+  all of them on ground of little friction, and keep the prior, whose interval holds 6 % of these truths: that a rover is stuck is no
+  observation. Of the drives that are not, the interval holds 66 to 68 %.
 - **Least deviation.** The bound is that of the true parameters, the posterior is taken at the estimated ones and of this drive's noise,
   so single drives lie below it.
 """
