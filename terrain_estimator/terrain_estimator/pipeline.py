@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config import CoreConfig, EstimatorConfig
 from terrain_estimator.conversion import Conversion, Converter
 from terrain_estimator.estimator import Estimator
 from terrain_estimator.messages import Meta, estimate_message, prediction_message, update_header
@@ -64,7 +64,7 @@ class Pipeline:
             model_id=model.model_id,
             model_sha256=model.sha256,
             configuration_sha256=configuration_sha256(model, config),
-            rows=model.rows,
+            rows=usable_rows(model.rows, config.core),
             body_frame=config.conversion.body_frame or "base_link",
         )
 
@@ -175,6 +175,13 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
                 acceleration_sd=0.05,
             )
         )
+
+
+def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
+    """Of a model's rows those that the configuration leaves it: one that is switched off is not missing."""
+    used = {"torque": config.use_torque, "acceleration": config.use_imu, "moment": config.use_moments, "bogie_moment": config.use_moments}
+    off = tuple(name for name, use in used.items() if not use)
+    return tuple(row for row in rows if not row.startswith(off))
 
 
 def rover_of(model: LoadedModel, name: str) -> Rover:

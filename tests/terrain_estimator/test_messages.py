@@ -12,6 +12,7 @@ from rclpy.serialization import serialize_message
 
 from msg_defs.msg import MeasurementDecision, TerrainEstimate
 from terrain_estimator.bags import Types
+from terrain_estimator.config import CoreConfig
 from terrain_estimator.messages import (
     INTERVAL_95,
     Meta,
@@ -24,6 +25,7 @@ from terrain_estimator.messages import (
 )
 from terrain_estimator.nodes import factory
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.pipeline import usable_rows
 from terrain_estimator.ros_types import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
 from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
 
@@ -120,3 +122,17 @@ def test_the_constants_are_those_of_the_message_definitions() -> None:
 def test_the_status_says_what_is_missing(update: Update, status: Status, word: str) -> None:
     assert status_of(update, ROWS) is status
     assert word in status_text(update, status, ROWS, ())
+
+
+@pytest.mark.parametrize(
+    ("config", "rows"),
+    [
+        (CoreConfig(), (*ROWS, "moment", "bogie_moment")),
+        (CoreConfig(use_torque=False), ("velocity", "load", "acceleration", "moment", "bogie_moment")),
+        (CoreConfig(use_imu=False, use_moments=False), ROWS[:-1]),
+    ],
+)
+def test_a_row_that_is_switched_off_is_not_missing(config: CoreConfig, rows: tuple[str, ...]) -> None:
+    wanted = usable_rows((*ROWS, "moment", "bogie_moment"), config)
+    assert wanted == rows
+    assert status_of(updated(decided(rows=rows)), wanted) is Status.IDENTIFIED
