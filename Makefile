@@ -50,7 +50,7 @@ hidden-full: workspace  ## the same with many more cases, on a dask scheduler by
 faults: workspace  ## the fault matrix with real processes, 6 to 20 minutes: docs/faults.md
 	ros2_ws/with python -m tests.faults $(ARGS)
 
-million: workspace  ## a million updates with mad sensors and clocks, some 80 minutes of one core: docs/faults.md
+million: workspace  ## a million updates with mad sensors and clocks, an hour of one core: docs/faults.md
 	ros2_ws/with python -m tests.faults.million $(ARGS)
 
 fuzz: workspace  ## fuzz all readers of files, 40 minutes on one core (10 for bags, 10 for mappings): docs/faults.md

@@ -105,7 +105,7 @@ def test_an_unbuilt_workspace_names_the_command_that_builds_it(workspace: Path) 
     shutil.rmtree(workspace / "install")
     result = ros2(workspace, "run", "geology", "dig")
     assert result.returncode == 2
-    assert "make test or make demo" in result.stderr
+    assert "run make workspace once" in result.stderr
 
 
 def test_an_installed_ros2_is_preferred(workspace: Path, tmp_path: Path) -> None:
