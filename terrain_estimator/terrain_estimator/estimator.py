@@ -21,10 +21,11 @@ from terrain_estimator.palpaca import State
 from terrain_estimator.saved_state import Arrays, StateFileError, checked_state
 from terrain_estimator.screening import Screening, screen
 from terrain_estimator.summary import Beliefs, doubted, summarise
-from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
+from terrain_estimator.update import NOTHING_PREDICTED, Decision, Estimate, NamedEffect, Prediction, Update
 
 _NAN = math.nan
 _PUBLISHED = ("moments", "expected", "covariance")  # parts of the state that all published numbers come from
+_GIVEN = ("prior", "log_soils")  # parts of the state that the parameters prior.* and drift are in
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
 ground while it crosses a border passes within that time."""
@@ -45,6 +46,7 @@ class Estimator:
         self._beliefs = Beliefs.of(model.metadata, config)
         self._gate = _threshold(config.gate_probability, 1)
         self._sequence = 0
+        self.reopened = 0  # times that the prior came back by itself
         self.reset()
 
     def reset(self) -> None:
@@ -101,9 +103,9 @@ class Estimator:
         """Go on from what :meth:`save` gave, of an estimator with the same model.
 
         Raises:
-            StateFileError: the arrays are not those of a state of this model; nothing is changed then.
+            StateFileError: the arrays are not those of a state of this model, or of another prior; nothing is changed then.
         """
-        state = checked_state(arrays, self._state, _PUBLISHED)
+        state = checked_state(arrays, self._state, _PUBLISHED, _GIVEN)
         values = {name.removeprefix("last."): value for name, value in arrays.items() if name.startswith("last.")}
         last: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in values.items()}
         try:
@@ -140,8 +142,6 @@ class Estimator:
         with running():
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
-        if report.closed and math.isfinite(report.changed):
-            self._change = min(report.changed, 1.0)  # rounding
         refusal = self._refuse(observation, state, report) or (self._refuse_block(report) if report.closed else None)
         if refusal is not None:
             return self._answer(observation.stamp_ns, refusal)
@@ -149,7 +149,8 @@ class Estimator:
         if report.closed or self._used == 1:
             self._estimate = self._summarise()
         awaited = linked and round(step_s / self._step_s) == 1  # the forecast is for one step
-        return self._answer(observation.stamp_ns, self._accepted(screening, report), self._predict(observation, report, awaited=awaited))
+        prediction = self._predict(observation, report, awaited=awaited)
+        return self._answer(observation.stamp_ns, self._accepted(screening, torque, report), prediction)
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""
@@ -166,6 +167,7 @@ class Estimator:
 
     def _refuse_block(self, report: "Report") -> Decision | None:
         """Why the block that was closed is left out; a contradiction that lasts is believed."""
+        self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
         threshold = _threshold(self._config.gate_probability, degrees)
         if report.misfit <= threshold:
@@ -177,6 +179,7 @@ class Estimator:
         detail = "the last second fits no ground that the model knows, and is left out"
         if self._contradictions >= _PATIENCE:
             self._reopen()
+            self.reopened += 1
             detail += f"; after {_PATIENCE} of them the prior holds again"
         self._estimate = self._summarise()
         return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
@@ -192,10 +195,10 @@ class Estimator:
         self._state, self._last = state, observation
         self._used += 1
 
-    def _accepted(self, screening: Screening, report: "Report") -> Decision:
+    def _accepted(self, screening: Screening, torque: Floats, report: "Report") -> Decision:
         usable, distance = report.usable, report.distance
         observation, detail = screening.observation, screening.detail
-        measured = np.isfinite(observation.torque).tolist()
+        measured = np.isfinite(torque).tolist()  # less what turns the wheel, which nobody knows without its rate
         rows = [f"torque_{k}" for k, (good, known) in enumerate(zip(usable, measured, strict=True)) if good and known]
         if all(usable):
             rows = ["velocity", "load", *rows] + (["acceleration"] if math.isfinite(observation.acceleration) else [])
@@ -242,17 +245,12 @@ class Estimator:
             stamp_ns=stamp_ns,
             sequence=self._sequence,
             estimate=estimate,
-            prediction=prediction or _NOTHING_PREDICTED,
+            prediction=prediction or NOTHING_PREDICTED,
             decision=decision,
             condition_number=self._condition,
         )
         self._sequence += 1
         return update
-
-
-_NOTHING_PREDICTED = Prediction(
-    valid=False, horizon_s=_NAN, velocity=_NAN, variance=_NAN, measured=_NAN, innovation=_NAN, innovation_variance=_NAN
-)
 
 
 def _condition(covariance: Floats) -> float:

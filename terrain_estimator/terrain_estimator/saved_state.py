@@ -76,20 +76,23 @@ def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
         return {name: arrays[name] for name in arrays.files}
 
 
-def checked_state(arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str]) -> dict[str, Tensor]:
+def checked_state(arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str], given: Iterable[str]) -> dict[str, Tensor]:
     """The tensors of an estimator's saved state, with the names, types and ranks of its own; the number of rows changes while it runs.
 
-    Raises StateFileError where they differ, or where one of the names in ``finite`` is not.
+    Raises StateFileError where they differ, where one of the names in ``finite`` is not, or one in ``given``, which is the prior of the
+    configuration, has other values: what was learnt from one prior cannot be had from another, and the parameters would have no effect.
     """
     state = {name: torch.from_numpy(arrays[key].copy()) for name in own if (key := f"state.{name}") in arrays}
     for name, tensor in own.items():
-        given = state.get(name)
-        if given is None or (given.dtype, given.dim(), given.shape[1:]) != (tensor.dtype, tensor.dim(), tensor.shape[1:]):
-            shown = "missing" if given is None else f"{given.dtype} {tuple(given.shape)}"
+        saved = state.get(name)
+        if saved is None or (saved.dtype, saved.dim(), saved.shape[1:]) != (tensor.dtype, tensor.dim(), tensor.shape[1:]):
+            shown = "missing" if saved is None else f"{saved.dtype} {tuple(saved.shape)}"
             raise StateFileError(f"the state's {name} is {shown}, the model's is {tensor.dtype} {tuple(tensor.shape)}")
     lengths = {name: arrays[name].size if name in arrays else 0 for name in ("counts", "numbers")}
     if lengths != {"counts": 3, "numbers": 5} or not all(bool(state[name].isfinite().all()) for name in finite):
         raise StateFileError("the state's counts or numbers are missing, or its posterior is not finite")
+    if not all(torch.equal(state[name], own[name]) for name in given):
+        raise StateFileError("the state was learnt from another prior: give prior.* and drift as they were, or start without it")
     return state
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the estimator answers to one observation: immutable records, no ROS in them."""
 
+import math
 from dataclasses import dataclass, field
 
 from terrain_estimator.observation import Floats
@@ -47,6 +48,9 @@ class Prediction:
     measured: float  # [m/s] this observation's velocity
     innovation: float  # [m/s] measured minus the last prediction, NaN where there was none
     innovation_variance: float  # [m^2/s^2]
+
+
+NOTHING_PREDICTED = Prediction(False, *[math.nan] * 6)  # noqa: FBT003 - its first field
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from terrain_estimator.estimator import Estimator
 from terrain_estimator.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.saved_state import StateFileError, pack_state, read_state, unpack_state, write_state
+from terramechanics.parameters import configure
 from tests.terrain_estimator.drives import drive_observations
 
 SAVED_AFTER = 63  # in the middle of a block
@@ -66,6 +67,17 @@ def test_the_state_before_the_first_observation_can_be_kept_too(model: LoadedMod
     other.restore(unpack_state(pack_state(fresh.save(), model.sha256), model.sha256, "here"))
     assert other.last_stamp_ns is None
     assert other.update(drive[0]).estimate.observations_used == 1
+
+
+@pytest.mark.parametrize("values", [{"prior.soil": "regolith"}, {"prior.cohesion_mean": 4e3, "prior.cohesion_sd": 1e2}, {"drift": 0.1}])
+def test_a_state_that_was_learnt_from_another_prior_is_refused(model: LoadedModel, content: bytes, values: dict[str, Any]) -> None:
+    """It was taken, and the parameters did nothing."""
+    estimator = Estimator(model, configure(CoreConfig, values))
+    arrays = unpack_state(content, model.sha256, "here")
+    with pytest.raises(StateFileError, match=r"another prior: give prior\.\* and drift as they were"):
+        estimator.restore(arrays)
+    assert estimator.last_stamp_ns is None
+    Estimator(model, CoreConfig(use_torque=False, gate_probability=0.0)).restore(arrays)  # which are no prior
 
 
 def reheaded(content: bytes, payload: bytes | None = None, **changes: object) -> bytes:
