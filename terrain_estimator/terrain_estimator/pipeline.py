@@ -59,7 +59,7 @@ class Pipeline:
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)
         self._restored = False  # and nothing was answered since
-        self.resets = 0  # times that the posterior became the prior
+        self._resets = 0  # by a user, or by the clock
         self.meta = Meta(
             model_id=model.model_id,
             model_sha256=model.sha256,
@@ -72,6 +72,11 @@ class Pipeline:
     def counters(self) -> Mapping[str, Counters]:
         """What happened to the messages of each input."""
         return self._synchronizer.counters
+
+    @property
+    def resets(self) -> int:
+        """Times that the posterior became the prior: by a user, by the clock, or because nothing had fitted for long."""
+        return self._resets + self._estimator.reopened
 
     def add(self, topic: str, message: Message) -> list[Answer]:
         """Take one message of an input topic; answer the sets that it completes, usually none or one."""
@@ -137,7 +142,7 @@ class Pipeline:
 
     def _forget(self) -> None:
         self._estimator.reset()
-        self.resets += 1
+        self._resets += 1
 
 
 def configuration_sha256(model: LoadedModel, config: EstimatorConfig) -> str:

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 import torch
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config import CoreConfig, EstimatorConfig
+from terrain_estimator.conversion import Conversion
 from terrain_estimator.estimator import Estimator, Report
 from terrain_estimator.learning.change import Change, drive_over, places_of
 from terrain_estimator.learning.observations import STEP_NS, observations_of
 from terrain_estimator.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.update import Update
 from terramechanics.ground import Ground, Patch
 from terramechanics.loading import ConfigError
@@ -209,12 +211,12 @@ def test_torques_that_contradict_everything_are_left_out_second_by_second(model:
 
 def test_what_fits_no_ground_for_long_brings_the_prior_back(model: LoadedModel, drive: list[Observation]) -> None:
     wrong = [dataclasses.replace(observation, torque=observation.torque + 500.0) for observation in drive[100:280]]
-    estimator = Estimator(model, CoreConfig())
-    updates = [estimator.update(observation) for observation in [*drive[:100], *wrong]]
+    pipeline = Pipeline(model, EstimatorConfig())
+    updates = [pipeline.answer(Conversion(observation.stamp_ns, observation)).update for observation in [*drive[:100], *wrong]]
     last = updates[-1].estimate
     np.testing.assert_allclose(last.mean, model.metadata.prior_mean)
     assert last.identified == (False, False)
-    assert any("the prior holds again" in update.decision.detail for update in updates)
+    assert sum("the prior holds again" in update.decision.detail for update in updates) == pipeline.resets == 1
 
 
 def test_a_change_of_the_ground_is_told_and_followed(model: LoadedModel) -> None:
