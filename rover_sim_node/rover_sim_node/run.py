@@ -57,6 +57,7 @@ class Reading:
 class Run:
     """A drive of one rover. The same configuration gives the same readings; velocity commands aside."""
 
+    @torch.inference_mode()
     def __init__(self, config: SimulatorConfig) -> None:
         """Raises ConfigError that names the parameter which is wrong."""
         self.rover = load_rover(config.rover)
@@ -78,6 +79,7 @@ class Run:
         self._odometry, self._variance = (0.0, 0.0), (0.0, 0.0)
         self._bogie_angle = math.nan
 
+    @torch.inference_mode()  # a fifth less time: nothing here is differentiated
     def step(self) -> Reading:
         """The next reading."""
         time = (self._simulation.steps + 1) * self._step

@@ -169,7 +169,7 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
         # To first order the axle's path has the ground's slope, so a miss along x changes the gap by slope * miss.
         gap = z_axle - ground - rover.wheel_radius * cosine + slope * miss
         contact = contact - miss / stretch
-        height, pitch, bogie = _corrected(rover, axle, (x, height, pitch, bogie), slope, gap)
+        height, pitch, bogie = _corrected(rover, (x_axle, z_axle), (x, height, pitch, bogie), slope, gap)
         if float(torch.maximum(gap.abs().max(), miss.abs().max())) < TOLERANCE:
             break
     # One more move of the contacts would change them by less than the tolerance; the angles follow from the last slope.
@@ -184,12 +184,11 @@ def _to_world(point: Tensor, x: Tensor, height: Tensor, pitch: Tensor) -> tuple[
 
 
 def _corrected(
-    rover: Rover, axle: Tensor, state: tuple[Tensor, Tensor, Tensor, Tensor], slope: Tensor, gap: Tensor
+    rover: Rover, axle: tuple[Tensor, Tensor], state: tuple[Tensor, Tensor, Tensor, Tensor], slope: Tensor, gap: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """One Newton step of height, pitch and bogie angle that closes the ``gap`` [batch, 3] of every wheel."""
-    x, height, pitch, bogie = state
+    """One Newton step of height, pitch and bogie angle that closes the ``gap`` [batch, 3] of every wheel, ``axle`` its x and z."""
+    (x_axle, z_axle), (x, height, pitch, bogie) = axle, state
     pivot = torch.tensor([[rover.bogie_pivot_x, rover.bogie_pivot_height]], dtype=x.dtype)
-    x_axle, z_axle = _to_world(axle, x, height, pitch)
     x_pivot, z_pivot = _to_world(pivot.expand(*x.shape, 1, 2), x, height, pitch)
     by_pitch = (x_axle - x.unsqueeze(-1)) + slope * (z_axle - height.unsqueeze(-1))
     by_bogie = ((x_axle - x_pivot) + slope * (z_axle - z_pivot))[..., 1:]
