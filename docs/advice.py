@@ -4,7 +4,7 @@
 
 _NAMES = "where your rover is the model's, but its wheels have other names"
 _DEVIATIONS = "to what a calibration of your drives says"
-_STILL = "where encoders tick while the rover stands; keep it well below the slowest drive, and the same in both nodes"
+_STILL = "where encoders tick while the rover stands; keep it well below the slowest drive, the same in estimator, planner and slip_source"
 _TORQUE = "to false where torques come from motor currents that nobody calibrated"
 _IMU = "to false where the imu sits at an unknown angle"
 _SITE = "where the ground is known, from orbit or from an earlier drive"
@@ -55,6 +55,7 @@ WHEN = {
         "window": "to a longer one where slip is measured with more noise; it reacts as much later",
         "reaction_time": "to that of your loop from advice to brakes",
         "deceleration": "to that of your rover",
+        "standstill_speed": _STILL,
         "pairing_tolerance": "as in the estimator",
         "pairing_timeout": "as in the estimator",
     },

@@ -258,6 +258,7 @@ ELSEWHERE = {
     "planner window": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
     "planner reaction_time": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
     "planner deceleration": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
+    "planner standstill_speed": "terrain_estimator/planning/test_planner.py::test_ticking_encoders_are_told_from_driving",
     "planner use_torque": "terrain_estimator/planning/test_planner.py::test_a_sensor_that_is_switched_off_is_not_used",
     "planner use_imu": "terrain_estimator/planning/test_planner.py::test_a_sensor_that_is_switched_off_is_not_used",
     "planner pairing_tolerance": "terrain_estimator/planning/test_planner.py::test_messages_are_paired_as_the_estimator_pairs_them",

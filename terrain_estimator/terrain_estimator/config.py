@@ -4,7 +4,7 @@
 
 from dataclasses import dataclass, field
 
-from terrain_estimator.ros_types import RECORDED_TOPICS
+from terrain_estimator.ros_types import BODY_FRAME, RECORDED_TOPICS
 from terramechanics.loading import ConfigError, entry, number
 from terramechanics.parameters import INLINE, effective, fingerprint
 
@@ -64,7 +64,7 @@ class CoreConfig:
 class ConversionConfig:
     """How messages become an observation."""
 
-    body_frame: str = entry("frame_id of the measurements; empty accepts any", "base_link", empty=True)
+    body_frame: str = entry("frame_id of the measurements; empty accepts any", BODY_FRAME, empty=True)
     torque_relative_sd: float = number(
         "standard deviation of a measured wheel torque, as a fraction of it", "1", 0.0, 1.0, default=0.03, key="torque_noise.relative"
     )
@@ -196,6 +196,9 @@ class AdviceConfig:
         "time from new ground under the front wheels to the brakes", "s", 0.0, 60.0, default=2.5, key="reaction_time"
     )
     deceleration: float = number("with which the rover stops", "m/s^2", 0.001, 10.0, default=0.2)
+    standstill_speed: float = number(
+        "the rover stands where no wheel's rim is faster, and creeps at twice that at least", "m/s", 0.0, 1.0, default=0.01
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +222,9 @@ class SlipSourceConfig:
     velocity_type: str = entry(
         "message of the velocity: odometry (nav_msgs) or twist (geometry_msgs/TwistWithCovarianceStamped)", "odometry"
     )
-    body_frame: str = entry("frame_id of the velocity, and of what is published; empty accepts any", "base_link", empty=True)
+    body_frame: str = entry(
+        f"frame_id of the velocity, and of what is published; empty accepts any and publishes {BODY_FRAME}", BODY_FRAME, empty=True
+    )
     standstill_speed: float = number("a wheel stands where its rim is slower; its slip is NaN", "m/s", 0.0, 1.0, default=0.01)
     radius_sd: float = number("relative standard deviation of the rolling radius", "1", 0.0, 1.0, default=0.01, key="radius_deviation")
     rate_sd: float = number("standard deviation of a wheel rate", "rad/s", 0.0, 10.0, default=0.0, key="rate_deviation")

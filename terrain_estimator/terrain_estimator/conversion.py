@@ -91,7 +91,7 @@ class Converter:
 
     def convert(self, stamp_ns: int, messages: tuple[Message, ...]) -> Conversion:
         """One observation from one set; refusals are WRONG_FRAME and WRONG_WHEELS, with the names in ``detail``."""
-        slip, sinkage, odom, _, imu = messages
+        slip, sinkage, odom, _, imu = (*messages, None)[:5]  # without an imu where it is not used
         if not self._core.use_imu:
             imu = None
         wrong = self._wrong_frame(slip, sinkage, odom, imu)

@@ -19,7 +19,7 @@ from terrain_estimator.messages import Meta, estimate_message, prediction_messag
 from terrain_estimator.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
 from terrain_estimator.pairing import Counters, MessageSet, Synchronizer, Topic
-from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, Make, Message, stamp_ns
+from terrain_estimator.ros_types import BODY_FRAME, REQUIRED_INPUTS, Make, Message, paired_inputs, stamp_ns
 from terrain_estimator.saved_state import Arrays
 from terrain_estimator.update import Update
 from terramechanics.rover import Rover, load_rover
@@ -49,7 +49,7 @@ class Pipeline:
 
     def __init__(self, model: LoadedModel, config: EstimatorConfig) -> None:
         """Build the parts from the configuration."""
-        self.inputs = tuple(name for name in INPUT_TYPES if name != "imu" or config.core.use_imu)
+        self.inputs = paired_inputs(use_imu=config.core.use_imu)
         topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.inputs)
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = Synchronizer(topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9))
@@ -65,7 +65,7 @@ class Pipeline:
             model_sha256=model.sha256,
             configuration_sha256=configuration_sha256(model, config),
             rows=usable_rows(model.rows, config.core),
-            body_frame=config.conversion.body_frame or "base_link",
+            body_frame=config.conversion.body_frame or BODY_FRAME,
         )
 
     @property
@@ -98,8 +98,7 @@ class Pipeline:
 
     def convert(self, complete: MessageSet) -> Conversion:
         """Second step of ``add``: the observation of a set, or why there is none."""
-        messages = complete.messages if len(self.inputs) == len(INPUT_TYPES) else (*complete.messages, None)
-        return self._converter.convert(complete.stamp_ns, messages)
+        return self._converter.convert(complete.stamp_ns, complete.messages)
 
     def answer(self, conversion: Conversion) -> Answer:
         """Third step of ``add``: what the estimator says to it."""

@@ -20,6 +20,9 @@ INPUT_TYPES = {
 }
 """Types of the estimator's input topics."""
 
+BODY_FRAME = "base_link"
+"""REP 105's name of the rover's body, which is published where a user gives none."""
+
 REQUIRED_INPUTS = ("wheel_slip", "wheel_sinkage", "odom")
 """Without one of these there is no observation; the first gives the stamps."""
 
@@ -38,6 +41,11 @@ LISTENED = {"terrain_estimate": ESTIMATE} | {topic: INPUT_TYPES[topic] for topic
 
 RECORDED_TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES, "estimator_health", "ground_truth/terrain")
 """What the recorder records unless told otherwise."""
+
+
+def paired_inputs(*, use_imu: bool) -> tuple[str, ...]:
+    """The input topics that make one observation: what is not used is not waited for."""
+    return tuple(name for name in INPUT_TYPES if name != "imu" or use_imu)
 
 
 def stamp_ns(message: Message) -> int:

@@ -19,7 +19,7 @@ import torch
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.observation import Floats
 from terrain_estimator.pairing import MessageSet, Synchronizer, Topic
-from terrain_estimator.ros_types import Make, Message, stamp_ns
+from terrain_estimator.ros_types import BODY_FRAME, Make, Message, stamp_ns
 from terramechanics.equilibrium import slip_at
 from terramechanics.loading import ConfigError
 from terramechanics.rover import Rover
@@ -78,7 +78,7 @@ class SlipSource:
         self._sequence += 1
         return make(
             "msg_defs/msg/WheelSlip",
-            header=make("std_msgs/msg/Header", stamp=joints.header.stamp, frame_id=self._config.body_frame),
+            header=make("std_msgs/msg/Header", stamp=joints.header.stamp, frame_id=self._config.body_frame or BODY_FRAME),
             sequence=self._sequence - 1,
             wheel=list(self._rover.wheel_names),
             slip=slips.slip,

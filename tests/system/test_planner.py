@@ -27,6 +27,7 @@ CALL_SERVICE = Path(__file__).parents[2] / "ros2_ws/call_service.py"
 def estimate(header: Any, *, identified: bool) -> TerrainEstimate:
     return TerrainEstimate(
         header=header,
+        model_id="wheelbarrow-1",
         cohesion=1500.0,
         tan_phi=0.6,
         covariance=[200.0**2, 0.0, 0.0, 0.03**2],
@@ -71,6 +72,7 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(start: Star
     listener.spin_until(lambda: not caller.running, "the documented call ends")
     assert (caller.wait(), "Trigger_Response(success=True" in caller.output) == (0, True), caller.output
     assert "over the soils mud" in process.output
+    assert process.output.count("terrain_estimate is of model wheelbarrow-1, the planner's is mars_rover") == 1
     assert process.interrupt(60.0) == 0
 
 

@@ -48,11 +48,12 @@ class PlannerNode(Node):
         self._inputs = Inputs(rover, config)
         self._period_ns, self._advised_ns, self._sequence = round(config.period_s * 1e9), 0, 0
         self._soils = [soil.name for soil in model.metadata.soils]
+        self._model, self._warned = model, False
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)
         self.create_service(Trigger, "~/resume", self._resume)
         listened = LISTENED | ({"joint_states": INPUT_TYPES["joint_states"]} if config.use_torque else {})
         self._patience, self._pairs = Patience(self, listened, QOS), Pairs(self, REQUIRED_INPUTS)
-        for topic in INPUT_TYPES:
+        for topic in self._inputs.topics:
             self._subscribe(topic)
         self.create_subscription(message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS)
         if model.effects:
@@ -73,6 +74,7 @@ class PlannerNode(Node):
 
     def _take_estimate(self, message: Message) -> None:
         """Advise once a period; stamps that went back (a bag loops, the simulation starts anew) start a new period."""
+        self._compare(message)
         self._patience.heard("terrain_estimate")
         try:
             self._planner.believe(belief_of_message(message, self._soils))
@@ -87,6 +89,15 @@ class PlannerNode(Node):
         if advice is not None:
             self._output.publish(advice_message(advice, make, self._sequence, message))
             self._sequence, self._advised_ns = self._sequence + 1, now
+
+    def _compare(self, message: Message) -> None:
+        """Say once of another model: over the same soils nothing else tells that it is of another rover."""
+        if message.model_sha256 != self._model.sha256 and not self._warned:
+            self._warned = True
+            self.get_logger().warning(
+                f"terrain_estimate is of model {message.model_id}, the planner's is {self._model.model_id}: give both the same, "
+                "or the advice may be for another rover"
+            )
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._planner.resume()

@@ -6,7 +6,7 @@ from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
 from terrain_estimator.conversion import Converter
 from terrain_estimator.observation import Observation
 from terrain_estimator.pairing import Synchronizer, Topic
-from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, Message, stamp_ns
+from terrain_estimator.ros_types import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
 from terramechanics.rover import Rover
 
 
@@ -16,14 +16,14 @@ class Inputs:
     def __init__(self, rover: Rover, config: PlannerConfig) -> None:
         """Any frame is taken: the estimator is the one to refuse a wrong one."""
         pairing, core = config.pairing, CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu)
-        topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
-        self._index = {name: index for index, name in enumerate(INPUT_TYPES)}
+        self.topics = paired_inputs(use_imu=config.use_imu)
+        topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.topics)
         self._synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
         self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
 
     def add(self, topic: str, message: Message) -> list[Observation | None]:
-        """Take one message of an input topic; the observations that it completes, None for a set that cannot be converted."""
+        """Take one message of ``topics``; the observations that it completes, None for a set that cannot be converted."""
         if not self._converter.concerns(topic, message):
             return []
-        sets = self._synchronizer.add(self._index[topic], stamp_ns(message), message)
+        sets = self._synchronizer.add(self.topics.index(topic), stamp_ns(message), message)
         return [self._converter.convert(complete.stamp_ns, complete.messages).observation for complete in sets]

@@ -67,9 +67,10 @@ class Planner:
         self._belief: Belief | None = None
         self._reason = Reason.NONE
         self._window_ns = round(config.window_s * 1e9)
-        if self._speed_limit(known=False) < _CREEPS:
-            limit = f"{self._speed_limit(known=False):.2g} m/s on unknown ground, too slow to be told from standing ({_CREEPS:g} m/s)"
-            raise ConfigError(f"parameters reaction_time and deceleration allow {limit}: lower the one or raise the other")
+        if self._speed_limit(known=False) < self._slowest:
+            limit = f"{self._speed_limit(known=False):.2g} m/s on unknown ground, too slow to be told from standing ({self._slowest:g} m/s)"
+            words = "lower the one or raise the other, or lower standstill_speed"
+            raise ConfigError(f"parameters reaction_time and deceleration allow {limit}: {words}")
 
     def observe(self, observation: Observation) -> None:
         """Take what was measured at one instant: on the move, or standing. Without a pitch or a velocity it tells nothing.
@@ -77,10 +78,10 @@ class Planner:
         Nor does it backwards, where the rear wheels lead and the slope is the other way.
         """
         rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius)
-        stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= _STANDS)
+        stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= self._config.standstill_speed)
         complete = math.isfinite(observation.pitch) and math.isfinite(observation.velocity)
         self._standing = observation if stands and complete else None
-        reverses = not stands and backwards(observation, self._table.rover.wheel_radius, _STANDS)
+        reverses = not stands and backwards(observation, self._table.rover.wheel_radius, self._config.standstill_speed)
         if stands or reverses or not complete or not np.isfinite(observation.slip).any():
             return
         self._recent.append(observation)
@@ -155,9 +156,14 @@ class Planner:
         return config.deceleration * (math.sqrt(config.reaction_s**2 + 2.0 * way / config.deceleration) - config.reaction_s)
 
     @property
+    def _slowest(self) -> float:
+        """Least speed [m/s] that is told from standing."""
+        return 2.0 * self._config.standstill_speed
+
+    @property
     def _creeping(self) -> float:
         """Speed [m/s] of a rover that nothing is known of but that it stands; fast enough to be seen moving."""
-        return max(0.5 * self._speed_limit(known=False), _CREEPS)
+        return max(0.5 * self._speed_limit(known=False), self._slowest)
 
     def _reading(self, stamp_ns: int) -> Reading | None:
         """What was measured within the window of a stamp; None where nothing was."""
@@ -175,12 +181,12 @@ class Planner:
         pitch = float(np.mean([entry.pitch for entry in recent]))
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
-            rim = float(np.mean([entry.velocity for entry in recent])) / max(1.0 - _mean(slip), _STANDS)
+            rim = float(np.mean([entry.velocity for entry in recent])) / max(1.0 - _mean(slip), _LEAST_ROLLING)
         return Reading(slip, sinkage, torque, angle, pitch, rim)
 
 
-_STANDS = 0.01  # [m/s] below it a wheel stands
-_CREEPS = 2.0 * _STANDS
+_LEAST_ROLLING = 0.01
+"""[1] Velocity over rim speed, so that the latter stays finite where only the former and a slip of 1 are measured."""
 
 
 def _means(values: Floats) -> Floats:

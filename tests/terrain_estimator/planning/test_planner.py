@@ -157,6 +157,19 @@ def test_a_rover_that_has_not_moved_yet_may_creep_but_is_not_judged() -> None:
         assert found.speed_limit > 0.02  # such a speed is told from standing
 
 
+def test_ticking_encoders_are_told_from_driving() -> None:
+    """By standstill_speed, as in the estimator: the planner fell silent while such a rover stood."""
+    ticking = dataclasses.replace(standing(), wheel_rate=np.full(3, 0.045 / ROVER.wheel_radius))
+    given = planner()
+    given.observe(ticking)
+    given.believe(UNKNOWN)
+    assert given.advise(0) is None, "it drives, and has no slip"
+    found = advice([ticking], UNKNOWN, standstill_speed=0.05)
+    assert (found.moving, found.speed_limit) == (False, 0.1), "it may creep so that it is seen to move"
+    with pytest.raises(ConfigError, match=r"too slow to be told from standing \(0\.2 m/s\).*or lower standstill_speed"):
+        planner(standstill_speed=0.1)
+
+
 BLIND: dict[str, dict[str, Any]] = {
     "pitch": {"pitch": math.nan},
     "velocity": {"velocity": math.nan},
@@ -257,6 +270,7 @@ def test_messages_are_paired_as_the_estimator_pairs_them() -> None:
     assert (paired(10_000_000, *INPUT_TYPES), paired(10_000_000, *INPUT_TYPES, pairing_tolerance=0.02)) == (0, 20)
     without_imu = [topic for topic in INPUT_TYPES if topic != "imu"]
     assert paired(0, *without_imu, pairing_timeout=0.1) == paired(0, *without_imu) + 4
+    assert paired(0, *without_imu, use_imu=False) == 20, "every instant at once: what is not used is not waited for"
 
 
 def observed(**values: bool) -> list[Observation]:
@@ -266,7 +280,8 @@ def observed(**values: bool) -> list[Observation]:
         if topic == "imu":
             message.orientation = copy.deepcopy(message.orientation)  # odom has the same
             message.orientation.y += 0.01
-        observations += [found for found in inputs.add(topic, message) if found is not None]
+        found = inputs.add(topic, message) if topic in inputs.topics else []
+        observations += [each for each in found if each is not None]
     assert len(observations) == 20
     return observations
 
