@@ -206,7 +206,8 @@ class Estimator:
         elif not detail:
             detail = f"axles {[k for k, good in enumerate(usable) if not good]} are outside the model's range"
         outcome = screening.outcome if all(usable) else Outcome.ACCEPTED_PARTIALLY
-        return Decision(outcome, tuple(rows), distance, self._gate, 0 if math.isnan(distance) else 1, detail)
+        threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
+        return Decision(outcome, tuple(rows), distance, threshold, 0 if math.isnan(distance) else 1, detail)
 
     def _predict(self, observation: Observation, report: "Report", *, awaited: bool) -> Prediction:
         before, variance_before = self._forecast if awaited else (_NAN, _NAN)

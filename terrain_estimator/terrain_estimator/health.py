@@ -66,16 +66,15 @@ class Health:
 class HealthMonitor:
     """Collects updates between two reports. Memory is bounded by the updates of one period."""
 
-    def __init__(self) -> None:
-        """Start with nothing counted."""
+    def __init__(self, reported_failures: int = 0) -> None:
+        """Start with nothing counted but the failures that were reported before, where a node is configured again."""
         self.outcomes: Counter[Outcome] = Counter()
         self.resets = 0
-        self.failures = 0  # callbacks that raised
+        self.failures = self.reported_failures = reported_failures  # callbacks that raised, and as of the last report
         self._sequence = 0
         self._condition_number = math.nan
         self._start_period()
         self._previous: dict[str, InputHealth] = {}
-        self._previous_failures = 0
 
     def _start_period(self) -> None:
         self._recent: Counter[Outcome] = Counter()
@@ -118,7 +117,7 @@ class HealthMonitor:
         )
         self._sequence += 1
         self._previous = {entry.topic: entry for entry in inputs}
-        self._previous_failures = self.failures
+        self.reported_failures = self.failures
         self._start_period()
         return health
 
@@ -162,7 +161,7 @@ class HealthMonitor:
         share = sum(refused.values()) / self._recent.total() if self._recent else 0.0
         yield REFUSED.judge(share, text=f"refused: {words or 'none'}")
         yield NUMERICS.judge(self._recent[Outcome.NUMERICAL_FAILURE], text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE")
-        failures = self.failures - self._previous_failures
+        failures = self.failures - self.reported_failures
         yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
         yield INNOVATION.judge(statistics.fmean(self._innovations) if len(self._innovations) >= FEWEST_INNOVATIONS else math.nan)
         yield CONDITION.judge(self._condition_number)

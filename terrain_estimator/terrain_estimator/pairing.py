@@ -71,7 +71,7 @@ class Synchronizer:
             raise ValueError(f"the first of the topics {[topic.name for topic in topics]} is the reference: it must be required")
         self._inputs = [_Input(topic) for topic in topics]
         self._reference, self._others = self._inputs[0], self._inputs[1:]
-        self._tolerance_ns, self._timeout_ns = tolerance_ns, timeout_ns
+        self._tolerance_ns, self._timeout_ns = tolerance_ns, max(timeout_ns, 1)  # what is of one instant is not later than it
 
     @property
     def counters(self) -> dict[str, Counters]:
@@ -97,11 +97,15 @@ class Synchronizer:
         return self._release()
 
     def flush(self) -> list[MessageSet]:
-        """At the end of the input: release what is complete, count the rest as unpaired."""
+        """At the end of the input, or before a pause: release what is complete, count the rest as unpaired.
+
+        What is published in a pause is not lost: the sequence numbers begin anew.
+        """
         sets = self._release(ended=True)
         for entry in self._inputs:
             entry.counters.unpaired += len(entry.waiting)
             entry.waiting.clear()
+            entry.sequence.restart()
         return sets
 
     def reset(self) -> None:

@@ -92,6 +92,11 @@ def test_a_transition_that_raises_leaves_nothing_half_done(node: EstimatorNode, 
     assert (node.state, held(node), node.failures) == ("inactive", idle, 2)
     trigger(node, "activate")
     assert node.state == "active"
+    node._publish_health()
+    node.end()
+    node.start()
+    node._publish_health()
+    assert "0 callbacks failed" in [finding.text for finding in node.findings()], "they were told before"
     node.end()
     assert (node.state, held(node)) == ("unconfigured", (*idle[:2], 0))
 

@@ -171,6 +171,8 @@ def test_diagnostics_say_what_is_not_recorded_and_why(listener: Listener, tmp_pa
     node.deactivate()
     listener.node.destroy_publisher(sinkages)
     assert said(UNRECORDED) == RECORDED
+    node.activate()
+    listener.spin_until(lambda: said(UNRECORDED) == "without a publisher: /wheel_sinkage", "what ended in the pause is missed after it")
     node.end()
 
 

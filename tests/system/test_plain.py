@@ -6,10 +6,13 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 from std_msgs.msg import String
 
+from terrain_estimator.diagnostics import REQUIRED
+from terrain_estimator.nodes import reporting
 from terrain_estimator.nodes.command_line import take_signals
 from terrain_estimator.nodes.plain import guarded
 from tests.system.listening import Listener
@@ -60,3 +63,18 @@ def test_a_guarded_callback_still_gets_the_details_of_the_reception(listener: Li
     listener.publisher(String, "words").publish(String())
     listener.wait_for_messages(taken, 1)
     assert taken[0] > 10**18
+
+
+def test_what_is_not_judged_any_more_is_not_said_to_be_well(
+    listener: Listener, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A node that was paused while its odometry was missing said that all was well again."""
+    steady_s = [0.0]
+    monkeypatch.setattr(reporting, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
+    reporter = reporting.Reporter(listener.node, list)
+    missing, there = REQUIRED.judge(9.0, "odom", "no data"), REQUIRED.judge(0.1, "odom", "data")
+    for now_s, findings in ((0.0, [missing]), (6.0, [missing]), (7.0, []), (8.0, [missing]), (14.0, [missing]), (15.0, [there])):
+        steady_s[0] = now_s
+        reporter._say(findings)
+    said = capfd.readouterr().err
+    assert (said.count("no data"), said.count("required input odom: all is well again")) == (2, 1)

@@ -51,3 +51,4 @@ def test_the_gate_of_the_blocks_rejects_no_more_than_it_may() -> None:
 
 def test_without_gates_nothing_is_gated() -> None:
     assert {each.outcome for each in decisions(0.0)} == {Outcome.ACCEPTED}
+    assert all(math.isnan(each.threshold) for each in decisions(0.0)), "an infinite one was published"

@@ -55,6 +55,17 @@ def test_silence_on_a_required_topic_is_stale_and_named_and_on_an_optional_one_i
     assert HealthMonitor().report(counters(), FRESH | {"imu": math.nan}).level is Level.OK
 
 
+def test_a_node_that_is_configured_again_reports_a_failed_callback_once() -> None:
+    monitor = HealthMonitor()
+    monitor.failures = 2
+    assert "2 callbacks failed" in after(Outcome.ACCEPTED, monitor=monitor).summary
+    again = HealthMonitor(monitor.reported_failures)
+    again.failures = 2  # the node goes on counting
+    assert after(Outcome.ACCEPTED, monitor=again).level is Level.OK
+    again.failures = 3
+    assert "1 callbacks failed" in after(Outcome.ACCEPTED, monitor=again).summary
+
+
 def test_counts_go_on_and_statistics_start_anew_with_every_report() -> None:
     monitor = HealthMonitor()
     first = after(*[Outcome.ACCEPTED] * 3, Outcome.NOT_FINITE, monitor=monitor)

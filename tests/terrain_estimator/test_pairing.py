@@ -92,6 +92,12 @@ def test_a_topic_that_never_speaks_is_waited_for_until_the_time_out_in_stamps() 
     assert [each.stamp_ns // STEP for event in events for each in synchronizer.add(*event, None)] == [1, 2, 3, 4]
 
 
+def test_without_patience_the_messages_of_one_instant_are_paired_all_the_same() -> None:
+    sets, synchronizer = play([(topic, step * STEP) for step in range(1, 4) for topic in range(5)], timeout_ns=0)
+    assert [(each.stamp_ns // STEP, None in each.messages) for each in sets] == [(1, False), (2, False), (3, False)]
+    assert synchronizer.counters["slip"].unpaired == 0
+
+
 def test_one_topic_far_in_the_future_times_out_nothing() -> None:
     synchronizer = Synchronizer(TOPICS)
     synchronizer.add(4, NEVER, "wrong clock")
@@ -138,6 +144,16 @@ def test_a_message_that_comes_after_its_successor_is_out_of_order_and_not_lost()
     synchronizer.reset()
     synchronizer.add(0, STEP, None, 3)
     assert counted.lost == 1, "another 3"
+
+
+def test_what_is_published_in_a_pause_is_not_lost() -> None:
+    synchronizer = Synchronizer(TOPICS)
+    for number in (0, 1, 3, 4):
+        synchronizer.add(0, (1 + number) * STEP, None, number)
+    synchronizer.flush()
+    for number in (100, 101, 103):
+        synchronizer.add(0, (1 + number) * STEP, None, number)
+    assert synchronizer.counters["slip"].lost == 2, "2 and 102"
 
 
 def test_memory_is_bounded_when_partners_never_come() -> None:

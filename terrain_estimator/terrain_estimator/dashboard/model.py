@@ -20,7 +20,9 @@ from terrain_estimator.ros_types import Message, stamp_ns
 STALE_S = 2.5
 """A value that is older by the steady clock is no value of a row."""
 JUMP_S = 10.0
-"""A stamp that is further away is believed when several in a row are."""
+"""A stamp that is further ahead is believed when several in a row are,"""
+BACK_S = 1.0
+"""and one that is further back: a bag that loops may be short, and topics of one instant are not so far apart."""
 LIKELY = 0.5
 """Probability from which a change of the ground is an event."""
 TIMED = ("terrain_estimate", "wheel_slip", "wheel_sinkage", "odom")
@@ -87,7 +89,7 @@ class LiveModel:
     def _advance(self, stamp_s: float, now_s: float) -> None:
         """A row stands for an instant, so it is complete when a later one begins."""
         step_s = 0.0 if math.isnan(self._stamp_s) else stamp_s - self._stamp_s
-        if abs(step_s) > JUMP_S:
+        if step_s > JUMP_S or step_s < -BACK_S:
             self._jumps += 1
             if self._jumps < RESTART_AFTER:
                 return
@@ -134,7 +136,8 @@ class LiveModel:
         elif topic == "estimator_health":
             see("health", values["level"], time_s, _EVENT_LEVELS.get(values["level"], "error"), f"health: {values['summary']}")
             resets = values["resets"]
-            see("resets", str(resets or ""), time_s, "warn", f"the posterior was reset ({resets} times since the start)")
+            text = f"the posterior was reset ({resets} times since the start)" if resets else "the estimator began anew"
+            see("resets", str(resets or ""), time_s, "warn", text)
         elif topic == "traction_advice":
             stop = values["stop"]
             text = f"planner: {values['status_text']}" if stop else "planner: the recommendation to stop is withdrawn"

@@ -77,7 +77,7 @@ class EstimatorNode(ManagedNode):
             raise StateFileError(f"{path} is a folder or a device: name a file by the parameter state.file")
         if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
             pipeline = Pipeline(model, self.config.estimator)  # of the refused one it is not known what it took
-        self._pipeline, self._health = pipeline, HealthMonitor()
+        self._pipeline, self._health = pipeline, HealthMonitor(self._health.reported_failures)
         self._keeper = StateKeeper(path, self.get_logger().error) if path else None
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would stall an update

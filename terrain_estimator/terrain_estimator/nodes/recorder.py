@@ -123,15 +123,15 @@ class RecorderNode(ManagedNode):
         yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
         if self._thread:
             yield DISK.judge(self._thread.late_s)
-        silent = [name for name in self._topics if name not in self._refused and self._is_silent(name)] if self._thread else []
+        silent = [name for name in self._topics if name not in self._refused and self._is_silent(name)] if self._looking else []
         words = [f"without a publisher: {', '.join(silent)}"] if silent else []
         words += [f"cannot record {name}: {why}" for name, why in self._refused.items()]
         yield UNRECORDED.judge(len(silent) + len(self._refused), text="; ".join(words) or "every topic that is recorded has a publisher")
 
     def _is_silent(self, name: str) -> bool:
-        """Whether nobody publishes a topic now; while the node pauses that is not known, and no fault."""
+        """Whether nobody publishes a topic now."""
         source = self._sources.get(name)
-        return not (source.gone or source.subscription.get_publisher_count() if source else self.count_publishers(name))
+        return not (self.count_publishers(name) if source is None or source.gone else source.subscription.get_publisher_count())
 
     @property
     def _bag(self) -> BagThread:

@@ -59,6 +59,7 @@ class Reporter:
                 node.get_logger().warning(wrong[name].message)
             else:
                 node.get_logger().error(wrong[name].message)
-        for name in sorted(self._said - set(wrong)):
+        judged = {finding.name for finding in findings}  # of a node that pauses its inputs are not
+        for name in sorted(self._said & judged - set(wrong)):
             node.get_logger().info(f"{name}: all is well again")
         self._said = (self._said & set(wrong)) | set(new)

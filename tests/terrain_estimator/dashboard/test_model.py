@@ -124,6 +124,20 @@ def test_memory_and_answers_do_not_grow_with_the_drive_nor_with_a_message() -> N
     assert len(json.dumps(all_of(model))) < 2 * len(json.dumps(once))
 
 
+def test_a_reset_is_an_event_and_an_estimator_that_began_anew_is_no_reset() -> None:
+    model = LiveModel("one", ShownConfig())
+    for step in range(60):
+        drive(model, range(step, step + 1))
+        message = health(make, step)
+        message.resets = 2 if 20 <= step < 40 else 0
+        model.take("estimator_health", message, 0.1 * step)
+    events = [event["text"] for event in all_of(model)["journal"]]
+    assert [text for text in events if "reset" in text or "anew" in text] == [
+        "the posterior was reset (2 times since the start)",
+        "the estimator began anew",
+    ]
+
+
 def test_the_journal_says_what_happened_in_words() -> None:
     model = LiveModel("one", ShownConfig())
     drive(model, range(15))
@@ -152,6 +166,11 @@ def test_a_clock_that_was_set_back_begins_a_new_history_and_one_wild_stamp_does_
     answer = all_of(model)
     assert len(answer["recent"]) < 30
     assert "stamps went back by 103 s" in answer["journal"][0]["text"]
+    drive(model, range(30, 50))
+    drive(model, range(25, 50))
+    answer = all_of(model)
+    assert "stamps went back by 2 s" in answer["journal"][0]["text"], "a bag of seconds that loops"
+    assert 0 < len(answer["recent"]) < 25
 
 
 def test_other_wheels_are_another_rover() -> None:
