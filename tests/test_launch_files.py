@@ -92,6 +92,15 @@ def test_a_drive_waits_for_every_node_that_reads_all_of_its_topics(given: dict[s
     assert len({"/estimator", "/recorder", "/planner"} & set(found)) == readers
 
 
+@pytest.mark.parametrize("namespace", ["", "rover1"])
+def test_a_drive_does_not_wait_for_nodes_that_leave_the_imu_out(namespace: str, tmp_path: Path) -> None:
+    """Nobody but the recorder subscribed to it, and after 30 s the simulator gave up."""
+    for name in ("estimator", "planner"):
+        (tmp_path / f"{name}.yaml").write_text(f"/**/{name}: {{ros__parameters: {{use_imu: false}}}}\n")
+    found = nodes("drive.launch.py", planner="true", config=str(tmp_path), namespace=namespace)
+    assert values(found[f"{namespace}/simulator"])["wait_for_subscribers"] == 1
+
+
 def test_the_simulated_rover_is_not_handed_on_as_that_of_the_estimates() -> None:
     found = nodes("drive.launch.py", rover="paper_rover", model="paper_rover")
     assert values(found["/simulator"])["rover"] == "paper_rover"

@@ -83,3 +83,8 @@ class SimulatorConfig:
     def owns_clock(self) -> bool:
         """Whether this run keeps simulated time."""
         return self.publish_clock or self.real_time_factor != 1.0
+
+    @property
+    def steps(self) -> int:
+        """Samples after which the simulator ends; 0: it does not end by itself."""
+        return max(round(self.duration * self.rate), 1) if self.duration > 0.0 else 0

@@ -148,7 +148,6 @@ class Simulator:
 
     def _drive(self) -> None:
         config = self._node.config
-        steps = round(config.duration * config.rate)
         first = self._node.run.step()  # the slowest step, since torch sets itself up: before there is a deadline
         self._node.begin()
         pace = Pace(1.0 / config.rate / config.real_time_factor)
@@ -157,7 +156,7 @@ class Simulator:
             for output, message in due:
                 output.publish(message)
             pace.advance()
-            if pace.done == steps:
+            if pace.done == config.steps:
                 return
             due = self._node.compose(self._node.run.step())
             if pace.remaining_s() < -LATE_S:

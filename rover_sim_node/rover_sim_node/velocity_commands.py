@@ -8,8 +8,11 @@ import torch
 from torch import Tensor
 
 from rover_sim_node.config import SimulatorConfig
+from terramechanics.loading import ConfigError
 from terramechanics.rover import Rover
 from terramechanics.schedules import Command
+
+_ROUNDING = 1e-9  # [s]
 
 
 class VelocityCommands:
@@ -18,7 +21,12 @@ class VelocityCommands:
     kind = Command.RATE
 
     def __init__(self, rover: Rover, config: SimulatorConfig) -> None:
-        """The rover starts at rest."""
+        """The rover starts at rest. Raises ConfigError where every command would be stale before the next sample."""
+        if config.cmd_vel_timeout + _ROUNDING < 1.0 / config.rate:
+            raise ConfigError(
+                f"parameter cmd_vel_timeout: {config.cmd_vel_timeout:g} s is over before the next sample, {1.0 / config.rate:g} s later: "
+                "the rover would never move; give more, or a higher rate"
+            )
         self.start_velocity = torch.zeros(1, dtype=torch.float64)
         self._rover, self._config = rover, config
         self._wanted, self._speed = 0.0, 0.0
@@ -40,7 +48,7 @@ class VelocityCommands:
 
     def command(self, time: float) -> Tensor:
         """See Schedule: the same wheel rate for every axle [1, axles] [rad/s]."""
-        wanted = self._wanted if time <= self._fresh_until + 1e-9 else 0.0
+        wanted = self._wanted if time <= self._fresh_until + _ROUNDING else 0.0
         most = self._config.cmd_vel_acceleration * (time - self._now)
         self._speed += min(max(wanted - self._speed, -most), most)
         self._now = time

@@ -5,12 +5,16 @@
 Ends when the simulator ends; where several drives are included, when all have ended.
 """
 
+from pathlib import Path
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, GroupAction, IncludeLaunchDescription, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
+
+from terramechanics.parameter_files import read_parameters
 
 SWITCH = ["true", "false"]
 SIMULATOR = {
@@ -55,7 +59,7 @@ def _simulator(context: LaunchContext) -> list[Node | RegisterEventHandler]:
         "duration": float(value["duration"]),
         "seed": int(value["seed"]),
         # The drive waits until the nodes that read all of its topics have matched, so that none misses its beginning.
-        "wait_for_subscribers": 1 + (value["record"] == "true") + (value["planner"] == "true"),
+        "wait_for_subscribers": (value["record"] == "true") + sum(_takes_imu(name, value) for name in _readers(value)),
     }
     simulator = Node(package="rover_sim_node", executable="simulator", namespace=value["namespace"], parameters=[chosen], output="screen")
     running: set[Node] = getattr(context.locals, "drives", set())
@@ -67,3 +71,13 @@ def _simulator(context: LaunchContext) -> list[Node | RegisterEventHandler]:
         return [] if running else [EmitEvent(event=Shutdown(reason="the drive has ended"))]
 
     return [simulator, RegisterEventHandler(OnProcessExit(target_action=simulator, on_exit=ended))]
+
+
+def _readers(value: dict[str, str]) -> list[str]:
+    return ["estimator", "planner"] if value["planner"] == "true" else ["estimator"]
+
+
+def _takes_imu(node: str, value: dict[str, str]) -> bool:
+    """Whether a node reads the imu, too; for one that is told not to, the drive would wait in vain."""
+    path, name = Path(value["config"], f"{node}.yaml"), f"/{value['namespace'].strip('/')}/{node}".replace("//", "/")
+    return not (value["config"] and path.is_file()) or bool(read_parameters(path, name).get("use_imu", True))

@@ -20,6 +20,11 @@ def test_dotted_names_reach_the_nested_values() -> None:
     assert config.owns_clock
 
 
+def test_a_drive_of_any_duration_ends() -> None:
+    steps = [configure(SimulatorConfig, {"duration": duration}).steps for duration in (0.0, 0.04, 0.1, 60.0)]
+    assert steps == [0, 1, 1, 600], "0 does not end; what is shorter than a sample did not either"
+
+
 def test_every_number_of_a_soil_can_be_replaced() -> None:
     numbers = {item.name for item in dataclasses.fields(Soil)} - {"name"}
     assert {item.name for item in dataclasses.fields(SoilOverrides)} == numbers

@@ -8,6 +8,7 @@ import pytest
 
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.velocity_commands import VelocityCommands
+from terramechanics.loading import ConfigError
 from terramechanics.rover import load_rover
 
 ROVER = load_rover("mars_rover")
@@ -41,6 +42,14 @@ def test_a_repeated_command_keeps_it_going() -> None:
         followed.request((0.1, 0.0, 0.0), NOTHING)
         speeds(followed, step, step)
     assert speeds(followed, 30, 30) == pytest.approx([0.1])
+
+
+def test_commands_that_would_be_stale_before_the_next_sample_are_refused_at_the_start() -> None:
+    with pytest.raises(ConfigError, match=r"cmd_vel_timeout: 0\.5 s is over before the next sample, 1 s later"):
+        VelocityCommands(ROVER, SimulatorConfig(rate=1.0))
+    followed = VelocityCommands(ROVER, SimulatorConfig(rate=1.0, cmd_vel_timeout=1.0))
+    followed.request((0.1, 0.0, 0.0), NOTHING)
+    assert float(followed.command(1.0)[0, 0]) > 0.0
 
 
 def test_without_a_command_the_rover_stands() -> None:
