@@ -20,6 +20,7 @@ import torch
 from terrain_estimator.cli.accuracy_lines import lines
 from terrain_estimator.cli.accuracy_records import read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
+from terrain_estimator.cli.arguments import COUNT, SEED
 from terrain_estimator.cli.records import Piece, compute, digest, write_results
 from terrain_estimator.learning.accuracy import LONG_TIMES_S
 from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, is_main, settings, study
@@ -91,16 +92,16 @@ def _gathered(batches: list[tuple[Setting, Piece[Part]]], args: argparse.Namespa
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="accuracy", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument(
-        "--episodes", type=int, default=1000, help="drives of 40 s over hills a cell; 200 where other things change, 80 of 400 s at most"
+        "--episodes", type=COUNT, default=1000, help="drives of 40 s over hills a cell; 200 where other things change, 80 of 400 s at most"
     )
-    parser.add_argument("--seed", type=int, default=5_000_000, help="of all that is drawn; not the one of any training")
+    parser.add_argument("--seed", type=SEED, default=5_000_000, help="of all that is drawn; not the one of any training")
     parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers")
     parser.add_argument("--soil", nargs="+", choices=SOILS, default=SOILS, help="soils")
     parser.add_argument("--schedule", nargs="+", choices=SCHEDULES, default=SCHEDULES, help="schedules")
     parser.add_argument(
         "--constants", nargs="+", choices=_CONSTANTS, default=_CONSTANTS, help="soil constants known exactly, or 5 %% wrong"
     )
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
+    parser.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
     parser.add_argument("--minutes", type=float, default=0.0, help="after which no batch is begun; 0: until all is done")
     parser.add_argument("--records", type=Path, default=Path("out/accuracy"), help="folder of what is kept of every batch")
     parser.add_argument("--out", type=Path, default=Path("out/accuracy.json"), help="file of all figures")

@@ -18,6 +18,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from terrain_estimator.cli.arguments import SEED
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.discovery import Blocks, Nominal, Run, RunError, Study, cut, nominal_of, testable
 from terrain_estimator.discovery.calibration import Sample, sample, thresholds
@@ -92,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="calibrate_discovery", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nulls", type=int, default=40, help="cases in which nothing is missing (default: %(default)s)")
     parser.add_argument("--cases", type=int, default=6, help="cases of each effect (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=7_000_000, help="of all that is drawn (default: %(default)s)")
+    parser.add_argument("--seed", type=SEED, default=7_000_000, help="of all that is drawn (default: %(default)s)")
     parser.add_argument("--samples", type=Path, default=Path("out/calibration.jsonl"), help="file of the cases (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/thresholds.json"), help="file of the thresholds (default: %(default)s)")
     return parser

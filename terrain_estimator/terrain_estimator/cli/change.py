@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from terrain_estimator.cli.arguments import COUNT, SEED
 from terrain_estimator.cli.change_table import Run, page
 from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record, write_results
 from terrain_estimator.config import CoreConfig
@@ -81,10 +82,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--drives", type=int, default=100, help="drives of each change")
     parser.add_argument("--hours", type=float, default=20.0, help="simulated hours on constant ground, for each rover; 0: none")
-    parser.add_argument("--seed", type=int, default=6_000_000, help="of all that is drawn; not the one of any choice")
+    parser.add_argument("--seed", type=SEED, default=6_000_000, help="of all that is drawn; not the one of any choice")
     parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers, each with its model of several soils")
     parser.add_argument("--drift", type=float, default=CoreConfig().drift, help="the estimator's parameter drift [1/sqrt(s)]")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
+    parser.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
     parser.add_argument("--minutes", type=float, default=0.0, help="after which no part is begun; 0: until all is done")
     parser.add_argument("--records", type=Path, default=Path("out/change"), help="folder of what is kept of every part")
     parser.add_argument("--out", type=Path, default=Path("out/change.json"), help="file of all figures")

@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 
+from terrain_estimator.cli.arguments import COUNT, SEED
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.learning.accuracy import PARAMETERS, ParameterScore, Score
 from terrain_estimator.learning.adding import restored
@@ -31,8 +32,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--model", default="", help="name or file of the model; default: the one that the estimator takes")
     parser.add_argument("--soil", default="", help="name of the soil that is driven on; default: the first that the model knows")
     parser.add_argument("--plant", nargs="+", choices=PLANTS, default=list(PLANTS), help="plants to drive")
-    parser.add_argument("--episodes", type=int, default=200, help="drives of 40 s a plant")
-    parser.add_argument("--seed", type=int, default=7_000_000, help="of all that is drawn; not the one of any training")
+    parser.add_argument("--episodes", type=COUNT, default=200, help="drives of 40 s a plant")
+    parser.add_argument("--seed", type=SEED, default=7_000_000, help="of all that is drawn; not the one of any training")
     parser.add_argument(
         "--trust", nargs="+", type=_probability, default=[], help="prior probabilities that the net has a say; default: the model's"
     )

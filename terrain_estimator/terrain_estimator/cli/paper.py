@@ -12,6 +12,7 @@ from pathlib import Path
 
 import torch
 
+from terrain_estimator.cli.arguments import COUNT, SEED
 from terrain_estimator.cli.paper_figures import draw_all
 from terrain_estimator.cli.paper_tables import tables
 from terrain_estimator.cli.progress import ProgressReport
@@ -43,9 +44,9 @@ def main(argv: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="paper", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/paper"), help="folder of tables and pictures")
-    parser.add_argument("--seed", type=int, default=0, help="of everything that is drawn")
-    parser.add_argument("--trainings", type=int, default=Size().trainings, help="of every model, from different seeds")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--seed", type=SEED, default=0, help="of everything that is drawn")
+    parser.add_argument("--trainings", type=COUNT, default=Size().trainings, help="of every model, from different seeds")
+    parser.add_argument("--jobs", type=COUNT, default=2, help="processes")
     parser.add_argument("--quick", action="store_true", help="run through everything in seconds; the numbers mean nothing")
     return parser
 

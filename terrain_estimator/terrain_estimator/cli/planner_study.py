@@ -11,6 +11,7 @@ from pathlib import Path
 
 import torch
 
+from terrain_estimator.cli.arguments import COUNT, SEED
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.config import AdviceConfig
 from terrain_estimator.learning.accuracy import Share
@@ -41,8 +42,8 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="planner_study", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--model", default="", help="name or file of the model; default: the one that the estimator takes")
     parser.add_argument("--soil", default="loose_sand", help="soil of the firm ground and of the patches; c and phi differ")
-    parser.add_argument("--drives", type=int, default=60, help="random drives for each seed")
-    parser.add_argument("--seed", type=int, nargs="+", default=[9_000_000, 9_000_001], help="of all that is drawn; not those of any choice")
+    parser.add_argument("--drives", type=COUNT, default=60, help="random drives for each seed")
+    parser.add_argument("--seed", type=SEED, nargs="+", default=[9_000_000, 9_000_001], help="of all that is drawn; of no choice")
     parser.add_argument("--stop-probability", type=float, default=AdviceConfig().stop_probability, help="the planner's parameter")
     parser.add_argument("--out", type=Path, default=Path("out/planner_study.json"), help="file of all drives")
     args = parser.parse_args(argv)

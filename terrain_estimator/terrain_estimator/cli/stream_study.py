@@ -16,6 +16,7 @@ from pathlib import Path
 
 import torch
 
+from terrain_estimator.cli.arguments import COUNT, SEED
 from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record, write_results
 from terrain_estimator.cli.stream_table import Cell, page, score
 from terrain_estimator.learning.streaming import Streamed, joined, stream
@@ -61,12 +62,12 @@ def main(argv: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="stream_study", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument(
-        "--batches", type=int, default=10, help=f"of {BATCH} drives of 40 s each, for each rover, soil and kind of constants"
+        "--batches", type=COUNT, default=10, help=f"of {BATCH} drives of 40 s each, for each rover, soil and kind of constants"
     )
-    parser.add_argument("--seed", type=int, default=12_000_000, help="of all that is drawn; not the one of any training or choice")
+    parser.add_argument("--seed", type=SEED, default=12_000_000, help="of all that is drawn; not the one of any training or choice")
     parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers, each with the model that ships")
     parser.add_argument("--soil", nargs="+", choices=SOILS, default=SOILS, help="soils")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
+    parser.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
     parser.add_argument("--minutes", type=float, default=0.0, help="after which no batch is begun; 0: until all is done")
     parser.add_argument("--records", type=Path, default=Path("out/stream_study"), help="folder of what is kept of every batch")
     parser.add_argument("--out", type=Path, default=Path("out/stream_study.json"), help="file of all figures")

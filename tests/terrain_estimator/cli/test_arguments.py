@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers on the command lines of the long measurements: none that ends them in the middle, or in a page without figures."""
+
+from collections.abc import Callable
+
+import pytest
+
+from terrain_estimator.cli import accuracy, change, net_study, paper, planner_study, stream_study
+
+
+@pytest.mark.parametrize(
+    ("main", "wrong"),
+    [
+        (accuracy.main, ("--jobs", "0")),
+        (accuracy.main, ("--episodes", "0")),
+        (stream_study.main, ("--jobs", "-1")),
+        (stream_study.main, ("--batches", "0")),
+        (change.main, ("--jobs", "0")),
+        (paper.main, ("--jobs", "0")),
+        (paper.main, ("--trainings", "0")),
+        (planner_study.main, ("--drives", "0")),
+        (planner_study.main, ("--seed", "-1")),
+        (net_study.main, ("--episodes", "0")),
+    ],
+)
+def test_a_number_that_gives_no_figures_is_refused_by_its_option(
+    capsys: pytest.CaptureFixture[str], main: Callable[[list[str]], int], wrong: tuple[str, str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(list(wrong))
+    assert ended.value.code == 2
+    assert f"argument {wrong[0]}: {wrong[1]}: give " in capsys.readouterr().err
