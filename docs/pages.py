@@ -49,8 +49,8 @@ it is installed in `share/terrain_estimator/config`.
 
 An unknown or misspelt name is an error that says which is the nearest known one, at every level of a file; so are a value of another type
 or out of its range, and a file that has no section for the node (in a namespace the section is `/rover1/estimator`, or `/**`). An int is
-taken where a float is meant. `replay` takes the estimator's by `-p NAME:=VALUE` and from the same files. The sha256 of the values in force
-is in every estimate, in the health, and in the metadata of recordings and replays.
+taken where a float is meant. `replay` and `find_missing_effect` take the estimator's by `-p NAME:=VALUE` and from the same files. The
+sha256 of the values in force is in every estimate, in the health, and in the metadata of recordings and replays.
 
 Beside those below there are ROS's own, by their exact names: `use_sim_time`, `start_type_description_service`, and of some nodes
 `qos_overrides` ([messages.md](messages.md#topics-and-their-quality-of-service)).

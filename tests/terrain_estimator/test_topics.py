@@ -33,3 +33,8 @@ def test_a_missing_topic_is_named_with_what_looks_like_it() -> None:
         check_inputs("bag", {"/r/wheel_slip": None}, bag_topics([], ""))
     with pytest.raises(TopicError, match="/camera"):
         check_inputs("bag", {"/camera": None}, bag_topics([], ""))
+
+
+def test_one_topic_is_not_read_as_two() -> None:
+    with pytest.raises(TopicError, match="/vo would be both wheel_slip and odom: remap each to a topic of its own"):
+        bag_topics(["wheel_slip:=/vo", "odom:=/vo"], "/rover1")

@@ -2,23 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads the runs of a discovery from bags, by the estimator's own pairing and conversion; here, or each on a worker that keeps it."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import cast
 
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.cli.cluster import Cluster, Held, Item, Result, cluster
-from terrain_estimator.cli.topics import TopicError, bag_topics, check_inputs
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.cli.reading import Reading
+from terrain_estimator.cli.topics import TopicError, check_inputs
 from terrain_estimator.conversion import Converter
 from terrain_estimator.discovery import Blocks, Contributions, Nominal, Run, RunError, cut, here
 from terrain_estimator.discovery.held_out import long_enough
-from terrain_estimator.discovery.runs import run_of
+from terrain_estimator.discovery.runs import Refusals, run_of
 from terrain_estimator.observation import Observation
-from terrain_estimator.pairing import Synchronizer, Topic
+from terrain_estimator.pairing import MessageSet, Synchronizer, Topic
 from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.rover import Rover
 
@@ -49,9 +50,9 @@ class Workplace:
         """A function of every item, in order."""
         return (self._cluster or map)(function, items)
 
-    def read(self, bags: Sequence[Path], nominal: Nominal, say: Progress, *, held_out: bool = False) -> Runs:
+    def read(self, bags: Sequence[Path], nominal: Nominal, reading: Reading, say: Progress, *, held_out: bool = False) -> Runs:
         """The runs of these bags in their order; for ``held_out`` ones those that can be halved."""
-        read = partial(read_blocks, nominal, held_out=held_out)
+        read = partial(read_blocks, nominal, reading=reading, held_out=held_out)
         files = [bag.absolute() for bag in bags]  # a worker may have another working directory
         if self._cluster is None:
             blocks, _, left_out = _sorted_out(map(read, files), bags, say)
@@ -87,45 +88,57 @@ def _sorted_out(found: Iterable[Blocks | str], bags: Sequence[Path], say: Progre
     return blocks, numbers, left_out
 
 
-def read_blocks(nominal: Nominal, bag: Path, *, held_out: bool = False) -> Blocks | str:
-    """The blocks of a run, or why it cannot be used."""
+def read_blocks(nominal: Nominal, bag: Path, *, reading: Reading | None = None, held_out: bool = False) -> Blocks | str:
+    """The blocks of a run, or why it cannot be used; by the estimator's own topics and parameters where there is no ``reading``."""
     try:
-        blocks = cut(read_run(bag, nominal.rover, EstimatorConfig(), bag_topics([], "")), nominal.contact)
+        blocks = cut(read_run(bag, nominal.rover, reading or Reading()), nominal.contact)
         return long_enough(blocks) if held_out else blocks
     except (BagError, TopicError, RunError, OSError) as error:
         return str(error)
 
 
-def read_run(bag: Path, rover: Rover, config: EstimatorConfig, names: Mapping[str, str]) -> Run:
-    """The run that ``bag`` holds; ``names`` are the topics' names in it, by the estimator's names.
+def read_run(bag: Path, rover: Rover, reading: Reading) -> Run:
+    """The run that ``bag`` holds.
 
     Raises:
         BagError: it cannot be read.
         TopicError: a required topic is missing.
-        RunError: no observation can be used.
+        RunError: no observation can be used, and why.
     """
+    names = reading.names
     with BagReader(bag) as reader:
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
-        return run_of(bag.name, _observations(reader, rover, config, names), rover, config.core)
+        refusals = Refusals()
+        return run_of(bag.name, _observations(reader, rover, reading, refusals), rover, reading.config.core, refusals)
 
 
-def _observations(reader: BagReader, rover: Rover, config: EstimatorConfig, names: Mapping[str, str]) -> Iterator[Observation]:
+def _observations(reader: BagReader, rover: Rover, reading: Reading, refusals: Refusals) -> Iterator[Observation]:
+    """Raises RunError where no messages are of one instant."""
+    used = reading.config.core
+    converter = Converter(rover, reading.config.conversion, used)
+    none = True
+    for complete in _paired(reader, reading, converter):
+        none = False
+        converted = converter.convert(complete.stamp_ns, complete.messages)
+        if converted.observation is None:
+            refusals.add(converted.outcome, converted.detail)
+        else:
+            yield converted.observation if used.use_moments else replace(converted.observation, bogie_angle=math.nan)
+    if none:
+        raise RunError(
+            f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance, "
+            f"{reading.config.pairing.tolerance_s:g} s: give the one that the estimator has (-p or --params-file)"
+        )
+
+
+def _paired(reader: BagReader, reading: Reading, converter: Converter) -> Iterator[MessageSet]:
     topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
-    paired = Synchronizer(topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9))
-    converter = Converter(rover, config.conversion, config.core)
-    index = {names[name]: number for number, name in enumerate(INPUT_TYPES)}
-    sets = (
-        complete
-        for raw in reader.messages(index)
-        for message in [reader.decode(raw)]
-        for complete in paired.add(index[raw.topic], stamp_ns(message), message, getattr(message, "sequence", None))
-    )
-    for complete in sets:
-        observation = converter.convert(complete.stamp_ns, complete.messages).observation
-        if observation is not None:
-            yield observation
-    for complete in paired.flush():
-        observation = converter.convert(complete.stamp_ns, complete.messages).observation
-        if observation is not None:
-            yield observation
+    pairing = reading.config.pairing
+    synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
+    index = {reading.names[name]: (number, name) for number, name in enumerate(INPUT_TYPES)}
+    for raw in reader.messages(index):
+        (number, name), message = index[raw.topic], reader.decode(raw)
+        if converter.concerns(name, message):  # else a mast or an arm would take the partners of the wheels
+            yield from synchronizer.add(number, stamp_ns(message), message, getattr(message, "sequence", None))
+    yield from synchronizer.flush()

@@ -19,12 +19,15 @@ from typing import Any
 import torch
 
 from terrain_estimator.cli import single_wheel
+from terrain_estimator.cli.arguments import SEED, WORKERS, effects, make_folder, refuse_twice
 from terrain_estimator.cli.cluster import ClusterError
 from terrain_estimator.cli.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.cli.finding_file import asked, provenance, write_finding
-from terrain_estimator.cli.finding_model import write_model
+from terrain_estimator.cli.finding_model import check_model, write_model
 from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.reading import Reading, add_options, reading_of
 from terrain_estimator.cli.thresholds import read_thresholds
+from terrain_estimator.cli.topics import TopicError
 from terrain_estimator.discovery import (
     Diagnosis,
     Finding,
@@ -42,6 +45,7 @@ from terrain_estimator.discovery import (
 from terrain_estimator.discovery.gap import Gap
 from terrain_estimator.discovery.library import Hypothesis
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.model_file import ModelFileError
 from terramechanics.effects import describe
 from terramechanics.loading import ConfigError
 from terramechanics.rover import load_rover
@@ -49,6 +53,7 @@ from terramechanics.soil import load_soil
 
 WRONG = 2
 FEWEST = 2
+ROVER = "mars_rover"
 
 
 class InputError(ValueError):
@@ -58,20 +63,26 @@ class InputError(ValueError):
 def main(arguments: list[str] | None = None) -> int:
     """Investigate the runs that the command line names; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    if "--wheel-table" in arguments:
+    if any(each.partition("=")[0] == "--wheel-table" for each in arguments):
         return single_wheel.main(arguments)
     options = _parser().parse_args(arguments)
     torch.set_num_threads(1)
     try:
-        nominal = nominal_of(load_rover(options.rover), load_soil(options.soil))
-        hypotheses = singles(tuple(name for name in options.library.split(",") if name))
+        reading = reading_of(options)
+        nominal = nominal_of(load_rover(options.rover or reading.config.rover or ROVER), load_soil(options.soil))
+        hypotheses = singles(options.library)
         runs, held_out = _divided(options)
+        base = options.model or reading.config.model
+        if base:
+            check_model(base, nominal.rover)
         with (
             workplace(len(runs), options.scheduler, options.workers) as place,
             torch.inference_mode(),
             ProgressReport("find_missing_effect") as report,
         ):
-            usable, unseen = _read(place, runs, nominal, report), _read(place, held_out, nominal, report, held_out=True).blocks
+            usable = _read(place, runs, nominal, reading, report)
+            unseen = _read(place, held_out, nominal, reading, report, held_out=True).blocks
+            make_folder("--out", options.out)
             study = Study(nominal, usable.blocks, contributions=usable.contributions)
             finding = investigate(study, hypotheses, read_thresholds(), report.at)
             diagnosis = diagnose(study, hypotheses, finding, report.at)
@@ -79,12 +90,12 @@ def main(arguments: list[str] | None = None) -> int:
             proof = _proof(finding, nominal, unseen, options.seed, place)
             finding = settled(finding, proof)
         told = {
-            "asked": asked(options.rover, options.soil, options.seed),
+            "asked": asked(nominal.rover.name, options.soil, options.seed, reading),
             "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
         }
         written = write_finding(options.out, summary(finding, diagnosis, usable.blocks, unseen, proof) | told)
-        model = write_model(finding, nominal.rover, options.model, options.out / "model.pt")
-    except (ConfigError, ClusterError, InputError, OSError) as error:
+        model = write_model(finding, nominal.rover, base, options.out / "model.pt")
+    except (ConfigError, ClusterError, InputError, ModelFileError, TopicError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
     unproven = " (unproven: no run was held out)" if isinstance(model, Path) and proof is None else ""
@@ -103,25 +114,30 @@ def _parser() -> argparse.ArgumentParser:
         metavar="RUN",
         help="bags for the proof alone (default: one in four of three or more runs, at least one)",
     )
-    parser.add_argument("--rover", default="mars_rover", help="name of a rover or path of a rover file (default: %(default)s)")
+    parser.add_argument("--rover", default="", help=f"name of a rover or path of a rover file (default: the parameter rover, else {ROVER})")
     parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
-    parser.add_argument("--library", default="", metavar="NAME,...", help="effects to consider (default: all that a planar rover shows)")
-    parser.add_argument("--model", default="", help="name or file of the model that lacks the effect (default: that of the rover's name)")
+    parser.add_argument(
+        "--library", type=effects, default=(), metavar="NAME,...", help="effects to consider (default: all that a planar rover shows)"
+    )
+    parser.add_argument(
+        "--model", default="", help="name or file of the model that lacks the effect (default: parameter model, else the rover's name)"
+    )
+    add_options(parser)
     parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
     parser.add_argument(
         "--scheduler", default="", help="address of a dask.distributed scheduler that takes the work; default: this machine"
     )
     parser.add_argument(
-        "--workers", type=int, default=0, help=f"processes of this machine that take it; 0: this one, above {FEW} runs one for each CPU"
+        "--workers", type=WORKERS, default=0, help=f"processes of this machine that take it; 0: this one, above {FEW} runs one for each CPU"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the choice of held-out runs (default: %(default)s)")
+    parser.add_argument("--seed", type=SEED, default=0, help="of the choice of held-out runs (default: %(default)s)")
     return parser
 
 
 def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     """Runs to look into and runs for the proof."""
     runs = list(options.runs)
-    _refuse_twice([*runs, *options.hold_out])
+    refuse_twice([*runs, *options.hold_out], "every run counts once, to be searched or by --hold-out for the proof")
     if len(runs) < FEWEST:
         raise InputError(f"{len(runs)} run given, at least {FEWEST} are needed: an effect has to show in more than one drive")
     if options.hold_out:
@@ -132,18 +148,11 @@ def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     return [run for k, run in enumerate(runs) if k not in held_out], [run for k, run in enumerate(runs) if k in held_out]
 
 
-def _refuse_twice(bags: Sequence[Path]) -> None:
-    """A run that is searched proves nothing, and one that is given twice counts twice. Raises InputError."""
-    seen: set[Path] = set()
-    for bag in bags:
-        if bag.resolve() in seen:
-            raise InputError(f"{bag} is given twice: every run counts once, to be searched or by --hold-out for the proof")
-        seen.add(bag.resolve())
-
-
-def _read(place: Workplace, bags: Sequence[Path], nominal: Nominal, report: ProgressReport, *, held_out: bool = False) -> Runs:
+def _read(
+    place: Workplace, bags: Sequence[Path], nominal: Nominal, reading: Reading, report: ProgressReport, *, held_out: bool = False
+) -> Runs:
     """All runs; one that cannot be used, or is too short to be held out, is reported and left out."""
-    found = place.read(bags, nominal, lambda share, note: report.at(_READING * share, note), held_out=held_out)
+    found = place.read(bags, nominal, reading, lambda share, note: report.at(_READING * share, note), held_out=held_out)
     for reason in found.left_out:
         sys.stderr.write(f"find_missing_effect: {reason}\n")
     if len(found.blocks) < FEWEST and not held_out:

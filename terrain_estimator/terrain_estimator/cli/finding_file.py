@@ -12,7 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from terrain_estimator.cli.origin import bag_sha256, versions
+from terrain_estimator.cli.reading import Reading
 from terrain_estimator.pages.finding import finding_page
+from terrain_estimator.ros_types import INPUT_TYPES
+from terramechanics.parameters import effective
 from terramechanics.rover import Rover
 from terramechanics.soil import Soil
 
@@ -40,9 +43,13 @@ def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
     return [folder / name for name in texts]
 
 
-def asked(rover: str, soil: str, seed: int) -> dict[str, Any]:
+def asked(rover: str, soil: str, seed: int, reading: Reading) -> dict[str, Any]:
     """What the command line said beside the runs; nothing that the answer does not depend on."""
-    return {"rover": rover, "soil": soil, "seed": seed}
+    usual = Reading()
+    topics = {name: reading.names[name] for name in INPUT_TYPES if reading.names[name] != usual.names[name]}
+    before = effective(usual.config)
+    parameters = {name: value for name, value in effective(reading.config).items() if value != before[name]}
+    return {"rover": rover, "soil": soil, "seed": seed, "topics": topics, "parameters": parameters}
 
 
 def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]:

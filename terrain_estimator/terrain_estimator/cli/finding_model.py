@@ -6,13 +6,21 @@ import math
 from pathlib import Path
 
 from terrain_estimator.discovery import Finding, Verdict
-from terrain_estimator.learning.adding import Sized, add_effects
+from terrain_estimator.learning.adding import Sized, add_effects, restored
 from terrain_estimator.model_file import ModelFileError, load_model
 from terramechanics.loading import ConfigError
 from terramechanics.rover import Rover
 
 ELSEWHERE = 0.3
 """[1] Relative deviation of a size from one day to the next, beside what the fit leaves open: no effect keeps to its named law."""
+
+
+def check_model(model: str, rover: Rover) -> None:
+    """That a model which is named can be extended, before anything is searched. Raises ModelFileError."""
+    known = load_model(model)
+    if known.rover != rover:
+        raise ModelFileError(f"model {model} was made for another rover than {rover.name}: give its rover by --rover, or another --model")
+    restored(known)
 
 
 def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path | str:

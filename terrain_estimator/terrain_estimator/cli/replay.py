@@ -9,22 +9,21 @@ bag; 3 a bag gave no estimate.
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from terrain_estimator.bags import BagError, bag_name
+from terrain_estimator.cli.reading import add_options, node_config
 from terrain_estimator.cli.replaying import Replay, Start, compare_with_live, replay
 from terrain_estimator.cli.summary import print_table, summary, write_summary
 from terrain_estimator.cli.topics import TopicError, absolute, bag_topics
-from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
+from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
 from terrain_estimator.pipeline import rover_of
 from terrain_estimator.saved_state import StateFileError
 from terrain_estimator.summary import Beliefs
 from terramechanics.loading import ConfigError
-from terramechanics.parameter_files import parse_assignment, read_parameters
-from terramechanics.parameters import configure, template
+from terramechanics.parameters import template
 
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
 
@@ -37,10 +36,10 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("no bag is named: give the folder of a recording")
     torch.set_num_threads(1)  # the live node has one, and a sum's order is part of its result
     try:
-        node_config = configure(EstimatorNodeConfig, _parameters(options))
-        config = node_config.estimator
+        parameters = node_config(options, **({"model": options.model} if options.model else {}))
+        config = parameters.estimator
         if options.dump_config:
-            print(template(absolute("estimator", options.namespace), node_config))
+            print(template(absolute("estimator", options.namespace), parameters))
             return 0
         model = load_model(config.model)
         names = bag_topics(options.remap, options.namespace)
@@ -59,26 +58,13 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, default=Path("out/replay"), help="folder for estimates bags and summary.json (default: %(default)s)"
     )
     parser.add_argument("--model", default="", help="name of an installed model or path of a model file (default: mars_rover)")
-    parser.add_argument("--params-file", type=Path, action="append", default=[], help="parameters as the node takes them; later files win")
-    parser.add_argument("-p", "--param", action="append", default=[], metavar="NAME:=VALUE", help="one parameter; wins over the files")
+    add_options(parser)
     parser.add_argument("--dump-config", action="store_true", help="print the parameters in force as a parameter file, and end")
-    parser.add_argument("--namespace", default="", help="namespace of the topics in the bag, such as /rover1")
-    parser.add_argument(
-        "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic, such as wheel_slip:=/slip"
-    )
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page about the runs: one file, for a browser")
     parser.add_argument("--state", type=Path, metavar="FILE", help="start from this saved state, as a node did that went on from it")
     parser.add_argument("--compare", action="store_true", help="compare with the estimates that the bag has from the live node")
     parser.add_argument("--overwrite", action="store_true", help="replace estimates bags of an earlier replay")
     return parser
-
-
-def _parameters(options: argparse.Namespace) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for path in options.params_file:
-        values |= read_parameters(path, absolute("estimator", options.namespace))
-    values |= dict(parse_assignment(text) for text in options.param)
-    return values | ({"model": options.model} if options.model else {})
 
 
 def _replay_all(

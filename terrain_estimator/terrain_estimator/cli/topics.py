@@ -40,9 +40,18 @@ def parse_remap(rule: str) -> tuple[str, str]:
 
 
 def bag_topics(remap: Iterable[str], namespace: str) -> dict[str, str]:
-    """Names in the bag of all topics that the estimator knows."""
+    """Names in the bag of all topics that the estimator knows.
+
+    Raises:
+        TopicError: a rule is none, or two topics would have one name.
+    """
     rules = dict(parse_remap(rule) for rule in remap)
-    return {name: absolute(rules.get(name, name), namespace) for name in KNOWN}
+    names = {name: absolute(rules.get(name, name), namespace) for name in KNOWN}
+    read_as = {topic: name for name, topic in names.items()}
+    for name, topic in names.items():
+        if read_as[topic] != name:
+            raise TopicError(f"{topic} would be both {name} and {read_as[topic]}: remap each to a topic of its own")
+    return names
 
 
 def check_inputs(bag: str, present: Mapping[str, object], names: Mapping[str, str]) -> None:

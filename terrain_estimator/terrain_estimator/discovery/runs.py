@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded runs, cut into blocks of one second whose observations are linked."""
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.outcome import Outcome
 from terrain_estimator.packing import ground_torque, link, pack
 from terrain_estimator.palpaca import BLOCK
 from terrain_estimator.rows import Contact, usable_wheels
@@ -33,11 +35,30 @@ class Run:
     time: Tensor  # [T] [s] since the start
 
 
-def run_of(name: str, observations: Iterable[Observation], rover: Rover, config: CoreConfig) -> Run:
-    """The run that these observations make, screened as the estimator does.
+class Refusals:
+    """How many observations were refused, and why the first of each kind was."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._counts: Counter[Outcome] = Counter()
+        self._first: dict[Outcome, str] = {}
+
+    def add(self, outcome: Outcome, detail: str) -> None:
+        """One more."""
+        self._counts[outcome] += 1
+        self._first.setdefault(outcome, detail)
+
+    def __str__(self) -> str:
+        """In words, the most frequent first."""
+        said = (f"{count} {outcome.name} ({self._first[outcome]}): {outcome.advice}" for outcome, count in self._counts.most_common())
+        return "; ".join(said) or "there is none"
+
+
+def run_of(name: str, observations: Iterable[Observation], rover: Rover, config: CoreConfig, refusals: Refusals) -> Run:
+    """The run that these observations make, screened as the estimator does; those that it refuses are added to ``refusals``.
 
     Raises:
-        RunError: none of them can be used.
+        RunError: none of them can be used, and why.
     """
     last: Observation | None = None
     packed: list[Tensor] = []
@@ -46,6 +67,7 @@ def run_of(name: str, observations: Iterable[Observation], rover: Rover, config:
     for observation in observations:
         screening = screen(observation, last.stamp_ns if last else None, rover.wheel_radius, config)
         if not screening.outcome.used:
+            refusals.add(screening.outcome, screening.detail)
             continue
         used = screening.observation
         passed_s, linked = link(used.stamp_ns, last, TIME_STEP)
@@ -54,7 +76,7 @@ def run_of(name: str, observations: Iterable[Observation], rover: Rover, config:
         stamps.append(used.stamp_ns)
         last = used
     if not packed:
-        raise RunError(f"{name}: no observation can be used")
+        raise RunError(f"{name}: no observation can be used: {refusals}")
     seconds = torch.tensor([(stamp - stamps[0]) * 1e-9 for stamp in stamps], dtype=torch.float64)
     return Run(name, torch.stack(packed), torch.from_numpy(np.stack(rates)), seconds)
 

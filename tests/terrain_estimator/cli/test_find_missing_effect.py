@@ -3,10 +3,12 @@
 """The command on sealed bags of short drives. How often its verdicts are right is tested elsewhere."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
+from terrain_estimator.cli import find_missing_effect
 from terrain_estimator.cli.find_missing_effect import main
 from terrain_estimator.cli.finding_model import write_model
 from terrain_estimator.model_file import load_model
@@ -42,7 +44,7 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags:
     assert len(finding["runs"]) == 3
     assert len(finding["held_out"]) == 1
     assert not set(finding["runs"]) & set(finding["held_out"])
-    assert finding["asked"] == {"rover": "mars_rover", "soil": "loose_sand", "seed": 0}
+    assert finding["asked"] == {"rover": "mars_rover", "soil": "loose_sand", "seed": 0, "topics": {}, "parameters": {}}
     assert {name for name, _ in finding["provenance"]["runs_sha256"]} == {*finding["runs"], *finding["held_out"]}
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<h1>The model lacks drive_drag</h1>" in report
@@ -55,11 +57,28 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags:
         (["--library", "gravity_waves"], "unknown effect 'gravity_waves'"),
         (["--library", "lateral_bulldozing"], "not testable here"),
         (["--soil", "cheese"], "cheese"),
+        (["--model", "nowhere.pt"], "nowhere.pt"),
+        (["--model", "paper_rover"], "model paper_rover was made for another rover than mars_rover: give its rover by --rover"),
+        (["-p", "model:=paper_rover"], "model paper_rover was made for another rover than mars_rover"),
+        (["-p", "pairing_tolerence:=0.1"], "unknown parameter pairing_tolerence: did you mean pairing_tolerance?"),
+        (["--remap", "odom:=/wheel_slip"], "/wheel_slip would be both"),
+        (["--out", __file__], f"--out {__file__}: no file can be written there"),
     ],
 )
-def test_a_wrong_argument_is_refused_by_name(bags: list[str], capsys: pytest.CaptureFixture[str], extra: list[str], said: str) -> None:
+def test_a_wrong_argument_is_refused_by_name(
+    bags: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, extra: list[str], said: str
+) -> None:
+    monkeypatch.setattr(find_missing_effect, "investigate", None)  # takes minutes: what is wrong is said before
     assert main([*bags[:2], *extra]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("extra", [["--seed", "-1"], ["--seed", str(2**64)], ["--workers", "-2"], ["--workers", "many"]])
+def test_numbers_that_no_generator_and_no_cluster_take_are_refused_by_name(capsys: pytest.CaptureFixture[str], extra: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["first", "second", *extra])
+    assert ended.value.code == 2
+    assert re.search(f"argument {extra[0]}: '?{extra[1]}'?", capsys.readouterr().err)
 
 
 def test_one_run_and_unreadable_runs_are_refused(bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
