@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from terrain_estimator.cli.arguments import SEED, effects, make_folder, refuse_twice
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.thresholds import read_thresholds
 from terrain_estimator.cli.wheel_table import SIDEWAYS_DEG, SLIP_DEFINITIONS, SLIP_SPEEDS, WheelTableError, read_table
@@ -32,6 +33,8 @@ from terramechanics.loading import ConfigError, load, number
 from terramechanics.rover import load_rover
 from terramechanics.soil import load_soil
 
+LARGEST = 2.0
+"""[m] No wheel of a testbed is larger: the number is in another unit."""
 FEWEST = 3
 """Cells without which nothing can be said."""
 NOT_IDENTIFIED = "c and tan phi are not identified: these tables have no drive torque; they were left free and are not given"
@@ -44,8 +47,8 @@ class Wheel:
     """A wheel on a testbed."""
 
     name: str
-    radius: float = number("radius of the rim", "m", 0.0, exclusive=True)
-    width: float = number("width", "m", 0.0, exclusive=True)
+    radius: float = number("radius of the rim", "m", 0.0, LARGEST, exclusive=True)
+    width: float = number("width", "m", 0.0, LARGEST, exclusive=True)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -58,19 +61,21 @@ def main(arguments: list[str] | None = None) -> int:
         rover = wheel_alone(load_rover("mars_rover"), wheel.radius, wheel.width)
         bed = Rig(rover, load_soil(options.soil), options.constants_sd, (options.sinkage_sd, options.pull_sd, options.lateral_sd))
         asked, known = _names(options.library), _names(options.given)
+        tables = [*options.wheel_table, *options.reference]
+        refuse_twice(tables, "every measurement counts once, and the effect acts in its table or does not")
         given = Hypothesis(tuple(each.parts[0] for each in of_one_wheel(known)))
-        rows, left_out = _read(bed, [*options.wheel_table, *options.reference], options)
+        rows, left_out = _read(bed, tables, options)
         names = _testable(asked, known, rows)
-        reference = frozenset(path.stem for path in options.reference)
+        reference = frozenset(map(str, options.reference))
         by_trial = options.hold_out_by == "trial"
-        _check_trials(rows, reference, by_trial=by_trial)
+        _check_rows(rows, reference, by_trial=by_trial)
+        make_folder("--out", options.out)
         with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
             outcome = investigate_wheel(
                 bed, rows, reference, given, names, read_thresholds(), report.at, by_trial=by_trial, seed=options.seed
             )
         asked_for = {"wheel": wheel.name, "soil": bed.soil.name, "reference": [path.name for path in options.reference]}
         content = summary(outcome, bed, rows, reference, given, options) | {"left_out": left_out, "asked": asked_for}
-        options.out.mkdir(parents=True, exist_ok=True)
         text = json.dumps(content, indent=1, allow_nan=False) + "\n"
         (options.out / "finding.json").write_text(text, encoding="utf-8")
         (options.out / "report.html").write_text(wheel_page(content), encoding="utf-8")
@@ -87,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--reference", nargs="+", type=Path, default=[], metavar="FILE.csv", help="tables of the same soil in which it does not act"
     )
-    parser.add_argument("--given", default="", metavar="NAME,...", help="effects that are known to act in all tables")
+    parser.add_argument("--given", type=effects, default=(), metavar="NAME,...", help="effects that are known to act in all tables")
     parser.add_argument("--wheel", type=Path, required=True, help="file of the wheel: name, radius and width [m]")
     parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
     parser.add_argument("--constants-sd", type=float, default=0.2, help="relative deviation of each soil constant (default: %(default)s)")
@@ -118,9 +123,11 @@ def _parser() -> argparse.ArgumentParser:
         default="cell",
         help="what is held out in turn: one setting with all its replicates, or one trial of all settings (default: %(default)s)",
     )
-    parser.add_argument("--library", default="", metavar="NAME,...", help="effects to consider (default: all that one wheel shows)")
+    parser.add_argument(
+        "--library", type=effects, default=(), metavar="NAME,...", help="effects to consider (default: all others that one wheel shows)"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the bootstrap (default: %(default)s)")
+    parser.add_argument("--seed", type=SEED, default=0, help="of the bootstrap (default: %(default)s)")
     return parser
 
 
@@ -129,20 +136,23 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("constants_sd", "sinkage_sd", "pull_sd", "lateral_sd"):
         if not 0.0 < getattr(options, name) < math.inf:
             raise ConfigError(f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation is above zero")
+    if options.constants_sd >= 1.0:
+        raise ConfigError(f"--constants-sd {options.constants_sd:g}: it is relative to each constant, give less than 1: 0.2 for 20 %")
     if not 0.0 <= options.largest_slip_angle <= SIDEWAYS_DEG:
         raise ConfigError(
             f"--largest-slip-angle {options.largest_slip_angle:g}: give 0 to {SIDEWAYS_DEG:g} deg; beyond, a wheel does not roll"
         )
 
 
-def _check_trials(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) -> None:
+def _check_rows(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) -> None:
+    if all(row.table in reference for row in rows):
+        raise WheelTableError("no row of --wheel-table can be used: the tables of --reference alone do not say what it lacks")
     if by_trial and not reference and len({row.trial for row in rows}) < 2:
         raise WheelTableError("--hold-out-by trial: there is one trial, so nothing would be left to fit; hold out by cell")
 
 
-def _names(text: str) -> tuple[str, ...]:
-    """Names of effects that one wheel shows. Raises ConfigError for others."""
-    names = tuple(name for name in text.split(",") if name)
+def _names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The same. Raises ConfigError where one wheel does not show one of them."""
     for name in names:
         describe(name)
         if name not in shown_by_one_wheel():
@@ -152,12 +162,13 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _testable(asked: Sequence[str], known: Sequence[str], rows: Sequence[Row]) -> tuple[str, ...]:
-    """The effects to look for. Raises ConfigError where one that was named needs a slip angle and there is none."""
-    if any(row.slip_angle for row in rows):
-        return tuple(asked) or shown_by_one_wheel()
-    if SIDEWAYS in (*asked, *known):
+    """The effects to look for. Raises ConfigError where one is given too, or needs a slip angle and there is none."""
+    turned = any(row.slip_angle for row in rows)
+    if SIDEWAYS in (*asked, *known) and not turned:
         raise ConfigError(f"effect {SIDEWAYS} is not testable: no row has a slip angle and a lateral force")
-    return tuple(asked) or tuple(name for name in shown_by_one_wheel() if name != SIDEWAYS)
+    if both := [name for name in asked if name in known]:
+        raise ConfigError(f"effect {both[0]} stands in --library and in --given: what acts in all tables is not looked for")
+    return tuple(asked) or tuple(name for name in shown_by_one_wheel() if name not in known and (turned or name != SIDEWAYS))
 
 
 def _read(bed: Rig, tables: Sequence[Path], options: argparse.Namespace) -> tuple[list[Row], list[str]]:

@@ -4,11 +4,12 @@
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from terrain_estimator.discovery.single_wheel import Row
+from terrain_estimator.discovery.single_wheel.fit import DATUM_SD
 
 UNITS: Mapping[str, Mapping[str, float]] = {
     "slip": {"": 1.0},
@@ -22,6 +23,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Columns, their units and the factors to [1], N, rad/s, m, N, degrees and N."""
 OPTIONAL = ("slip_angle", "lateral_force")
 """Columns that may be absent: then the wheel moves straight ahead."""
+TRIAL = "trial"
+"""Column that tells repetitions apart."""
 STRAIGHT_DEG = 1.0
 """[deg] Slip angle up to which the wheel rolls straight ahead."""
 SIDEWAYS_DEG = 89.0
@@ -48,31 +51,57 @@ def read_table(
     """The rows of a table, and why some are left out.
 
     Raises:
-        WheelTableError: it is no CSV in UTF-8, a column is missing or its unit unknown, a cell is no finite number, or the
-            lateral force pushes the wheel the way it moves.
+        WheelTableError: it is no CSV in UTF-8, a column is missing or there twice or its unit unknown, a cell is no finite
+            number, a row has more cells than there are columns, or a sign is another than here.
         OSError: it cannot be read.
     """
     table = _lines(path)
-    columns = _columns(path, table[0] if table else [])
+    header = table[0] if table else []
+    columns = _columns(path, header)
     rows, left_out = [], []
     for number, cells in enumerate(table[1:], start=2):
-        values = {key: _value(path, number, cells, index, column) for key, (index, column) in columns.items() if key != "trial"}
-        trial = _text(cells, columns["trial"][0]) if "trial" in columns else "1"
-        angle = values.get("slip_angle", 0.0)
+        if not "".join(cells).strip():
+            continue
+        if "".join(cells[len(header) :]).strip():
+            raise WheelTableError(f"{path}:{number}: {len(cells)} cells in {len(header)} columns: write numbers with a point, not a comma")
+        values = {key: _value(path, number, cells, index, column) for key, (index, column) in columns.items() if key != TRIAL}
+        trial = _text(cells, columns[TRIAL][0]) if TRIAL in columns else "1"
+        _check_signs(f"{path}:{number}: column", values, columns)
         slip = rim_slip(values["slip"], slip_definition)
-        if abs(angle) > STRAIGHT_DEG and "lateral_force" not in columns:
-            left_out.append(f"{path}:{number}: slip angle {angle:g} deg: there is no column lateral_force_N")
-        elif abs(angle) > max(largest_angle, STRAIGHT_DEG):
-            left_out.append(f"{path}:{number}: slip angle {angle:g} deg: above {largest_angle:g} deg")
-        elif slip is None:
-            left_out.append(f"{path}:{number}: slip {values['slip']:g}: the wheel does not turn")
-        else:
+        if reason := _left_out(values, slip, largest_angle):
+            left_out.append(f"{path}:{number}: {reason}")
+        elif slip is not None:
             rows.append(_row(path, trial, slip, values, slip_speed))
+    _check_directions(path, rows)
+    return rows, left_out
+
+
+def _left_out(values: Mapping[str, float], slip: float | None, largest_angle: float) -> str:
+    """Why a row is not used; empty where it is."""
+    angle = values.get("slip_angle", 0.0)
+    if abs(angle) > STRAIGHT_DEG and "lateral_force" not in values:
+        return f"slip angle {angle:g} deg: there is no column lateral_force_N"
+    if abs(angle) > max(largest_angle, STRAIGHT_DEG):
+        return f"slip angle {angle:g} deg: above {largest_angle:g} deg"
+    return f"slip {values['slip']:g}: the wheel does not turn" if slip is None or values["wheel_rate"] == 0.0 else ""
+
+
+def _check_signs(where: str, values: Mapping[str, float], columns: Mapping[str, tuple[int, _Column]]) -> None:
+    load, rate = values["normal_load"], values["wheel_rate"]
+    if load <= 0.0:
+        raise WheelTableError(f"{where} {columns['normal_load'][1].name}: {load:g} N: a load is above zero; delete the row")
+    if rate < 0.0:
+        raise WheelTableError(f"{where} {columns['wheel_rate'][1].name}: {rate:g} rad/s: positive is rolling forward; turn the sign")
+
+
+def _check_directions(path: Path, rows: Sequence[Row]) -> None:
+    """What single rows do not show: noise and datum may turn a small number's sign."""
     if math.fsum(math.copysign(row.lateral_force, row.lateral_force * row.slip_angle) for row in rows if row.slip_angle) < 0.0:
         raise WheelTableError(
             f"{path}: lateral force and slip angle have opposite signs, as if the ground pushed the wheel its way; turn one of them"
         )
-    return rows, left_out
+    if rows and (mean := math.fsum(row.sinkage for row in rows) / len(rows)) < -DATUM_SD:
+        raise WheelTableError(f"{path}: the mean sinkage is {mean:g} m: a wheel that sinks has a positive one; turn the sign")
 
 
 def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_speed: str) -> Row:
@@ -80,9 +109,9 @@ def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_
     state = (values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"])
     angle = math.radians(values.get("slip_angle", 0.0))
     if abs(angle) <= math.radians(STRAIGHT_DEG):
-        return Row(path.stem, trial, slip, *state)
+        return Row(str(path), trial, slip, *state)
     along = 1.0 - (1.0 - slip) * math.cos(angle) if slip_speed == "carriage" else slip
-    return Row(path.stem, trial, along, *state, angle, values["lateral_force"])
+    return Row(str(path), trial, along, *state, angle, values["lateral_force"])
 
 
 def rim_slip(slip: float, definition: str) -> float | None:
@@ -95,20 +124,37 @@ def rim_slip(slip: float, definition: str) -> float | None:
 def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, _Column]]:
     found: dict[str, tuple[int, _Column]] = {}
     for index, name in enumerate(field.strip() for field in header):
-        if name == "trial":
-            found[name] = index, _Column(name, 1.0)
-        for key, units in UNITS.items():
-            unit = name.removeprefix(key).removeprefix("_")
-            if name == key or (name.startswith(f"{key}_") and not unit.startswith(("std", "angle"))):
-                if unit not in units:
-                    known = ", ".join(f"{key}_{each}" if each else key for each in units)
-                    raise WheelTableError(f"{path}:1: column {name!r}: unknown unit {unit!r}; known are {known}")
-                found[key] = index, _Column(name, units[unit])
+        if (read := _column(path, name)) is None:
+            continue
+        key, column = read
+        if key in found:
+            raise WheelTableError(f"{path}:1: columns {found[key][1].name!r} and {name!r} both say {key}: delete one of them")
+        found[key] = index, column
     for key, units in UNITS.items():
         if key not in found and key not in OPTIONAL:
             wanted = " or ".join(f"{key}_{each}" if each else key for each in units)
-            raise WheelTableError(f"{path}:1: no column {wanted}; there are {', '.join(header) or 'none'}")
+            raise WheelTableError(f"{path}:1: no column {wanted}; there are {', '.join(header) or 'none'}{_otherwise_separated(header)}")
     return found
+
+
+def _column(path: Path, name: str) -> tuple[str, _Column] | None:
+    """What a column says and in which unit; None where it is not read."""
+    if name == TRIAL:
+        return TRIAL, _Column(name, 1.0)
+    for key, units in UNITS.items():
+        unit = name.removeprefix(key).removeprefix("_")
+        if name == key or (name.startswith(f"{key}_") and not unit.startswith(("std", "angle"))):
+            if unit not in units:
+                known = ", ".join(f"{key}_{each}" if each else key for each in units)
+                raise WheelTableError(f"{path}:1: column {name!r}: unknown unit {unit!r}; known are {known}")
+            return key, _Column(name, units[unit])
+    return None
+
+
+def _otherwise_separated(header: list[str]) -> str:
+    """What to do about a file whose only column has the others in it, as where decimals are written with a comma."""
+    between = next((each for each in (";", "\t") if len(header) == 1 and each in header[0]), "")
+    return f"; they are separated by {between!r}: save it with commas between columns and points in numbers" if between else ""
 
 
 def _lines(path: Path) -> list[list[str]]:

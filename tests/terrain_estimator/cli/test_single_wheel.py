@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import torch
 
+from terrain_estimator.cli import single_wheel
 from terrain_estimator.cli.find_missing_effect import main
 from terrain_estimator.cli.wheel_table import WheelTableError, read_table, rim_slip
 from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of
@@ -168,6 +169,12 @@ def test_rows_with_a_slip_angle_are_read_with_the_slip_along_the_wheel_and_those
         (HEADER.replace("sinkage_mm", "sinkage_furlong") + "\n", "bad.csv:1: column 'sinkage_furlong': unknown unit"),
         (HEADER.replace("drawbar_pull_N,", "") + "\n", "bad.csv:1: no column drawbar_pull_N"),
         (f"{HEADER}\n0.1,40,1.0,12,3,1\n", "1 settings can be used"),
+        (f"{HEADER},sinkage_m\n0.1,40,1.0,12,3,1,0.01\n", "bad.csv:1: columns 'sinkage_mm' and 'sinkage_m' both say sinkage"),
+        (f"{HEADER}\n0,1,40,1,0,12,3,1\n", "bad.csv:2: 8 cells in 6 columns: write numbers with a point, not a comma"),
+        (f"{HEADER}\n0.1,0,1.0,12,3,1\n", "bad.csv:2: column normal_load_N: 0 N: a load is above zero"),
+        (f"{HEADER}\n0.1,40,-1.0,12,3,1\n", "bad.csv:2: column wheel_rate_rad_s: -1 rad/s: positive is rolling forward"),
+        (f"{HEADER}\n0.1,40,1.0,-12,3,1\n", "bad.csv: the mean sinkage is -0.012 m: a wheel that sinks has a positive one"),
+        (HEADER.replace(",", ";") + "\n0,1;40;1,0;12;3;1\n", "they are separated by ';': save it with commas between columns"),
     ],
 )
 def test_a_table_that_cannot_be_read_is_refused_with_its_line_and_field(
@@ -202,6 +209,7 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(tmp_path: Path, capsy
         (("--hold-out-by", "trial"), "there is one trial"),
         (("--sinkage-sd", "0"), "--sinkage-sd 0: a standard deviation is above zero"),
         (("--constants-sd", "-1"), "--constants-sd -1"),
+        (("--constants-sd", "20"), "--constants-sd 20: it is relative to each constant"),
         (("--pull-sd", "nan"), "--pull-sd nan"),
         (("--lateral-sd", "-1"), "--lateral-sd -1"),
         (("--largest-slip-angle", "90"), "--largest-slip-angle 90: give 0 to 89 deg"),
@@ -218,6 +226,56 @@ def test_arguments_that_leave_nothing_to_fit_are_refused(
     wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
     assert main(["--wheel-table", str(path), "--wheel", str(wheel), *arguments]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_lines_without_entries_are_passed_over_and_a_wheel_that_stands_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(f"{HEADER}\r\n0.1,40,1.0,12,3,1\r\n\r\n0.3,40,0,12,3,1\r\n,,,,,\r\n", encoding="utf-8-sig")
+    rows, left_out = read_table(path, "rim")
+    assert [row.slip for row in rows] == [0.1]
+    assert left_out == [f"{path}:4: slip 0.3: the wheel does not turn"]
+
+
+class AskedError(WheelTableError):
+    """Ends the command where the search would begin."""
+
+
+def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wheel = tmp_path / "wheel.yaml"
+    wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
+    tables = [tmp_path / folder / "day 1.csv" for folder in ("smooth", "grous\u00e9red")]
+    for table_path in tables:
+        table_path.parent.mkdir()
+        lines = (f"{slip},40,1.0,{5 + 20 * slip},{10 * slip},1\n" for slip in (0.0, 0.1, 0.2, 0.4))
+        table_path.write_text(f"{HEADER}\n" + "".join(lines), encoding="utf-8")
+    seen: list[Any] = []
+
+    def search(*asked: Any, **_: Any) -> None:
+        seen.extend(asked)
+        raise AskedError
+
+    monkeypatch.setattr(single_wheel, "investigate_wheel", search)
+    smooth, grousered = map(str, tables)
+    place = ["--wheel", str(wheel), "--out", str(tmp_path / "out")]
+    assert main([f"--wheel-table={grousered}", "--reference", smooth, "--given", "slip_sinkage, bulldozing", *place]) == 2
+    _, rows, reference, given, names, *_ = seen
+    assert cells_of(rows, reference).acts.tolist() == [True] * 4 + [False] * 4
+    assert given.names == ("slip_sinkage", "bulldozing")
+    assert set(names) == {"grousers", "rate_dependence", "exit_angle"}
+    capsys.readouterr()
+    for arguments, said in (
+        (["--reference", grousered], f"{grousered} is given twice"),
+        (["--given", "grousers", "--library", "grousers"], "grousers stands in --library and in --given"),
+        (["--out", str(wheel)], f"--out {wheel}: no file can be written there"),
+    ):
+        assert main(["--wheel-table", grousered, *place, *arguments]) == 2
+        assert said in capsys.readouterr().err
+    assert len(seen) == 7
+    wheel.write_text("name: testbed\nradius: 100\nwidth: 80\n", encoding="utf-8")
+    assert main(["--wheel-table", grousered, *place]) == 2
+    assert "wheel.yaml: radius: 100 is outside its range: a finite number above 0 and at most 2 [m]" in capsys.readouterr().err
 
 
 def test_slip_of_a_braked_wheel_is_converted() -> None:
