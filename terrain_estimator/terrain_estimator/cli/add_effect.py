@@ -12,6 +12,7 @@ import re
 import sys
 from pathlib import Path
 
+from terrain_estimator.cli.arguments import make_folder
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model_file import DEFAULT_MODEL, ModelFileError, load_model
 from terramechanics.loading import ConfigError
@@ -46,7 +47,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=model_path, default=Path("model.pt"), help="file to write, a .pt (default: %(default)s)")
     options = parser.parse_args(arguments)
     try:
-        metadata = add_effects(load_model(options.model), [sized(text) for text in options.effect], options.out)
+        effects = [sized(text) for text in options.effect]
+        make_folder("--out", options.out.parent)
+        metadata = add_effects(load_model(options.model), effects, options.out)
     except (ConfigError, ModelFileError, OSError) as error:
         sys.stderr.write(f"add_effect: {error}\n")
         return WRONG

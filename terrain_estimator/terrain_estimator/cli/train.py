@@ -7,9 +7,11 @@ import dataclasses
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import torch
 
+from terrain_estimator.cli.arguments import COUNT, SEED, WORKERS, make_folder, real, whole
 from terrain_estimator.cli.cluster import cluster
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.training_curves import draw_curves
@@ -44,20 +46,35 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: trained and checked; 2: an argument, rover or soil file is wrong, or the export differs."""
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
-    if args.tasks < Recipe().batch or args.iterations < 1:
-        sys.stderr.write(f"train: --tasks {args.tasks} --iterations {args.iterations}: give at least {Recipe().batch} and 1\n")
-        return 2
     if not 0.0 <= args.constants_sd < _LARGEST_CONSTANTS_SD:
         sys.stderr.write(f"train: --constants-sd {args.constants_sd:g}: give 0 to {_LARGEST_CONSTANTS_SD:g}, exclusive\n")
         return 2
     try:
         device = choose_device(args.device)
-        for rover_name in args.rover:
-            _train_one(load_rover(rover_name), [load_soil(soil_name) for soil_name in args.soil], args, device)
+        rovers, soils = [load_rover(name) for name in args.rover], [load_soil(name) for name in args.soil]
+        names = file_names(rovers, soils)
+        make_folder("--out", args.out)
+        make_folder("--curves", args.curves)
+        for rover, name in zip(rovers, names, strict=True):
+            _train_one(rover, soils, name, args, device)
     except (ConfigError, ModelFileError, OSError, ValueError) as error:
         sys.stderr.write(f"train: {error}\n")
         return 2
     return 0
+
+
+def file_names(rovers: Sequence[Rover], soils: Sequence[Soil]) -> list[str]:
+    """Of the models' files, without an ending. Raises ConfigError where two would be one, or a name is none of a file."""
+    called = [soil.name for soil in soils]
+    if twice := next((name for name in called if called.count(name) > 1), ""):
+        raise ConfigError(f"two soils are called {twice}: a model knows its soils by their names, change one in its file")
+    names = [rover.name if len(soils) > 1 else f"{rover.name}-{called[0]}" for rover in rovers]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"two rovers are called {name}, as their models would be: change the name in one rover file")
+        if Path(name).name != name:
+            raise ConfigError(f"{name} is to be the name of the model's file: take names of rover and soil without slashes")
+    return names
 
 
 def choose_device(name: str) -> torch.device:
@@ -75,33 +92,36 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--soil", nargs="+", default=list(SOILS), help="names or YAML files of the soils that the model knows")
     parser.add_argument("--out", type=Path, default=MODELS, help="folder of the model files")
     parser.add_argument("--curves", type=Path, default=Path("out/train"), help="folder of the pictures of the training")
-    parser.add_argument("--seed", type=int, default=recipe.seed, help="of everything that is drawn")
-    parser.add_argument("--tasks", type=int, default=400, help="simulated drives, shared out over the soils")
+    parser.add_argument("--seed", type=SEED, default=recipe.seed, help="of everything that is drawn")
+    parser.add_argument("--tasks", type=whole(recipe.batch), default=400, help="simulated drives, shared out over the soils")
     parser.add_argument("--strength", choices=_STRENGTHS, default="benchmark", help="where c and phi of the drives come from")
     parser.add_argument(
-        "--hidden-effects", type=float, default=HIDDEN, help="share of the drives in which each effect acts that the physics lacks"
+        "--hidden-effects", type=real(0.0, 1.0), default=HIDDEN, help="share of the drives in which each effect acts that the physics lacks"
     )
     parser.add_argument(
         "--scheduler", default="", help="address of a dask.distributed scheduler that draws the drives; default: this machine"
     )
     parser.add_argument(
-        "--workers", type=int, default=0, help="processes of this machine that draw them; 0: one, for many drives one for each CPU"
+        "--workers", type=WORKERS, default=0, help="processes of this machine that draw them; 0: one, for many drives one for each CPU"
     )
     parser.add_argument(
         "--device", choices=("auto", "cpu", "cuda"), default="auto", help="where the net is trained; auto: on a GPU where there is one"
     )
-    parser.add_argument("--iterations", type=int, default=recipe.iterations, help="training iterations of 20 drives")
-    parser.add_argument("--columns", type=int, default=recipe.columns, help="learnt features")
-    parser.add_argument("--hidden", type=int, default=recipe.hidden, help="width of the two hidden layers")
+    parser.add_argument("--iterations", type=COUNT, default=recipe.iterations, help="training iterations of 20 drives")
+    parser.add_argument("--columns", type=COUNT, default=recipe.columns, help="learnt features")
+    parser.add_argument("--hidden", type=COUNT, default=recipe.hidden, help="width of the two hidden layers")
     parser.add_argument(
         "--constants-sd", type=float, default=PRIOR.constants_sd, help="relative deviation of each soil constant; 0 takes them for exact"
     )
     penalties = [penalty.name.lower() for penalty in Orthogonality]
     parser.add_argument("--orthogonality", choices=penalties, default=recipe.orthogonality.name.lower(), help="kind of the penalty")
     parser.add_argument(
-        "--caution", type=float, default=recipe.caution, help="what the learnt deviations of the net's weights are divided by"
+        "--caution",
+        type=real(0.0, exclusive=True),
+        default=recipe.caution,
+        help="what the learnt deviations of the net's weights are divided by",
     )
-    parser.add_argument("--orthogonality-strength", type=float, default=recipe.strength, help="its weight")
+    parser.add_argument("--orthogonality-strength", type=real(0.0), default=recipe.strength, help="its weight")
     return parser
 
 
@@ -125,9 +145,8 @@ def options_of(args: argparse.Namespace, device: torch.device) -> tuple[str, ...
     return tuple(f"--{name.replace('_', '-')}={value}" for name, value in sorted(effective.items()) if name not in _ELSEWHERE)
 
 
-def _train_one(rover: Rover, soils: list[Soil], args: argparse.Namespace, device: torch.device) -> None:
+def _train_one(rover: Rover, soils: list[Soil], name: str, args: argparse.Namespace, device: torch.device) -> None:
     recipe = recipe_of(args)
-    name = rover.name if len(soils) > 1 else f"{rover.name}-{soils[0].name}"
     orders = [
         Order(rover, soil, drives, args.seed, strength=_STRENGTHS[args.strength], share=args.hidden_effects, constants_sd=args.constants_sd)
         for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
@@ -141,10 +160,14 @@ def _train_one(rover: Rover, soils: list[Soil], args: argparse.Namespace, device
             report.at((progress.iteration + 1) / recipe.iterations, f"loss {progress.loss:.3f}")
     tail = [progress.loss for progress in history[-_SMOOTHED:]]
     training = Training(recipe.seed, recipe.iterations, sum(tail) / len(tail), torch.__version__, options_of(args, device))
-    path = args.out / f"{name}.pt"
-    metadata = export(model, rover, soils, training, path)
     fresh = draw_tasks(rover, soils[0], "S1", _CHECKED_OBSERVATIONS / 10, 1, torch.Generator().manual_seed(recipe.seed + 1))
-    check_export(model, path, fresh.measured[0])
+    path = args.out / f"{name}.pt"
+    with TemporaryDirectory(prefix=f".{name}-", dir=args.out) as unchecked:  # a model that fails replaces none that does not
+        made = Path(unchecked, path.name)
+        metadata = export(model, rover, soils, training, made)
+        check_export(model, made, fresh.measured[0])
+        for file in (made.with_suffix(".json"), made):
+            file.replace(args.out / file.name)
     curves = args.curves / f"{name}.png"
     draw_curves(history, curves, name)
     sys.stdout.write(f"{path}: {metadata.size} bytes, loss {training.loss:.3f} nat a row, curves in {curves}\n")

@@ -30,3 +30,8 @@ def test_signs_and_powers_of_ten_are_read() -> None:
 def test_a_wrong_effect_is_refused_with_what_to_do(effect: str, said: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["--effect", effect, "--out", str(tmp_path / "model.pt")]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_folder_that_is_none_is_refused_by_the_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--effect", "payload", "--out", f"{__file__}/model.pt"]) == 2
+    assert f"--out {__file__}: no file can be written there (File exists): give another folder" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``train`` to its end at its smallest size: the same file to the byte, from this process or from a cluster by its address."""
 
+import dataclasses
 import json
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,10 @@ from distributed import LocalCluster
 from terrain_estimator.cli import train
 from terrain_estimator.learning.generation import Order
 from terrain_estimator.learning.restore import restore
-from terrain_estimator.model_file import load_model
+from terrain_estimator.model_file import ModelFileError, load_model
+from terramechanics.loading import ConfigError
+from terramechanics.rover import load_rover
+from terramechanics.soil import load_soil
 
 SMALL = ["--rover", "mars_rover", "--soil", "loose_sand", "--tasks", "20", "--iterations", "3", "--columns", "2", "--hidden", "4"]
 
@@ -47,9 +51,61 @@ def test_two_trainings_give_one_file_that_says_how_it_came_about(
         "velocity",
     )
     assert restore(loaded).uncertain.shape[1] == 0
+    monkeypatch.setattr(train, "check_export", refuse)
+    kept = {path.name: path.read_bytes() for path in (tmp_path / "alone").iterdir()}
+    assert call(tmp_path / "alone", "--seed", "5") == 2
+    assert "differs from the trained model" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in (tmp_path / "alone").iterdir()} == kept
+
+
+def refuse(*_: object) -> None:
+    raise ModelFileError("differs from the trained model")
 
 
 def test_an_impossible_deviation_of_the_constants_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert train.main([*SMALL, "--constants-sd", "nan", "--out", str(tmp_path)]) == 2
     assert "--constants-sd nan: give 0 to 0.2" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("--seed", "-1"),
+        ("--tasks", "19"),
+        ("--iterations", "0"),
+        ("--columns", "0"),
+        ("--hidden", "0"),
+        ("--workers", "-1"),
+        ("--hidden-effects", "2"),
+        ("--caution", "0"),
+        ("--caution", "nan"),
+        ("--orthogonality-strength", "nan"),
+    ],
+)
+def test_a_number_that_cannot_be_trained_with_is_refused_by_its_option(capsys: pytest.CaptureFixture[str], wrong: tuple[str, str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        train.main([*SMALL, *wrong])
+    assert ended.value.code == 2
+    assert f"argument {wrong[0]}: {wrong[1]}: give " in capsys.readouterr().err
+
+
+def test_names_that_would_be_one_file_and_a_folder_that_is_none_are_refused_before_any_drive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(train, "draw", None)
+    rover, soil = load_rover("mars_rover"), load_soil("loose_sand")
+    for rovers, soils, said in (
+        ([rover, dataclasses.replace(rover, mass=190.0)], [soil], "two rovers are called mars_rover-loose_sand"),
+        ([rover], [soil, soil], "two soils are called loose_sand"),
+        ([dataclasses.replace(rover, name="../mine")], [soil], "without slashes"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            train.file_names(rovers, soils)
+    occupied = tmp_path / "occupied"
+    occupied.touch()
+    for option in ("--out", "--curves"):
+        assert call(tmp_path / "models", option, str(occupied)) == 2
+        assert f"{option} {occupied}: no file can be written there" in capsys.readouterr().err
+    assert train.main([*SMALL, "--rover", "mars_rover", "no_rover", "--out", str(tmp_path / "models")]) == 2
+    assert "no_rover: neither one of the rovers" in capsys.readouterr().err
