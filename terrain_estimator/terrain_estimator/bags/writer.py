@@ -203,7 +203,7 @@ class BagWriter:
             part.abandon()
 
     def discard(self) -> None:
-        """Take back a bag in which nothing was written; never raises."""
+        """Take back the bag with all that was written; never raises."""
         self.abandon()
         shutil.rmtree(self.folder, ignore_errors=True)
 

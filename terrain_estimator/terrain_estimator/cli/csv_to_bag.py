@@ -30,6 +30,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (ConfigError, CsvError, BagError) as error:
         print(f"csv_to_bag: {error}", file=sys.stderr)
         return WRONG
+    except OSError as error:
+        print(f"csv_to_bag: {options.out}: the bag cannot be written: {error.strerror}", file=sys.stderr)
+        return WRONG
     print(f"{options.out}: {rows} rows of {options.data}")
     for hint in hints:
         print(f"note: {hint}")
@@ -41,14 +44,20 @@ def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple
 
     Raises:
         CsvError: the file is wrong; no bag is left behind then.
-        BagError: the bag exists already or cannot be written.
+        BagError: the bag exists already or cannot be begun.
+        OSError: the disk is full; no bag is left behind then, either.
     """
     deque(read_samples(data, mapping), maxlen=0)  # all rows are checked before the bag is begun
     with BagWriter(out) as writer:
-        with data.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        writer.add_metadata("csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text})
-        rows = SampleWriter(writer, mapping).write_all(read_samples(data, mapping))
+        try:
+            with data.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            writer.add_metadata("csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text})
+            rows = SampleWriter(writer, mapping).write_all(read_samples(data, mapping))
+            writer.close()  # a full disk may say so only here
+        except BaseException:
+            writer.discard()  # half a run would be taken for the whole, and be in the way of the next try
+            raise
     return rows, _hints(mapping)
 
 
@@ -64,7 +73,7 @@ def _hints(mapping: Mapping) -> list[str]:
     if mapping.measures("torque") and mapping.torque.noise != Noise():
         relative, absolute = mapping.torque.noise.relative, mapping.torque.noise.absolute * factor("torque", mapping.torque.unit)
         options = f"-p torque_noise.relative:={relative:g} -p torque_noise.absolute:={absolute:g}"
-        hints.append(f"joint_states carries no noise; give the torque's to replay: {options}")
+        hints.append(f"joint_states carries no noise; give the torque's to replay and find_missing_effect: {options}")
     return hints
 
 

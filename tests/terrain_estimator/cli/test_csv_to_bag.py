@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """CSV files become bags of input messages, or a clear error."""
 
+import errno
 import math
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_estimator.bags import BagReader
+from terrain_estimator.bags import BagReader, BagWriter
+from terrain_estimator.bags.part import Topic
 from terrain_estimator.cli.csv_import.samples import Measured, slip_from_max_normalised
 from terrain_estimator.cli.csv_to_bag import main
 from terrain_estimator.conversion import nose_up_pitch
@@ -158,6 +161,8 @@ def test_the_example_of_the_documentation_converts(tmp_path: Path, capsys: pytes
         ({"slip_definition": "wong"}, "slip_definition: 'wong' is unknown: give one of one_minus_v_over_rw, max_normalised"),
         ({"wheels": [{"name": "front", "slip": "s1"}, {"name": "front"}]}, "wheels: a name is given twice"),
         ({"delimiter": ";;"}, "delimiter: ';;' is not one character"),
+        ({"velocity": {"column": "p", "unit": "mm/s", "noise": {"absolute": 2.0}}}, "column 'p' is named for velocity and for pitch"),
+        ({"time": {"column": "w1"}}, "column 'w1' is named for time and for wheel_rate"),
     ],
 )
 def test_a_wrong_mapping_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], words: str) -> None:
@@ -224,3 +229,24 @@ def test_the_deviation_of_slip_follows_its_derivative(slip: float) -> None:
 
 def test_a_locked_wheel_has_no_slip() -> None:
     assert math.isnan(slip_from_max_normalised(Measured(-1.0, 0.01)).value)
+
+
+@pytest.mark.parametrize("ended_by", [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), KeyboardInterrupt()])
+def test_a_bag_that_is_not_written_to_its_end_is_taken_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ended_by: BaseException
+) -> None:
+    write = BagWriter.write
+
+    def fail(self: BagWriter, topic: Topic, *rest: Any) -> None:
+        if topic.count.count:
+            raise ended_by
+        write(self, topic, *rest)
+
+    monkeypatch.setattr(BagWriter, "write", fail)
+    if isinstance(ended_by, OSError):
+        assert run(tmp_path, mapping()) == 2
+        assert f"{tmp_path / 'bag'}: the bag cannot be written: No space left on device" in capsys.readouterr().err
+    else:
+        with pytest.raises(KeyboardInterrupt):
+            run(tmp_path, mapping())
+    assert not (tmp_path / "bag").exists()

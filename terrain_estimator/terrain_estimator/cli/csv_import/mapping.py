@@ -3,6 +3,7 @@
 """The mapping: which column of a CSV file is which signal, in which unit, with which noise."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,7 +173,21 @@ class Mapping:
 
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping file. Raises ConfigError, which names file, key and value."""
-    return load(Mapping, path)
+    mapping = load(Mapping, path)
+    known: dict[str, tuple[str, str]] = {}
+    for column, signal, quantity in _named(mapping):  # wheels may share one, as where a sensor is on an axle
+        first, of_first = known.setdefault(column, (signal, quantity))
+        if of_first != quantity:
+            raise ConfigError(f"{path}: column {column!r} is named for {first} and for {signal}: it can be one of them")
+    return mapping
+
+
+def _named(mapping: Mapping) -> Iterator[tuple[str, str, str]]:
+    """Every column that is named, for which signal, and that one's quantity."""
+    yield mapping.time.column, "time", "time"
+    of_body = ((getattr(mapping, signal).column, signal, quantity) for signal, quantity in BODY_SIGNALS.items())
+    of_wheels = ((column, signal, quantity) for signal, quantity in WHEEL_SIGNALS.items() for column in mapping.columns(signal))
+    yield from (each for each in itertools.chain(of_body, of_wheels) if each[0])
 
 
 def _check_signal(name: str, quantity: str, signal: WheelSignal | BodySignal) -> None:
