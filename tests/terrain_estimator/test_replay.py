@@ -325,3 +325,13 @@ def test_many_observations_that_contradict_the_estimate_raise_the_question_of_th
     assert "--model" not in capsys.readouterr().out
     print_table(twelve)
     assert "drive: 12% are GATED: is the model (--model) that of this rover and soil?" in capsys.readouterr().out
+
+
+def test_the_table_names_a_bag_as_its_folder_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "hügel [alt]"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    print_table([Replay(Path(), Path("out"), outcomes=Counter({Outcome.GATED: 1}))])
+    assert re.findall(r"hügel \[alt\].*", capsys.readouterr().out)[1].startswith("hügel [alt]: 1 x GATED")

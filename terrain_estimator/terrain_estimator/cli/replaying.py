@@ -14,7 +14,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from terrain_estimator.bags import BagError, BagReader, BagWriter, Message, RawMessage, Types, compare, is_sequenced, sequence_of
+from terrain_estimator.bags import (
+    BagError,
+    BagReader,
+    BagWriter,
+    Message,
+    RawMessage,
+    Types,
+    bag_name,
+    compare,
+    is_sequenced,
+    sequence_of,
+)
 from terrain_estimator.cli.alongside import Answered, Converted, answering
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.topics import check_inputs
@@ -69,6 +80,11 @@ class Replay:
     slip: WheelHistory = field(default_factory=WheelHistory)
     sinkage: WheelHistory = field(default_factory=WheelHistory)
     differences: dict[str, str] | None = None  # by topic, empty where it is identical to live; None where not compared
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        return bag_name(self.bag)
 
     def keep_wheels(self, complete: MessageSet) -> None:
         """Take what the wheels did at one instant."""
@@ -166,7 +182,7 @@ def _run(reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[
 
     The answers are the same: every step keeps the order, and none looks back at another.
     """
-    with answering(pipeline) as answered, ProgressReport(f"replay {result.bag.name}") as progress:
+    with answering(pipeline) as answered, ProgressReport(f"replay {result.name}") as progress:
         for answers in answered(_converted(reader, pipeline, names, result, progress)):
             _keep(answers, output, result)
 

@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from terrain_estimator.bags import Message, bag_name
+from terrain_estimator.bags import Message
 from terrain_estimator.citations import citations
 from terrain_estimator.cli.origin import bag_sha256, versions
 from terrain_estimator.cli.replaying import Replay
@@ -28,7 +28,7 @@ def write_report(path: Path, replays: Sequence[Replay], model: LoadedModel, conf
 def _run(replay: Replay, model: LoadedModel) -> Run:
     last = replay.last
     return Run(
-        name=bag_name(replay.bag),
+        name=replay.name,
         bag=str(replay.bag),
         bag_sha256=bag_sha256(replay.bag),
         state_sha256=replay.state_sha256,

@@ -83,7 +83,7 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
 
 def print_table(replays: Sequence[Replay]) -> None:
     """One line a bag, then what a user should know about it."""
-    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
+    console = Console(highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
     narrow = console.width < NARROW
     head = [each.replace("|", "-\n").replace("~", "\n") if narrow else each.replace("|", "").replace("~", " ") for each in _HEAD]
     table = Table(*head)
@@ -95,7 +95,7 @@ def print_table(replays: Sequence[Replay]) -> None:
         refused = sum(count for outcome, count in each.outcomes.items() if not outcome.used)
         values = estimate_summary(each)
         table.add_row(
-            each.bag.name,
+            each.name,
             f"{each.span_s:.1f} s",
             str(each.estimates),
             str(refused),
@@ -106,7 +106,7 @@ def print_table(replays: Sequence[Replay]) -> None:
         )
     console.print(table)
     for line in (line for each in replays for line in remarks(each)):
-        console.print(line, markup=False)
+        console.print(line)
 
 
 def write_summary(path: Path, content: dict[str, Any]) -> None:
@@ -133,22 +133,20 @@ def remarks(replay: Replay) -> list[str]:
     if replay.missing_s:
         lines.append(f"{replay.bag}: {replay.missing_s:.1f} s are missing at the end")
     lines += [
-        f"{replay.bag.name}: {count} x {outcome.name}: {outcome.advice}"
-        for outcome, count in sorted(replay.outcomes.items())
-        if outcome.advice
+        f"{replay.name}: {count} x {outcome.name}: {outcome.advice}" for outcome, count in sorted(replay.outcomes.items()) if outcome.advice
     ]
     if (gated := replay.outcomes[Outcome.GATED]) > SUSPICIOUS_SHARE * replay.estimates:
-        lines.append(f"{replay.bag.name}: {gated / replay.estimates:.0%} are GATED: is the model (--model) that of this rover and soil?")
+        lines.append(f"{replay.name}: {gated / replay.estimates:.0%} are GATED: is the model (--model) that of this rover and soil?")
     for topic, counters in replay.inputs.items():
         troubles = {"unpaired": counters.unpaired, "out of order": counters.out_of_order, "lost": counters.lost}
         if any(troubles.values()):
-            lines.append(f"{replay.bag.name}: {topic}: {', '.join(f'{count} {what}' for what, count in troubles.items() if count)}")
+            lines.append(f"{replay.name}: {topic}: {', '.join(f'{count} {what}' for what, count in troubles.items() if count)}")
     lost, late = +replay.sequences.lost, +replay.sequences.late
     for topic in sorted(lost | late):
         counts = [f"{count[topic]} {what}" for what, count in (("out of order", late), ("lost", lost)) if count[topic]]
-        lines.append(f"{replay.bag.name}: {topic}: {', '.join(counts)}, by the sequence numbers in the messages")
+        lines.append(f"{replay.name}: {topic}: {', '.join(counts)}, by the sequence numbers in the messages")
     for topic, difference in (replay.differences or {}).items():
-        lines.append(f"{replay.bag.name}: {topic} {f'differs from live: {difference}' if difference else 'is identical to live'}")
+        lines.append(f"{replay.name}: {topic} {f'differs from live: {difference}' if difference else 'is identical to live'}")
     return lines
 
 
