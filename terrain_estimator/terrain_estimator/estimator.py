@@ -158,8 +158,10 @@ class Estimator:
             self._discard_block()
             detail = "a number became infinite or NaN, or rounding ate the last second: the posterior is kept, that second is left out"
             return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
-        if not any(report.usable):
-            return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, "no axle has slip and sinkage in the model's range")
+        if not all(report.usable):
+            outside = [axle for axle, usable in enumerate(report.usable) if not usable]
+            needed = ", or have no wheel rate, which this model needs" if self._effects else ""
+            return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, f"axles {outside} are outside the model's range{needed}")
         if report.distance > self._gate:
             detail = f"velocity {observation.velocity:.4g} m/s, expected {observation.velocity - report.innovation:.4g} m/s"
             return Decision(Outcome.GATED, (), report.distance, self._gate, 1, detail)
@@ -196,18 +198,13 @@ class Estimator:
         self._used += 1
 
     def _accepted(self, screening: Screening, torque: Floats, report: "Report") -> Decision:
-        usable, distance = report.usable, report.distance
-        observation, detail = screening.observation, screening.detail
+        distance, observation = report.distance, screening.observation
         measured = np.isfinite(torque).tolist()  # less what turns the wheel, which nobody knows without its rate
-        rows = [f"torque_{k}" for k, (good, known) in enumerate(zip(usable, measured, strict=True)) if good and known]
-        if all(usable):
-            rows = ["velocity", "load", *rows] + (["acceleration"] if math.isfinite(observation.acceleration) else [])
-            rows += ["moment", "bogie_moment"] if math.isfinite(observation.bogie_angle) else []
-        elif not detail:
-            detail = f"axles {[k for k, good in enumerate(usable) if not good]} are outside the model's range"
-        outcome = screening.outcome if all(usable) else Outcome.ACCEPTED_PARTIALLY
+        rows = ["velocity", "load", *(f"torque_{axle}" for axle, known in enumerate(measured) if known)]
+        rows += ["acceleration"] if math.isfinite(observation.acceleration) else []
+        rows += ["moment", "bogie_moment"] if math.isfinite(observation.bogie_angle) else []
         threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
-        return Decision(outcome, tuple(rows), distance, threshold, 0 if math.isnan(distance) else 1, detail)
+        return Decision(screening.outcome, tuple(rows), distance, threshold, 0 if math.isnan(distance) else 1, screening.detail)
 
     def _predict(self, observation: Observation, report: "Report", *, awaited: bool) -> Prediction:
         before, variance_before = self._forecast if awaited else (_NAN, _NAN)

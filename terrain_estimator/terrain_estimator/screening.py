@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decides whether an observation may enter the posterior, before any of its numbers is used.
 
-A wheel outside the model's range is masked (NaN) and the rest is used; what is refused keeps its reason. Only values
-that the model cannot take are masked: a threshold inside the model's range, applied to a noisy value, would bias
-what is left. So a sinkage that noise makes slightly negative costs its wheel this sample and is no sensor error.
+An optional sensor that cannot be used is masked (NaN) and the rest is used; what is refused keeps its reason. An axle without slip,
+sinkage or contact angle costs the whole observation: without it nobody knows the load that each of the others carries, and torques
+alone do not tell the ground. Only what the model cannot take is refused: a threshold inside the model's range, applied to a noisy
+value, would bias what is left. So a sinkage that noise makes slightly negative is no sensor error.
 """
 
 import dataclasses
@@ -32,10 +33,10 @@ _STANDSTILL_BOUND = 3.0  # [standard deviations] noise allowed to the velocity o
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """The verdict: ACCEPTED, ACCEPTED_PARTIALLY (some wheels are masked), or why the observation is refused."""
+    """The verdict: ACCEPTED, ACCEPTED_PARTIALLY (an optional sensor is masked), or why the observation is refused."""
 
     outcome: Outcome
-    observation: Observation  # unusable wheels and sensors are NaN
+    observation: Observation  # unusable optional sensors are NaN
     detail: str = ""  # names what was masked or refused, and its value
 
 
@@ -114,21 +115,18 @@ def _is_deviation(value: float) -> bool:
 
 
 def _mask(observation: Observation, radius: float, config: CoreConfig) -> Screening:
-    """Mask wheels and optional sensors that cannot be used; refuse when no wheel is left."""
-    faults = [_wheel_fault(wheel, radius, config) for wheel in _wheels(observation)]
+    """Mask optional sensors that cannot be used; refuse where an axle cannot."""
+    faults = [(axle, fault) for axle, wheel in enumerate(_wheels(observation)) if (fault := _wheel_fault(wheel, radius, config))]
+    if faults:
+        return Screening(
+            _worst(fault[0] for _, fault in faults), observation, "; ".join(f"axle {axle}: {fault[1]}" for axle, fault in faults)
+        )
     changes: dict[str, Floats | float] = {}
-    if any(faults):
-        kept = np.array([fault is None for fault in faults])
-        for name in ("slip", "sinkage", "contact_angle", "torque"):
-            changes[name] = np.where(kept, getattr(observation, name), np.nan)
-    details = [f"axle {axle}: {fault[1]}" for axle, fault in enumerate(faults) if fault is not None]
-    details += _mask_rates(observation, radius, changes)
-    details += _mask_optional(observation, changes)
+    details = [*_mask_rates(observation, radius, changes), *_mask_optional(observation, changes)]
     if not details:
         return Screening(Outcome.ACCEPTED, observation)
     masked = dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
-    outcome = Outcome.ACCEPTED_PARTIALLY if None in faults else _worst(fault[0] for fault in faults if fault is not None)
-    return Screening(outcome, masked, "; ".join(details))
+    return Screening(Outcome.ACCEPTED_PARTIALLY, masked, "; ".join(details))
 
 
 def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
@@ -174,7 +172,7 @@ def _mask_rates(observation: Observation, radius: float, changes: dict[str, Floa
     if not any(absurd):
         return []
     changes["wheel_rate"] = np.where(absurd, np.nan, rates)
-    changes["torque"] = np.where(absurd, np.nan, changes.get("torque", observation.torque))
+    changes["torque"] = np.where(absurd, np.nan, observation.torque)
     return [
         f"axle {axle}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than {FASTEST:g} m/s" for axle in np.flatnonzero(absurd)
     ]

@@ -120,41 +120,38 @@ def test_a_bad_deviation_of_a_required_value_is_named(name: str, value: float) -
     [
         *(("slip", value) for value in [*BAD, 1.0, 1.5, -1.1]),
         *(("sinkage", value) for value in [*BAD, -0.05, 0.0, RADIUS, 1.0]),
-        *(("contact_angle", value) for value in BAD),
-        *(("slip_sd", value) for value in [*BAD, 0.0, -1.0]),
+        *(("contact_angle", value) for value in [*BAD, 1.6]),
+        *(("slip_sd", value) for value in [*BAD, 0.0, -1.0, 1e-160]),
         *(("sinkage_sd", value) for value in [*BAD, 0.0, -1.0]),
         *(("contact_angle_sd", value) for value in [*BAD, 0.0, -1.0]),
     ],
 )
-def test_one_unusable_wheel_is_masked_and_three_are_refused(name: str, value: float) -> None:
+def test_an_observation_with_an_unusable_axle_is_refused_by_name(name: str, value: float) -> None:
     others = float(getattr(observe(), name)[0])
-    one = verdict(**{name: at(1, value, others)})
-    assert one.outcome is Outcome.ACCEPTED_PARTIALLY
-    assert "axle 1" in one.detail
-    for masked in (one.observation.slip, one.observation.sinkage, one.observation.contact_angle, one.observation.torque):
-        assert np.isnan(masked).tolist() == [False, True, False]
-    refused = verdict(**{name: np.full(3, value)})
     expected = Outcome.BAD_DEVIATION if name.endswith("_sd") else Outcome.OUT_OF_RANGE if math.isfinite(value) else Outcome.NOT_FINITE
-    assert refused.outcome is expected
-    assert not refused.outcome.used
+    for given in (at(1, value, others), np.full(3, value)):
+        refused = verdict(**{name: given})
+        assert refused.outcome is expected
+        assert not refused.outcome.used
+        assert "axle 1" in refused.detail
 
 
 def test_a_sinkage_that_noise_makes_negative_is_told_from_a_sensor_error() -> None:
     noisy = verdict(sinkage=at(2, -0.0001, 0.018), sinkage_sd=np.full(3, 0.00006))
     broken = verdict(sinkage=at(2, -0.0003, 0.018), sinkage_sd=np.full(3, 0.00006))
-    assert noisy.outcome is broken.outcome is Outcome.ACCEPTED_PARTIALLY
+    assert noisy.outcome is broken.outcome is Outcome.OUT_OF_RANGE
     assert "within its noise" in noisy.detail
     assert "sensor error" in broken.detail
 
 
-def test_the_screening_masks_only_what_no_model_can_take() -> None:
+def test_the_screening_refuses_only_what_no_model_can_take() -> None:
     """A threshold inside the range would cut the noise on one side only, and bias the mean of what is left."""
     draw = np.random.default_rng(1)
     true, sd = 0.00014, 0.00006
     kept = []
     for value in true + sd * draw.standard_normal(2000):
         result = verdict(sinkage=np.array([value, 0.018, 0.018]), sinkage_sd=np.full(3, sd))
-        assert np.isnan(result.observation.sinkage[0]) == (value <= 0.0)
+        assert result.outcome.used == (value > 0.0)
         kept.append(value > 0.0)
     assert np.mean(kept) == pytest.approx(0.990, abs=0.01)
 
@@ -209,8 +206,6 @@ def test_a_velocity_that_no_rover_has_is_refused_and_named() -> None:
         ({"torque": at(1, -1e7, 12.0)}, ["torque"], "axle 1: torque -1e+07 N m"),
         ({"acceleration": 1e300}, ["acceleration"], "acceleration 1e+300 m/s^2"),
         ({"wheel_rate": at(1, 1e300, 1.5)}, ["wheel_rate", "torque"], "axle 1: wheel rate 1e+300 rad/s"),
-        ({"contact_angle": at(1, 1.6, 0.0)}, ["slip", "sinkage", "contact_angle", "torque"], "axle 1: contact angle 1.6 rad"),
-        ({"slip_sd": at(1, 1e-160, 0.01)}, ["slip", "torque"], "axle 1: the standard deviation of slip is 1e-160"),
         ({"torque_sd": at(1, 1e150, 0.4)}, ["torque"], "with standard deviation 1e+150"),
     ],
 )
