@@ -28,8 +28,8 @@ def section(trends: Sequence[Trend], ran: Ran) -> str:
     lines = [
         f"`make soak`: {HOURS:g} simulated hours of each of three rovers from input messages through pairing, conversion and estimator to",
         f"outgoing messages, and {DDS_HOURS:g} simulated hours of three rovers over DDS, simulator and estimator each, at {FACTOR:g} times",
-        "real time: at once with four processors or more, one after the other with fewer. Something grows where Mann and Kendall's test finds",
-        "a trend at 0.1 % and it amounts to more than is allowed (`benchmarks/trend.py`); counters may not move at all after the first fifth.",
+        "real time: at once with four processors or more, one after the other with fewer. Something grows where Mann and Kendall's test",
+        "finds a trend at 0.1 % that amounts to more than is allowed (`benchmarks/trend.py`); counters may not move after the first fifth.",
         f"{machine()}, {ran.minutes:.0f} min.",
         "",
         f"- Core: {_listed(ran.core_hours, 'g')} simulated hours. DDS: {_listed(ran.dds_hours, '.3g')} simulated hours, median rate",
