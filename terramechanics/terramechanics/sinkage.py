@@ -23,7 +23,7 @@ FEW = 200
 """Number of wheels below which it does not pay to treat braked wheels apart."""
 ITERATIONS = 60
 """Bisections of a safeguarded search: more than float64 can tell apart."""
-_NODES = cache(quadrature)
+_nodes = cache(quadrature)
 """Nobody writes into these; to find them anew took a tenth of a step of one rover."""
 
 
@@ -45,7 +45,7 @@ class WheelGround:
         cls, rover: Rover, constants: Tensor, strength: Tensor, points: int, plant: Plant | None = None, where: Situation | None = None
     ) -> "WheelGround":
         """The wheels of ``rover``, forces by quadrature with ``points`` nodes a side."""
-        return cls(rover.wheel_radius, rover.wheel_width, constants, strength, _NODES(points), plant, where)
+        return cls(rover.wheel_radius, rover.wheel_width, constants, strength, _nodes(points), plant, where)
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
         """N, T [N] and M [N m] of one wheel, shape [..., 3]; at a slip angle [..., 4] with the lateral force [N]."""

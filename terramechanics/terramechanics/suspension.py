@@ -186,7 +186,7 @@ def _to_world(point: Tensor, x: Tensor, height: Tensor, pitch: Tensor) -> tuple[
 def _corrected(
     rover: Rover, axle: tuple[Tensor, Tensor], state: tuple[Tensor, Tensor, Tensor, Tensor], slope: Tensor, gap: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """One Newton step of height, pitch and bogie angle that closes the ``gap`` [batch, 3] of every wheel, ``axle`` its x and z."""
+    """One Newton step of height, pitch and bogie angle that closes the ``gap`` of every wheel; ``axle`` are x and z, [batch, 3] [m] all."""
     (x_axle, z_axle), (x, height, pitch, bogie) = axle, state
     pivot = torch.tensor([[rover.bogie_pivot_x, rover.bogie_pivot_height]], dtype=x.dtype)
     x_pivot, z_pivot = _to_world(pivot.expand(*x.shape, 1, 2), x, height, pitch)
