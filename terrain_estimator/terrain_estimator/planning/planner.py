@@ -15,7 +15,7 @@ from terrain_estimator.planning.belief import Belief, Samples, draw
 from terrain_estimator.planning.front import Reading, front_samples
 from terrain_estimator.planning.margins import Margins, margins, stall_probability, unknown_margins
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.screening import backwards
+from terrain_estimator.screening import FASTEST, backwards
 from terramechanics.loading import ConfigError
 
 NEW_GROUND = 0.02
@@ -43,8 +43,8 @@ class Advice:
     front_lacks: str  # what was not measured, so that the ground of the front wheels is not judged; empty: nothing
     slope: float  # [rad] nose up, measured
     rim_speed: float  # [m/s] commanded speed: what the wheels would do without slip
-    slip: float  # [1] measured, mean; NaN where nothing was
-    sinkage: float  # [m] measured, mean
+    slip: float  # [1] measured, mean over the axles; NaN where nothing was
+    sinkage: float  # [m] measured, mean over the axles
     speed_limit: float  # [m/s]
     reason: Reason
 
@@ -73,13 +73,13 @@ class Planner:
             raise ConfigError(f"parameters reaction_time and deceleration allow {limit}: {words}")
 
     def observe(self, observation: Observation) -> None:
-        """Take what was measured at one instant: on the move, or standing. Without a pitch or a velocity it tells nothing.
+        """Take what was measured at one instant: on the move, or standing. Without a pitch or a velocity that can be it tells nothing.
 
         Nor does it backwards, where the rear wheels lead and the slope is the other way.
         """
         rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius)
         stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= self._config.standstill_speed)
-        complete = math.isfinite(observation.pitch) and math.isfinite(observation.velocity)
+        complete = abs(observation.pitch) < math.pi / 2.0 and abs(observation.velocity) <= FASTEST
         self._standing = observation if stands and complete else None
         reverses = not stands and backwards(observation, self._table.rover.wheel_radius, self._config.standstill_speed)
         if stands or reverses or not complete or not np.isfinite(observation.slip).any():
@@ -169,19 +169,20 @@ class Planner:
         """What was measured within the window of a stamp; None where nothing was."""
         recent = [entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns]
         if recent:
-            return self._averaged(recent)
+            return self._typical(recent)
         if self._standing is None or abs(stamp_ns - self._standing.stamp_ns) > self._window_ns:
             return None
         unknown = np.full(self._table.rover.axles, math.nan)
         return Reading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
 
-    def _averaged(self, recent: list[Observation]) -> Reading:
+    def _typical(self, recent: list[Observation]) -> Reading:
+        """Medians over time: a stop holds until someone resumes, so a few absurd readings must not be one."""
         names = ("slip", "sinkage", "torque", "contact_angle", "wheel_rate")
-        slip, sinkage, torque, angle, rate = (_means(np.array([getattr(entry, name) for entry in recent])) for name in names)
-        pitch = float(np.mean([entry.pitch for entry in recent]))
+        slip, sinkage, torque, angle, rate = (_medians(np.array([getattr(entry, name) for entry in recent])) for name in names)
+        pitch = float(np.median([entry.pitch for entry in recent]))
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
-            rim = float(np.mean([entry.velocity for entry in recent])) / max(1.0 - _mean(slip), _LEAST_ROLLING)
+            rim = float(np.median([entry.velocity for entry in recent])) / max(1.0 - _mean(slip), _LEAST_ROLLING)
         return Reading(slip, sinkage, torque, angle, pitch, rim)
 
 
@@ -189,12 +190,14 @@ _LEAST_ROLLING = 0.01
 """[1] Velocity over rim speed, so that the latter stays finite where only the former and a slip of 1 are measured."""
 
 
-def _means(values: Floats) -> Floats:
-    """Means [axles] over time of what is finite in [time, axles]; NaN where nothing is."""
-    finite = np.isfinite(values)
-    count = finite.sum(axis=0)
-    total = np.where(finite, values, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+_LARGEST = 1e6
+"""[SI] Nothing that is measured of a wheel is larger."""
+
+
+def _medians(values: Floats) -> Floats:
+    """Medians [axles] over time of what can be in [time, axles]; NaN where nothing can."""
+    usable = np.abs(values) <= _LARGEST
+    return np.array([np.median(each[use]) if use.any() else math.nan for each, use in zip(values.T, usable.T, strict=True)])
 
 
 def _mean(values: Floats) -> float:
