@@ -11,7 +11,6 @@ import hashlib
 import io
 import json
 import os
-import threading
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -108,24 +107,22 @@ def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
     return unpack_state(content, model_sha256, str(path))
 
 
-_WRITING = threading.Lock()
-"""The temporary file has one name, which a crash cannot leave behind twice; a thread that hung may write still when another does."""
-
-
 def write_state(path: Path, content: bytes) -> None:
-    """Replace a state file so that a crash leaves the old one or the new one. Raises OSError; the old one is untouched then."""
-    temporary = path.with_name(f".{path.name}.new")
-    with _WRITING:
-        try:
-            with temporary.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
-            raise
+    """Replace a state file so that a crash leaves the old one or the new one. Raises OSError; the old one is untouched then.
+
+    One writer at a time for a file.
+    """
+    temporary = path.with_name(f".{path.name}.new")  # one name: a crash cannot leave it behind twice
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
 
 
 def _header(line: bytes, where: str) -> dict[str, Any]:

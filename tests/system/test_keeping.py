@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from terrain_estimator.nodes import keeping
+from terrain_estimator.saved_state import StateFileError
 
 
 def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,3 +68,41 @@ def test_a_state_is_on_the_disk_by_its_name_too(tmp_path: Path, monkeypatch: pyt
     keeper.give(b"content").result(20.0)
     keeper.end()
     assert synced == [(tmp_path, b"content")]
+
+
+def test_a_state_file_has_one_keeper_until_all_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hangs, answers = threading.Event(), threading.Event()
+
+    def write(*_: object) -> None:
+        hangs.set()
+        assert answers.wait(60.0)
+
+    monkeypatch.setattr(keeping, "write_state", write)
+    first = keeping.StateKeeper(tmp_path / "state", lambda _: None)
+    keeping.StateKeeper(tmp_path / "other", pytest.fail).end()
+    first.give(b"state")
+    assert hangs.wait(20.0)
+    first.end(0.01)
+    with pytest.raises(StateFileError, match="state: another estimator keeps its state there: name a file of its own"):
+        keeping.StateKeeper(tmp_path / "state", pytest.fail)
+    answers.set()
+    first.end()
+    keeping.StateKeeper(tmp_path / "state", pytest.fail).end()
+
+
+def test_where_there_is_no_lock_the_writing_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    keeper = keeping.StateKeeper(tmp_path / "none" / "state", said.append)
+    with pytest.raises(FileNotFoundError):
+        keeper.give(b"state").result(20.0)
+    keeper.end()
+    assert len(said) == 1
+
+    def unsupported(*_: object) -> None:
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr("fcntl.flock", unsupported)
+    keeper = keeping.StateKeeper(tmp_path / "state", pytest.fail)
+    keeper.give(b"state").result(20.0)
+    keeper.end()
+    assert (tmp_path / "state").read_bytes() == b"state"

@@ -75,10 +75,11 @@ class EstimatorNode(ManagedNode):
         path = self._state_path
         if path is not None and path.exists() and not path.is_file():
             raise StateFileError(f"{path} is a folder or a device: name a file by the parameter state.file")
+        keeper = StateKeeper(path, self.get_logger().error) if path else None
         if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
             pipeline = Pipeline(model, self.config.estimator)  # of the refused one it is not known what it took
         self._pipeline, self._health = pipeline, HealthMonitor(self._health.reported_failures)
-        self._keeper = StateKeeper(path, self.get_logger().error) if path else None
+        self._keeper = keeper
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would stall an update
 

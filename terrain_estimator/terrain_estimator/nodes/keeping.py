@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps the estimator's state on the disk, beside the thread that estimates: an fsync takes as long as it likes."""
 
+import fcntl
 import itertools
 import math
 import shutil
@@ -10,16 +11,16 @@ import time
 import types
 from collections.abc import Callable, Generator
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import BinaryIO, NamedTuple, TypeVar
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from terrain_estimator.bags.syncing import sync_folder
 from terrain_estimator.diagnostics import SAVING, Finding
 from terrain_estimator.pipeline import Pipeline
-from terrain_estimator.saved_state import read_state, write_state
+from terrain_estimator.saved_state import StateFileError, read_state, write_state
 
 REFUSED, LOADED = ".refused", ".loaded"
 """Are added to the name of a state file that was put aside, and of a copy for replays."""
@@ -35,11 +36,14 @@ class _Waiting(NamedTuple):
 
 
 class StateKeeper:
-    """Writes the newest state that it was given; one that comes while it writes replaces what still waits."""
+    """Writes the newest state that it was given; one that comes while it writes replaces what still waits.
+
+    The file is its own until its thread ends. Raises StateFileError where another keeper has it, of this process or another one.
+    """
 
     def __init__(self, path: Path, complain: Callable[[str], None]) -> None:
         """``complain`` takes why a state could not be written; it is called in the writing thread."""
-        self.path = path
+        self.path, self._claim = path, _claimed(path)
         self._complain = complain
         self._wrong = ""  # why the last write failed
         self._since_s = math.inf  # by the steady clock: of the oldest state that is not on the disk, nor a newer one
@@ -75,6 +79,10 @@ class StateKeeper:
             self._complain(f"the disk has not written the state to {self.path} within {patience_s:g} s: it is left with the one of before")
 
     def _run(self) -> None:
+        with self._claim or nullcontext():
+            self._write_all()
+
+    def _write_all(self) -> None:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._ended or self._waiting is not None)
@@ -96,6 +104,27 @@ class StateKeeper:
     def _owe_what_waits(self) -> None:
         with self._changed:
             self._wrong, self._since_s = "", self._waiting.since_s if self._waiting else math.inf
+
+
+def _claimed(path: Path) -> BinaryIO | None:
+    """Lock a state file for as long as what is returned is open: the ground of another rover would be taken for this one's.
+
+    None where the folder takes no lock; what is wrong with it, writing the state will say. Raises StateFileError where it is taken.
+    """
+    try:
+        lock = path.with_name(f".{path.name}.lock").open("wb")
+    except OSError:
+        return None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        lock.close()
+        text = f"{path}: another estimator keeps its state there: name a file of its own by the parameter state.file"
+        raise StateFileError(text) from error
+    except OSError:  # a file system without locks
+        lock.close()
+        return None
+    return lock
 
 
 def beside(action: Callable[[], ResultT]) -> "Future[ResultT]":
