@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from terrain_estimator.bags import BagReader
+from terrain_estimator.cli.interrupting import INTERRUPTED
 from terrain_estimator.cli.rate_check import JITTER_LIMIT_MS, RATE_HZ, keeps_its_rate
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from terrain_estimator.timing import timing
@@ -62,7 +63,7 @@ def test_a_demo_that_is_ended_early_leaves_no_process_behind(
     process.wait_for_output(" kPa, truth", timeout=60.0)
     assert len(in_domain(domain_id)) == 5
     process.signal(number)
-    assert process.wait() == (-number if number is signal.SIGKILL else 2)
+    assert process.wait() == (-number if number is signal.SIGKILL else INTERRUPTED)
     assert "Traceback" not in process.output
     wait_until(lambda: not in_domain(domain_id), "every process has ended", seen=lambda: in_domain(domain_id))
     with BagReader(tmp_path / "demo/bag") as reader:

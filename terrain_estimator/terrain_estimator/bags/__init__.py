@@ -11,7 +11,7 @@ from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo, bag_
 from terrain_estimator.bags.recovery import Recovery, recover
 from terrain_estimator.bags.sequence import is_sequenced, sequence_of
 from terrain_estimator.bags.types import Message, Types
-from terrain_estimator.bags.writer import BagWriter, Split
+from terrain_estimator.bags.writer import BagWriter, Split, whole_bag
 
 __all__ = [
     "STATE",
@@ -35,4 +35,5 @@ __all__ = [
     "is_sequenced",
     "recover",
     "sequence_of",
+    "whole_bag",
 ]

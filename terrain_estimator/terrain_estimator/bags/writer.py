@@ -5,8 +5,9 @@
 import math
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -262,6 +263,21 @@ class BagWriter:
             raise BagExistsError(msg) from error
         except OSError as error:
             raise _cannot_write(self.folder, error) from error
+
+
+@contextmanager
+def whole_bag(folder: str | os.PathLike[str]) -> Iterator[BagWriter]:
+    """A bag that is written to its end or, by an exception, taken back: half a run would be taken for the whole, and be in the way.
+
+    Raises as :class:`BagWriter` does, and OSError where the disk is full.
+    """
+    writer = BagWriter(folder)
+    try:
+        yield writer
+        writer.close()  # a full disk may say so only here
+    except BaseException:
+        writer.discard()
+        raise
 
 
 def _cannot_write(folder: Path, error: OSError) -> BagError:

@@ -21,6 +21,7 @@ from terrain_estimator.cli.accuracy_lines import lines
 from terrain_estimator.cli.accuracy_records import read_part, write_part
 from terrain_estimator.cli.accuracy_table import Run, page
 from terrain_estimator.cli.arguments import COUNT, SEED
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.records import Piece, compute, digest, write_results
 from terrain_estimator.learning.accuracy import LONG_TIMES_S
 from terrain_estimator.learning.study import ROVERS, SIDE_BATCHES, SOILS, Part, Setting, is_main, settings, study
@@ -33,6 +34,7 @@ LONG_SHARE = 0.4
 _CONSTANTS = ("exact", "wrong")
 
 
+@interruptible
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 1: no time for one batch of each setting; 2: an argument or a file is wrong."""
     torch.set_num_threads(1)

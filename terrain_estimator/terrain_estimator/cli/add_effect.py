@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 from terrain_estimator.cli.arguments import make_folder
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model_file import DEFAULT_MODEL, ModelFileError, load_model
 from terramechanics.loading import ConfigError
@@ -39,6 +40,7 @@ def model_path(text: str) -> Path:
     return path
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Write the model that the command line asks for; returns the exit code."""
     parser = argparse.ArgumentParser(prog="add_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

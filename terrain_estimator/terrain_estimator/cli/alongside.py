@@ -123,6 +123,7 @@ def _serve(pipe: Connection, other_end: Connection, pipeline: Pipeline) -> None:
     """The other process: answer batches until the pipe is closed."""
     other_end.close()  # this process's copy: the end would not be seen while it is open
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both processes; the first one ends this one
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a command's own handler is of no use here
     try:
         while True:
             pipe.send(_updates(pipeline, pipe.recv()))

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.cli.arguments import SEED
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.discovery import Blocks, Nominal, Run, RunError, Study, cut, nominal_of, testable
 from terrain_estimator.discovery.calibration import Sample, sample, thresholds
@@ -62,6 +63,7 @@ class Swinging(Plant):
         return seen
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Entry point: 0 done, 2 a file cannot be read or written."""
     torch.set_num_threads(1)

@@ -22,6 +22,7 @@ import torch
 
 from terrain_estimator.cli.arguments import COUNT, SEED
 from terrain_estimator.cli.change_table import Run, page
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record, write_results
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.learning.change import Change, FalseAlarms, Followed, follow_change, pool, study_constant
@@ -57,6 +58,7 @@ _Result = Followed | FalseAlarms
 _Part = tuple[Change | _Constant, Piece[_Result]]
 
 
+@interruptible
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 1: no time for one part of each line; 2: an argument or a file is wrong."""
     torch.set_num_threads(1)

@@ -11,16 +11,18 @@ import sys
 from collections import deque
 from pathlib import Path
 
-from terrain_estimator.bags import BagError, BagWriter
+from terrain_estimator.bags import BagError, whole_bag
 from terrain_estimator.cli.csv_import.mapping import Mapping, Noise, read_mapping
 from terrain_estimator.cli.csv_import.messages import SampleWriter
 from terrain_estimator.cli.csv_import.samples import CsvError, read_samples
 from terrain_estimator.cli.csv_import.units import factor
+from terrain_estimator.cli.interrupting import interruptible
 from terramechanics.loading import ConfigError
 
 WRONG = 2
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Convert the file that the command line names; returns the exit code."""
     options = _parser().parse_args(arguments)
@@ -48,16 +50,11 @@ def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple
         OSError: the disk is full; no bag is left behind then, either.
     """
     deque(read_samples(data, mapping), maxlen=0)  # all rows are checked before the bag is begun
-    with BagWriter(out) as writer:
-        try:
-            with data.open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-            writer.add_metadata("csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text})
-            rows = SampleWriter(writer, mapping).write_all(read_samples(data, mapping))
-            writer.close()  # a full disk may say so only here
-        except BaseException:
-            writer.discard()  # half a run would be taken for the whole, and be in the way of the next try
-            raise
+    with whole_bag(out) as writer:
+        with data.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        writer.add_metadata("csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text})
+        rows = SampleWriter(writer, mapping).write_all(read_samples(data, mapping))
     return rows, _hints(mapping)
 
 

@@ -8,7 +8,6 @@ Exit codes: 0 all went well and the replay is identical to live; 1 it is not; 2 
 import argparse
 import json
 import random
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -18,12 +17,14 @@ from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.cli.drive import Drive, Recording, drive
 from terrain_estimator.cli.figure import draw, read_curves
 from terrain_estimator.cli.fleet import FleetError, executable
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.summary import write_summary
 from terrain_estimator.ros_types import stamp_ns
 
 DIFFERENT, FAILED = 1, 2
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Run the demo; returns the exit code."""
     options = _parser().parse_args(arguments)
@@ -36,14 +37,10 @@ def main(arguments: list[str] | None = None) -> int:
         schedule=options.schedule,
         domain_id=options.domain_id or random.SystemRandom().randint(1, 101),
     )
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with every process stopped
     try:
         return run(what, options.out)
     except (FleetError, BagError) as error:
         print(f"demo: {error}", file=sys.stderr)
-        return FAILED
-    except KeyboardInterrupt:
-        print("demo: interrupted, every process was stopped", file=sys.stderr)
         return FAILED
 
 

@@ -24,6 +24,7 @@ from terrain_estimator.cli.cluster import ClusterError
 from terrain_estimator.cli.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.cli.finding_file import asked, provenance, write_finding
 from terrain_estimator.cli.finding_model import check_model, write_model
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.reading import Reading, add_options, reading_of
 from terrain_estimator.cli.thresholds import read_thresholds
@@ -60,6 +61,7 @@ class InputError(ValueError):
     """The arguments or runs do not allow an investigation."""
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Investigate the runs that the command line names; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 
 from terrain_estimator.cli.arguments import COUNT, SEED
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.learning.accuracy import PARAMETERS, ParameterScore, Score
 from terrain_estimator.learning.adding import restored
@@ -25,6 +26,7 @@ HEADER = """| plant | | c error, median | tan phi error | coverage of 95 % of c 
 """
 
 
+@interruptible
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 2: the model cannot be read or a file cannot be written."""
     torch.set_num_threads(1)

@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 
 from terrain_estimator.cli.arguments import COUNT, SEED
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.paper_figures import draw_all
 from terrain_estimator.cli.paper_tables import tables
 from terrain_estimator.cli.progress import ProgressReport
@@ -23,6 +24,7 @@ from terrain_estimator.learning.paper.published import ESTIMATES, TRADE_OFF
 from terramechanics.loading import ConfigError
 
 
+@interruptible
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: everything is written; 2: an argument or the output folder is wrong."""
     torch.set_num_threads(1)

@@ -12,6 +12,7 @@ from pathlib import Path
 import torch
 
 from terrain_estimator.cli.arguments import COUNT, SEED
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.config import AdviceConfig
 from terrain_estimator.learning.accuracy import Share
@@ -36,6 +37,7 @@ COLUMNS = (
 HEADER = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
 
 
+@interruptible
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 2: an argument is wrong, or a file cannot be read or written."""
     torch.set_num_threads(1)

@@ -7,7 +7,6 @@ Exit codes: 0 every 10 Hz topic keeps its rate; 1 one does not; 2 wrong argument
 
 import argparse
 import random
-import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from rich.table import Table
 
 from terrain_estimator.cli.drive import Drive, drive
 from terrain_estimator.cli.fleet import FleetError
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.summary import write_summary
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 
@@ -26,6 +26,7 @@ JITTER_LIMIT_MS = 10.0
 TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES)
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Run the check; returns the exit code."""
     parser = argparse.ArgumentParser(prog="rate_check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -33,7 +34,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--duration", type=float, default=30.0, help="time to drive [s] (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of drive and noise (default: %(default)s)")
     options = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with every process stopped
     domain_id = random.SystemRandom().randint(1, 101)
     what = Drive(options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", domain_id)
     try:

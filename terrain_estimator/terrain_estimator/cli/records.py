@@ -9,22 +9,21 @@ import sys
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from importlib.resources import files
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 import terramechanics
 from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.learning.workers import workers
 from terrain_estimator.model_file import load_model, model_names
 
-_NO_FIGURES = ("config", "loading", "model_file", "outcome", "parameters", "ros_types")
+_NO_FIGURES = ("config", "loading", "model_file", "outcome", "parameters", "ros_types", "workers")
 """Ends of the names of modules that may change without any figure changing: what is read, asked and printed."""
 _Result = TypeVar("_Result")
 
@@ -95,7 +94,7 @@ def _finished(missing: Sequence[Piece[_Result]], processes: int, end: float) -> 
         for piece in waiting:
             yield piece, piece.work()
         return
-    with ProcessPoolExecutor(processes, get_context("spawn"), torch.set_num_threads, (1,)) as pool:
+    with workers(processes) as pool:
         running: dict[Future[_Result], Piece[_Result]] = {}
         while True:
             for piece in itertools.islice(waiting, processes - len(running)):

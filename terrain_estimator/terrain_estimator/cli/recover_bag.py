@@ -10,11 +10,13 @@ import sys
 from pathlib import Path
 
 from terrain_estimator.bags import BagError, Recovery, bag_name, recover
+from terrain_estimator.cli.interrupting import interruptible
 
 NOTHING, WRONG = 1, 2
 DAMAGED = "_damaged"
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Recover the bag that the command line names; returns the exit code."""
     parser = _parser()

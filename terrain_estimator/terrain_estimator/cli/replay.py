@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 
 from terrain_estimator.bags import BagError, bag_name
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.reading import add_options, node_config
 from terrain_estimator.cli.replaying import Replay, Start, compare_with_live, replay
 from terrain_estimator.cli.summary import print_table, summary, write_summary
@@ -28,6 +29,7 @@ from terramechanics.parameters import template
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Replay the bags that the command line names; returns the exit code."""
     parser = _parser()

@@ -25,6 +25,7 @@ from terrain_estimator.bags import (
     compare,
     is_sequenced,
     sequence_of,
+    whole_bag,
 )
 from terrain_estimator.cli.alongside import Answered, Converted, answering
 from terrain_estimator.cli.progress import ProgressReport
@@ -139,7 +140,7 @@ def replay(
 
     Raises:
         StateFileError: ``start`` is no state of this model.
-        BagError: the bag cannot be read, a type is another, or the output cannot be written.
+        BagError: the bag cannot be read, a type is another, or the output cannot be written; it is taken back then.
         TopicError: a required topic is missing.
     """
     result = Replay(bag, output)
@@ -156,7 +157,7 @@ def replay(
         for name in names.values():
             if name in reader.topics:
                 reader.prepare(name)
-        with BagWriter(output) as writer:
+        with whole_bag(output) as writer:
             writer.add_metadata("terrain_estimator", identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {}))
             outgoing = _Output(writer, pipeline, names)
             gc.collect()

@@ -7,7 +7,6 @@ Exit codes: 0 every output passed; 1 one failed; 2 wrong arguments, or a process
 
 import argparse
 import random
-import signal
 import sys
 import tempfile
 from collections import defaultdict
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.cli.fleet import Fleet, FleetError
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.verdicts import OUTPUTS, Verdict, verdicts
 from terrain_estimator.ros_types import Message
 
@@ -30,6 +30,7 @@ SIMULATION: dict[str, object] = {
 }
 
 
+@interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Run it; returns the exit code."""
     parser = argparse.ArgumentParser(prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -38,16 +39,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--domain-id", type=int, default=0, help="ROS domain (default: one at random, so that nothing else is disturbed)")
     options = parser.parse_args(arguments)
     domain_id = options.domain_id or random.SystemRandom().randint(1, 101)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with every process stopped
     try:
         with tempfile.TemporaryDirectory(prefix="selftest_") as folder:
             bag = drive(Path(folder), domain_id, options.duration, options.real_time_factor)
             found = verdicts(_read(bag), round(options.duration * RATE_HZ))
     except (FleetError, BagError) as error:
         print(f"selftest: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("selftest: interrupted, every process was stopped", file=sys.stderr)
         return 2
     return report(found)
 

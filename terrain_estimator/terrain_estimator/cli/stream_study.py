@@ -17,6 +17,7 @@ from pathlib import Path
 import torch
 
 from terrain_estimator.cli.arguments import COUNT, SEED
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.records import Piece, compute, digest, read_record, write_record, write_results
 from terrain_estimator.cli.stream_table import Cell, page, score
 from terrain_estimator.learning.streaming import Streamed, joined, stream
@@ -36,6 +37,7 @@ def study_batch(rover: str, soil: str, spread: float, seed: int) -> Streamed:
     return stream(load_model(rover), load_soil(soil), spread, BATCH, seed)
 
 
+@interruptible
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 1: no time for one batch of each cell; 2: a file cannot be read or written."""
     torch.set_num_threads(1)

@@ -13,6 +13,7 @@ import torch
 
 from terrain_estimator.cli.arguments import COUNT, SEED, WORKERS, make_folder, real, whole
 from terrain_estimator.cli.cluster import cluster
+from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.progress import ProgressReport
 from terrain_estimator.cli.training_curves import draw_curves
 from terrain_estimator.learning.departures import HIDDEN
@@ -42,6 +43,7 @@ class DeviceError(ValueError):
     """The device that was asked for is not there."""
 
 
+@interruptible
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: trained and checked; 2: an argument, rover or soil file is wrong, or the export differs."""
     torch.set_num_threads(1)

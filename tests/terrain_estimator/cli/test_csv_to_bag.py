@@ -19,6 +19,7 @@ from terrain_estimator.bags import BagReader, BagWriter
 from terrain_estimator.bags.part import Topic
 from terrain_estimator.cli.csv_import.samples import Measured, slip_from_max_normalised
 from terrain_estimator.cli.csv_to_bag import main
+from terrain_estimator.cli.interrupting import INTERRUPTED
 from terrain_estimator.conversion import nose_up_pitch
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -247,6 +248,6 @@ def test_a_bag_that_is_not_written_to_its_end_is_taken_back(
         assert run(tmp_path, mapping()) == 2
         assert f"{tmp_path / 'bag'}: the bag cannot be written: No space left on device" in capsys.readouterr().err
     else:
-        with pytest.raises(KeyboardInterrupt):
-            run(tmp_path, mapping())
+        assert run(tmp_path, mapping()) == INTERRUPTED
+        assert capsys.readouterr().err == "csv_to_bag: interrupted\n"
     assert not (tmp_path / "bag").exists()

@@ -96,7 +96,6 @@ def strength_name(strength: float) -> str:
 
 def draw(cell: Cell, size: Size) -> Data:
     """Simulate and measure all drives of a cell."""
-    torch.set_num_threads(1)
     rover, soil = load_rover(ROVER), load_soil(cell.soil)
     sets = ((TRAINING, size.tasks), (TESTING, size.drives), (NARROW, size.drives))
     batches = [
@@ -109,7 +108,6 @@ def draw(cell: Cell, size: Size) -> Data:
 
 def train_variant(cell: Cell, variant: Variant, repeat: int, training: Drives, size: Size) -> LearntModel:
     """Train one model for the ``repeat``-th time; nominal features are the paper's closed form on both plants."""
-    torch.set_num_threads(1)
     forces = closed_form_forces if variant.nominal else None
     car, constants = vehicle(load_rover(ROVER), cell.plant), load_soil(cell.soil).constants()
     model = LearntModel(car, constants, forces, size.columns, size.hidden, variant.span)

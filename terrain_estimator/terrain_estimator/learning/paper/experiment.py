@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the paper's experiments: every cell, every model, every method; the same seed gives the same numbers."""
 
-import multiprocessing
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from dataclasses import dataclass, field
 
 import torch
@@ -17,6 +16,7 @@ from terrain_estimator.baselines.interface import Estimates, Method, Prior
 from terrain_estimator.learning.paper.cases import ROVER, SOILS, Cell, Data, Size, draw, methods, train_variant, variants
 from terrain_estimator.learning.paper.plants import Plant, vehicle
 from terrain_estimator.learning.paper.scores import Scores, quartiles, relative_errors, score
+from terrain_estimator.learning.workers import workers
 from terramechanics.rover import load_rover
 
 Report = Callable[[float, str], None]
@@ -51,7 +51,7 @@ def run(size: Size, jobs: int, report: Report) -> list[CellResult]:
     cells = [Cell(plant, soil) for plant in Plant for soil in SOILS]
     trainings = size.trainings * sum(len(variants(cell)) for cell in cells)
     steps = len(cells) + trainings + len(cells)
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with workers(jobs) as pool:
         report(0.0, "simulating")
         drawn = {cell: pool.submit(draw, cell, size) for cell in cells}
         data = {cell: _waited(future, report, (index + 1) / steps) for index, (cell, future) in enumerate(drawn.items())}
