@@ -191,7 +191,7 @@ class AdviceConfig:
         1.0,
         default=0.015,
     )
-    window_s: float = number("time over whose measurements medians are taken", "s", 0.1, 60.0, default=2.0, key="window")
+    window_s: float = number("time over which measurements are averaged, without outliers", "s", 0.1, 60.0, default=2.0, key="window")
     reaction_s: float = number(
         "time from new ground under the front wheels to the brakes", "s", 0.0, 60.0, default=2.5, key="reaction_time"
     )

@@ -26,7 +26,7 @@ STIFFNESS_DEVIATION = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the rover measured, medians over a short time; [axles] front to rear."""
+    """What the rover measured, averaged over a short time; [axles] front to rear."""
 
     slip: Floats  # [1]
     sinkage: Floats  # [m]

@@ -176,13 +176,13 @@ class Planner:
         return Reading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
 
     def _typical(self, recent: list[Observation]) -> Reading:
-        """Medians over time: a stop holds until someone resumes, so a few absurd readings must not be one."""
+        """Means over time without outliers: a stop holds until someone resumes, so a few absurd readings must not be one."""
         names = ("slip", "sinkage", "torque", "contact_angle", "wheel_rate")
-        slip, sinkage, torque, angle, rate = (_medians(np.array([getattr(entry, name) for entry in recent])) for name in names)
-        pitch = float(np.median([entry.pitch for entry in recent]))
+        slip, sinkage, torque, angle, rate = (_means(np.array([getattr(entry, name) for entry in recent])) for name in names)
+        pitch, velocity = _means(np.array([(entry.pitch, entry.velocity) for entry in recent])).tolist()
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
-            rim = float(np.median([entry.velocity for entry in recent])) / max(1.0 - _mean(slip), _LEAST_ROLLING)
+            rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)
         return Reading(slip, sinkage, torque, angle, pitch, rim)
 
 
@@ -192,12 +192,20 @@ _LEAST_ROLLING = 0.01
 
 _LARGEST = 1e6
 """[SI] Nothing that is measured of a wheel is larger."""
+_FAR = 5.0
+"""[robust standard deviations] from the median lies an outlier."""
 
 
-def _medians(values: Floats) -> Floats:
-    """Medians [axles] over time of what can be in [time, axles]; NaN where nothing can."""
-    usable = np.abs(values) <= _LARGEST
-    return np.array([np.median(each[use]) if use.any() else math.nan for each, use in zip(values.T, usable.T, strict=True)])
+def _means(values: Floats) -> Floats:
+    """Means [n] over time of [time, n] without outliers (Hampel's identifier); NaN where nothing is measured."""
+    return np.array([_robust_mean(each[np.abs(each) <= _LARGEST]) for each in values.T])
+
+
+def _robust_mean(values: Floats) -> float:
+    if not values.size:
+        return math.nan
+    away = np.abs(values - np.median(values))
+    return float(values[away <= _FAR * 1.4826 * np.median(away)].mean())
 
 
 def _mean(values: Floats) -> float:
