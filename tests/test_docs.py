@@ -32,7 +32,7 @@ from terramechanics.soil import load_soil
 from tests.launch_stand_in import declared
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "bags/README.md", *sorted((ROOT / "docs").glob("*.md"))]
 POLICY = ROOT / "docs/examples/sros2/policy.xml"
 PACKAGES = ("msg_defs", "terramechanics", "rover_sim_node", "terrain_estimator")
 ENDS = r"(?:[^|;&#\n]|\n +\[)*"  # of a command; a line that goes on begins with an option in brackets
