@@ -32,6 +32,7 @@ setup(
             "estimator = terrain_estimator.nodes.estimator:main",
             "recorder = terrain_estimator.nodes.recorder:main",
             "replay = terrain_estimator.cli.replay:main",
+            "add_slip = terrain_estimator.cli.add_slip:main",
             "recover_bag = terrain_estimator.cli.recover_bag:main",
             "csv_to_bag = terrain_estimator.cli.csv_to_bag:main",
             "accuracy = terrain_estimator.cli.accuracy:main",

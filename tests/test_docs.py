@@ -162,7 +162,7 @@ def test_topics_services_and_pinned_packages_are_those_of_the_project(page: Path
 def test_parameters_are_those_of_the_node(page: Path) -> None:
     for _, name, arguments in commands(page):
         given = set(re.findall(r"-p ([a-z_.]+):=", arguments))
-        node = "estimator" if name == "replay" else name
+        node = {"replay": "estimator", "add_slip": "slip_source"}.get(name, name)
         if given:
             known = {each.name for each in parameters(NODES[node])} | {"use_sim_time"}
             assert given <= known, f"{name}: {given - known}"

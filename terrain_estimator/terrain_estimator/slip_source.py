@@ -28,6 +28,10 @@ ODOMETRY = "odometry"
 VELOCITY_TYPES = {ODOMETRY: "nav_msgs/msg/Odometry", "twist": "geometry_msgs/msg/TwistWithCovarianceStamped"}
 """Messages that a velocity can come in; both have it in twist.twist.linear.x."""
 JOINTS, VELOCITY = "joint_states", "velocity"
+TWICE = (
+    "velocity comes from the estimator's own input odom: its noise would enter slip and velocity alike, which the estimator takes for "
+    "independent. Give velocity another source (docs/bring_your_own_rover.md)"
+)
 
 
 class SlipSourceError(ValueError):

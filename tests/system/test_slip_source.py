@@ -27,7 +27,7 @@ def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(start: Starter
     rover.write_text((PRESETS / "rovers/mars_rover.yaml").read_text().replace("name: mars_rover", "name: twin"))
     process = start("terrain_estimator", "slip_source", "--ros-args", "-p", f"rover:={rover}", "-r", "velocity:=odom")
     process.wait_for_output("ready: rover twin", timeout=60.0)
-    assert "Remap velocity to another source" in process.output
+    assert "Give velocity another source" in process.output
     found = listener.collect(WheelSlip, "wheel_slip")
     outputs = {topic: listener.publisher(factory.message_class(INPUT_TYPES[topic]), topic) for topic in ("joint_states", "odom")}
     measured, reports, last = [], listener.collect(DiagnosticArray, "/diagnostics"), {}

@@ -6,7 +6,7 @@ from terrain_estimator.bags.compare import Difference, compare
 from terrain_estimator.bags.definitions import Definition, installed_definition
 from terrain_estimator.bags.errors import BagError, BagExistsError
 from terrain_estimator.bags.part import Topic
-from terrain_estimator.bags.qos import STATE, Qos
+from terrain_estimator.bags.qos import STATE, Qos, parse_qos
 from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo, bag_name
 from terrain_estimator.bags.recovery import Recovery, recover
 from terrain_estimator.bags.sequence import is_sequenced, sequence_of
@@ -33,6 +33,7 @@ __all__ = [
     "compare",
     "installed_definition",
     "is_sequenced",
+    "parse_qos",
     "recover",
     "sequence_of",
     "whole_bag",

@@ -5,7 +5,7 @@
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from terrain_estimator.cli.topics import absolute, bag_topics
 from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
@@ -21,22 +21,35 @@ class Reading:
     config: EstimatorConfig = field(default_factory=EstimatorConfig)
 
 
-def add_options(parser: ArgumentParser) -> None:
-    """The options that :func:`node_config` and :func:`reading_of` look at."""
+ConfigT = TypeVar("ConfigT")
+
+
+def add_parameters(parser: ArgumentParser) -> None:
+    """The options that :func:`parameters_of` looks at."""
     parser.add_argument("--params-file", type=Path, action="append", default=[], help="parameters as the node takes them; later files win")
     parser.add_argument("-p", "--param", action="append", default=[], metavar="NAME:=VALUE", help="one parameter; wins over the files")
     parser.add_argument("--namespace", default="", help="namespace of the topics in the bag, such as /rover1")
+
+
+def add_options(parser: ArgumentParser) -> None:
+    """The options that :func:`node_config` and :func:`reading_of` look at."""
+    add_parameters(parser)
     parser.add_argument(
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic, such as wheel_slip:=/slip"
     )
 
 
-def node_config(options: Namespace, **more: Any) -> EstimatorNodeConfig:
-    """The parameters of the files and of single options; ``more`` wins over both. Raises ConfigError."""
+def parameters_of(options: Namespace, node: str, kind: type[ConfigT], **more: Any) -> ConfigT:
+    """The parameters of a node, of the files and of single options; ``more`` wins over both. Raises ConfigError."""
     values: dict[str, Any] = {}
     for path in options.params_file:
-        values |= read_parameters(path, absolute("estimator", options.namespace))
-    return configure(EstimatorNodeConfig, values | dict(parse_assignment(text) for text in options.param) | more)
+        values |= read_parameters(path, absolute(node, options.namespace))
+    return configure(kind, values | dict(parse_assignment(text) for text in options.param) | more)
+
+
+def node_config(options: Namespace, **more: Any) -> EstimatorNodeConfig:
+    """The same of the estimator."""
+    return parameters_of(options, "estimator", EstimatorNodeConfig, **more)
 
 
 def reading_of(options: Namespace) -> Reading:

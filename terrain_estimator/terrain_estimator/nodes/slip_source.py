@@ -19,14 +19,10 @@ from terrain_estimator.nodes.reporting import Reporter
 from terrain_estimator.nodes.silence import Pairs, Patience
 from terrain_estimator.pairing import MessageSet
 from terrain_estimator.ros_types import INPUT_TYPES, Message
-from terrain_estimator.slip_source import JOINTS, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
+from terrain_estimator.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
 from terramechanics.rover import load_rover
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
-_TWICE = (
-    "velocity comes from the estimator's own input odom: its noise would enter slip and velocity alike, which the estimator takes for "
-    "independent. Remap velocity to another source (docs/bring_your_own_rover.md)"
-)
 
 
 class SlipSourceNode(Node):
@@ -46,7 +42,7 @@ class SlipSourceNode(Node):
         for topic, kind in topics.items():
             self._subscribe(topic, kind)
         if self.resolve_topic_name(VELOCITY) == self.resolve_topic_name("odom"):
-            self.get_logger().warning(_TWICE)
+            self.get_logger().warning(TWICE)
         self.get_logger().info(f"ready: rover {rover.name}, wheels {', '.join(rover.wheel_names)}")
 
     def _subscribe(self, topic: str, kind: str) -> None:

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""add_slip BAG --velocity TOPIC: the same bag with wheel_slip, made of wheel rates and a velocity as the node slip_source makes it live.
+
+Exit codes: 0 done; 2 wrong arguments, parameters or bag, or no slip came of it.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrain_estimator.bags import BagError, BagReader, BagWriter, Qos, RawMessage, Topic, bag_name, parse_qos, whole_bag
+from terrain_estimator.cli.interrupting import interruptible
+from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.cli.reading import add_parameters, parameters_of
+from terrain_estimator.cli.topics import TopicError, absolute
+from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
+from terramechanics.loading import ConfigError
+from terramechanics.parameters import effective
+from terramechanics.rover import load_rover
+
+SLIP = "wheel_slip"
+WRONG = 2
+
+
+@dataclass(slots=True)
+class Added:
+    """What came of a bag."""
+
+    joints: int = 0  # messages with wheel rates
+    slips: int = 0
+    refused: int = 0  # pairs
+    why: str = ""  # of the last refused one
+
+    def __str__(self) -> str:
+        """In words."""
+        refused = f", {self.refused} pairs refused: {self.why}" if self.refused else ""
+        return f"{self.slips} slips of {self.joints} {JOINTS}{refused}"
+
+
+@interruptible
+def main(arguments: list[str] | None = None) -> int:
+    """Write the bag that the command line asks for; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    out: Path = options.out or options.bag.resolve().with_name(f"{bag_name(options.bag)}_slip")
+    names = {name: absolute(text, options.namespace) for name, text in ((JOINTS, options.joint_states), (VELOCITY, options.velocity))}
+    try:
+        with BagReader(options.bag) as reader:
+            kind = _velocity_type(reader, names)
+            config = parameters_of(options, "slip_source", SlipSourceConfig, velocity_type=kind)
+            added = add_slip(reader, out, {topic: name for name, topic in names.items()}, absolute(SLIP, options.namespace), config)
+    except (BagError, ConfigError, TopicError, OSError) as error:
+        print(f"add_slip: {error}", file=sys.stderr)
+        return WRONG
+    if names[VELOCITY] == absolute("odom", options.namespace):
+        print(f"add_slip: warning: {TWICE}", file=sys.stderr)
+    print(f"{out}: {added}")
+    return 0
+
+
+def _velocity_type(reader: BagReader, names: Mapping[str, str]) -> str:
+    """As the bag has it. Raises TopicError where a topic is missing or of another type."""
+    for name in names.values():
+        if name not in reader.topics:
+            raise TopicError(f"{reader.path} has no topic {name}; it has {', '.join(sorted(reader.topics)) or 'none'}")
+    kinds = {type_name: kind for kind, type_name in VELOCITY_TYPES.items()}
+    found = reader.topics[names[VELOCITY]].type_name
+    if found not in kinds:
+        raise TopicError(f"{reader.path}: topic {names[VELOCITY]} is a {found}, and no velocity: give one of {', '.join(kinds)}")
+    reader.expect({names[JOINTS]: INPUT_TYPES[JOINTS]})
+    return kinds[found]
+
+
+def add_slip(reader: BagReader, out: Path, ours: Mapping[str, str], slip_topic: str, config: SlipSourceConfig) -> Added:
+    """Copy a bag to ``out``, with a slip right behind the message that completes its pair; ``ours`` are names by topic of the bag.
+
+    Raises:
+        TopicError: the bag has slips already, or none could be made.
+        ConfigError: the rover or a parameter is wrong.
+        BagError: a message cannot be read, or ``out`` cannot be written.
+    """
+    if slip_topic in reader.topics:
+        raise TopicError(f"{reader.path} has a topic {slip_topic} already: replay it as it is, or give a bag without it")
+    source, added, span = SlipSource(load_rover(config.rover), config), Added(), reader.span
+    with whole_bag(out) as writer, ProgressReport(f"add_slip {out.name}") as progress:
+        for name, values in reader.metadata.items():
+            writer.add_metadata(name, values)
+        writer.add_metadata("add_slip", {**{name: topic for topic, name in ours.items()}, "configuration": json.dumps(effective(config))})
+        copies = _topics(reader, writer)
+        slip = writer.add_topic(slip_topic, INPUT_TYPES[SLIP])
+        for raw in reader.messages(copies):
+            progress.at((raw.log_time_ns - span.first_ns) / max(1, span.duration_ns))
+            writer.write(copies[raw.topic], raw.data, raw.log_time_ns, raw.publish_time_ns)
+            if raw.topic in ours:
+                added.joints += ours[raw.topic] == JOINTS
+                _add(source, ours[raw.topic], raw, reader, writer, slip, added)
+        if not added.slips:
+            raise TopicError(f"{reader.path}: {added}: stamps of one pair may differ by pairing_tolerance, {config.tolerance_s:g} s")
+    return added
+
+
+def _topics(reader: BagReader, writer: BagWriter) -> dict[str, Topic]:
+    """All topics of a bag in another one. Raises TopicError for one that cannot be copied."""
+    found: dict[str, Topic] = {}
+    for name, topic in reader.topics.items():
+        if topic.definition is None:
+            raise TopicError(f"{reader.path}: topic {name} is not CDR with .msg source, and cannot be copied: record without it")
+        found[name] = writer.add_topic(name, topic.type_name, definition=topic.definition, qos=parse_qos(topic.qos_text) or (Qos(),))
+    return found
+
+
+def _add(source: SlipSource, name: str, raw: RawMessage, reader: BagReader, writer: BagWriter, slip: Topic, added: Added) -> None:
+    for pair in source.pair(name, reader.decode(raw)):
+        try:
+            message = source.slip_message(pair, writer.types.make)
+        except SlipSourceError as error:
+            added.refused, added.why = added.refused + 1, str(error)
+            continue
+        writer.write_message(slip, message, raw.log_time_ns, raw.publish_time_ns)
+        added.slips += 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="add_slip", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file; it is not touched")
+    parser.add_argument("--velocity", required=True, metavar="TOPIC", help="odometry or stamped twist along body x, not that of odom")
+    parser.add_argument("--joint-states", default=JOINTS, metavar="TOPIC", help="with the wheel rates (default: %(default)s)")
+    parser.add_argument("--out", type=Path, metavar="BAG", help="folder of the new bag, must not exist (default: BAG_slip)")
+    add_parameters(parser)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
