@@ -60,7 +60,7 @@ fuzz: workspace  ## fuzz all readers of files, 40 minutes on one core (10 for ba
 bench: workspace  ## measure every speed that has a bar, beside references: out/bench.json, docs/benchmarks.md
 	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks $(ARGS)
 
-soak: workspace  ## run three rovers for long, under 40 minutes: does memory, a counter or a rate drift? out/soak.json, docs/faults.md
+soak: workspace  ## run three rovers for long, 38 minutes with four processors, 50 with two: does memory, a counter or a rate drift? out/soak.json, docs/faults.md
 	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks.soak $(ARGS)
 
 pages: workspace  ## write the pages and parameter files that follow from the code
