@@ -61,4 +61,6 @@ def check_inputs(bag: str, present: Mapping[str, object], names: Mapping[str, st
         return
     similar = [topic for topic in sorted(present) if topic.rsplit("/", 1)[-1] in REQUIRED_INPUTS and topic not in names.values()]
     hint = f"it has {', '.join(similar)}: give --namespace or --remap" if similar else f"it has {', '.join(sorted(present)) or 'no topics'}"
+    if missing == [names["wheel_slip"]] and names["joint_states"] in present:
+        hint += "; or make it of the wheel rates and a velocity by add_slip (docs/bring_your_own_rover.md)"
     raise TopicError(f"{bag}: no topic {', '.join(missing)}; {hint}")

@@ -54,7 +54,9 @@ def test_the_slip_is_that_of_slip_source_the_rest_is_copied_and_the_new_bag_repl
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = bag_without_slip(tmp_path / "drive")
-    assert replay.main([str(bag), "--out", str(tmp_path / "none")]) == 2, "without slip there is nothing to estimate from"
+    assert replay.main([str(bag), "--out", str(tmp_path / "none")]) == 2
+    assert "no topic /wheel_slip; it has" in (said := capsys.readouterr().err)
+    assert "or make it of the wheel rates and a velocity by add_slip" in said
     assert run(bag, "--velocity", VISUAL) == 0
     out = tmp_path / "drive_slip"
     assert f"{out}: {STEPS} slips of {STEPS} joint_states\n" in capsys.readouterr().out
