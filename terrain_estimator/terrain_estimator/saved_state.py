@@ -23,6 +23,7 @@ from torch import Tensor
 
 VERSION = 1
 _FORMAT = "terrain_estimator state"
+_BEGINNING = json.dumps({"format": _FORMAT}).removesuffix("}").encode()
 _LARGEST_FILE = 16 << 20
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
@@ -93,6 +94,16 @@ def checked_state(arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[st
     if not all(torch.equal(state[name], own[name]) for name in given):
         raise StateFileError("the state was learnt from another prior: give prior.* and drift as they were, or start without it")
     return state
+
+
+def is_foreign(path: Path) -> bool:
+    """Whether a file never was a state: one that was begins as one, or with the zeros or the nothing that a power cut may leave.
+
+    Raises OSError.
+    """
+    with path.open("rb") as file:
+        found = file.read(len(_BEGINNING))
+    return found != _BEGINNING and any(found)
 
 
 def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:

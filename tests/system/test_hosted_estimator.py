@@ -125,10 +125,10 @@ def test_a_clock_that_stops_is_told_from_one_that_never_came(listener: Listener,
 def test_a_state_that_is_refused_is_put_aside_and_the_node_estimates(
     node: EstimatorNode, path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path.write_bytes(b"not a state")
+    path.write_bytes(bytes(600))  # as a power cut leaves it
     node.start()
     assert node.state == "active"
-    assert path.with_name("ground.state.refused").read_bytes() == b"not a state"
+    assert path.with_name("ground.state.refused").read_bytes() == bytes(600)
     said = capfd.readouterr().err
     assert f"{path}: is no state file" in said
     assert "put aside" in said
@@ -137,9 +137,47 @@ def test_a_state_that_is_refused_is_put_aside_and_the_node_estimates(
     node.start()
     assert path.with_name("ground.state.loaded").read_bytes() == good
     node.end()
-    path.write_bytes(b"nor this")
+    path.write_bytes(good[:-1])
     node.start()
-    assert [path.with_name(f"ground.state.refused{ending}").read_bytes() for ending in ("", "-2")] == [b"not a state", b"nor this"]
+    assert [path.with_name(f"ground.state.refused{ending}").read_bytes() for ending in ("", "-2")] == [bytes(600), good[:-1]]
+    node.end()
+    path.write_bytes(b"")
+    node.start()
+    assert path.with_name("ground.state.refused-3").read_bytes() == b""
+    node.end()
+
+
+def test_a_second_estimator_with_one_state_file_is_not_configured_until_the_first_lets_go_of_it(
+    node: EstimatorNode, listener: Listener, path: Path
+) -> None:
+    node.start()
+    parameters = [Parameter("state.file", value=str(path))]
+    other = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover2", parameter_overrides=parameters)
+    other.start()
+    assert (node.state, other.state) == ("active", "unconfigured")
+    assert f"{path}: another estimator keeps its state there" in other.wrong
+    node.end()
+    other.start()
+    assert other.state == "active"
+    other.end()
+
+
+@pytest.mark.parametrize("content", [b"# Rover terrain estimation", b"PK\x03\x04\x00\x00", b"{}"])
+def test_a_file_that_never_was_a_state_is_left_alone(node: EstimatorNode, path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    node.start()
+    assert (node.state, path.read_bytes()) == ("unconfigured", content)
+    assert node.wrong.endswith("ground.state is another file, no state: it is left alone; name another one by the parameter state.file")
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+def test_a_state_file_in_a_folder_that_is_not_there_is_refused_before_the_drive(node: EstimatorNode, path: Path) -> None:
+    path.parent.rmdir()
+    node.start()
+    assert (node.state, f"there is no folder {path.parent}" in node.wrong) == ("unconfigured", True)
+    path.parent.mkdir()
+    node.start()
+    assert node.state == "active"
     node.end()
 
 

@@ -29,7 +29,7 @@ from terrain_estimator.messages import health_message
 from terrain_estimator.model_file import load_model
 from terrain_estimator.nodes.command_line import begin
 from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.nodes.keeping import StateKeeper, beside, done, go_on
+from terrain_estimator.nodes.keeping import StateKeeper, beside, check_place, done, go_on
 from terrain_estimator.nodes.managed import ManagedNode, drain, spin
 from terrain_estimator.nodes.plain import refuse
 from terrain_estimator.nodes.quality import listen
@@ -73,8 +73,8 @@ class EstimatorNode(ManagedNode):
         model = load_model(self.config.estimator.model)
         pipeline = Pipeline(model, self.config.estimator)
         path = self._state_path
-        if path is not None and path.exists() and not path.is_file():
-            raise StateFileError(f"{path} is a folder or a device: name a file by the parameter state.file")
+        if path is not None:
+            check_place(path)
         keeper = StateKeeper(path, self.get_logger().error) if path else None
         if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
             pipeline = Pipeline(model, self.config.estimator)  # of the refused one it is not known what it took

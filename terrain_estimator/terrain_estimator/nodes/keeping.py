@@ -20,7 +20,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from terrain_estimator.bags.syncing import sync_folder
 from terrain_estimator.diagnostics import SAVING, Finding
 from terrain_estimator.pipeline import Pipeline
-from terrain_estimator.saved_state import StateFileError, read_state, write_state
+from terrain_estimator.saved_state import StateFileError, is_foreign, read_state, write_state
 
 REFUSED, LOADED = ".refused", ".loaded"
 """Are added to the name of a state file that was put aside, and of a copy for replays."""
@@ -104,6 +104,20 @@ class StateKeeper:
     def _owe_what_waits(self) -> None:
         with self._changed:
             self._wrong, self._since_s = "", self._waiting.since_s if self._waiting else math.inf
+
+
+def check_place(path: Path) -> None:
+    """Raises StateFileError where a state cannot be kept at ``path``, or something else is there: it would be replaced."""
+    if not path.parent.is_dir():
+        raise StateFileError(f"{path}: there is no folder {path.parent}: make it, or name another file by the parameter state.file")
+    if path.exists() and not path.is_file():
+        raise StateFileError(f"{path} is a folder or a device: name a file by the parameter state.file")
+    try:
+        foreign = path.exists() and is_foreign(path)
+    except OSError:
+        return  # reading it will say what is wrong
+    if foreign:
+        raise StateFileError(f"{path} is another file, no state: it is left alone; name another one by the parameter state.file")
 
 
 def _claimed(path: Path) -> BinaryIO | None:
