@@ -36,7 +36,9 @@ def test_the_reason_names_what_is_there_instead_and_how_to_hear_it(listener: Lis
     assert why_silent(node, "e", KIND, QOS) == "/e has a publisher, which says nothing: check it"
 
 
-def test_it_is_said_once_for_each_topic_without_a_message(listener: Listener, capfd: pytest.CaptureFixture[str]) -> None:
+def test_it_is_said_once_for_each_topic_on_which_nothing_comes_or_nothing_any_more(
+    listener: Listener, capfd: pytest.CaptureFixture[str]
+) -> None:
     said: list[str] = []
 
     def more() -> str:
@@ -49,10 +51,12 @@ def test_it_is_said_once_for_each_topic_without_a_message(listener: Listener, ca
     listener.spin_until(lambda: "no data" in more(), "it is said")
     patience.heard("silent")
     listener.spin_until(lambda: "come now" in more(), "it is taken back")
+    listener.spin_until(lambda: "no data on silent for 0." in more(), "that it ended is said, too")
     text = more()
     assert "no data on silent since the start: nobody publishes /silent; of its type there is /rover1/silent: start its publisher" in text
     assert "--ros-args -r __ns:=/rover1" in text
-    assert text.count("no data") == 1
+    assert text.count("no data on silent since the start") == text.count("no data on silent for") == 1
+    assert text.count("no data on heard for") == 1
     assert "silent: messages come now" in text
 
 

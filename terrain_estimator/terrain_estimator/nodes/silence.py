@@ -68,21 +68,27 @@ class Pairs:
 
 
 class Patience:
-    """Waits for the first message of each topic, and says once of which none came, and why."""
+    """Says once of each topic that nothing comes, from the start or any more, and why; and when it comes again."""
 
     def __init__(self, node: Node, topics: Mapping[str, str], qos: QoSProfile, patience_s: float = PATIENCE_S) -> None:
         """``topics`` gives the type by name."""
-        self._node, self._qos = node, qos
-        self._silent, self._said = dict(topics), set[str]()
-        self._timer = node.create_timer(patience_s, guarded(node, self._say), clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._node, self._qos, self._patience_s, self._topics = node, qos, patience_s, dict(topics)
+        self._begun_s, self._heard_s, self._said = time.monotonic(), dict[str, float](), set[str]()
+        node.create_timer(patience_s, guarded(node, self._say), clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def heard(self, topic: str) -> None:
         """A message came."""
-        if self._silent.pop(topic, None) and topic in self._said:
+        self._heard_s[topic] = time.monotonic()
+        if topic in self._said:
+            self._said.remove(topic)
             self._node.get_logger().info(f"{topic}: messages come now")
 
     def _say(self) -> None:
-        self._node.destroy_timer(self._timer)
-        for topic, kind in self._silent.items():
+        now = time.monotonic()
+        for topic, kind in self._topics.items():
+            silent_s = now - self._heard_s.get(topic, self._begun_s)
+            if topic in self._said or silent_s < 0.9 * self._patience_s:  # a timer may be early
+                continue
             self._said.add(topic)
-            self._node.get_logger().warning(f"no data on {topic} since the start: {why_silent(self._node, topic, kind, self._qos)}")
+            since = f"for {silent_s:.1f} s" if topic in self._heard_s else "since the start"
+            self._node.get_logger().warning(f"no data on {topic} {since}: {why_silent(self._node, topic, kind, self._qos)}")
