@@ -32,3 +32,8 @@ def test_a_replay_gives_the_recorded_estimates(tmp_path: Path) -> None:
         assert (replayed.cohesion, replayed.tan_phi) == pytest.approx((recorded.cohesion, recorded.tan_phi), rel=1e-6)
         assert replayed.covariance == pytest.approx(recorded.covariance, rel=1e-5)
     assert json.loads((tmp_path / "summary.json").read_text())["bags"][0]["outcomes"]["ACCEPTED"] == STEPS
+
+
+def test_a_replay_with_another_model_than_the_nodes_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert replay.main([str(SAMPLE), "--out", str(tmp_path), "--model", "paper_rover"]) == 0
+    assert "the node's estimates in it are of model mars_rover-" in capsys.readouterr().out

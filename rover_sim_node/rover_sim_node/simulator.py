@@ -140,7 +140,8 @@ class Simulator:
             self._spin_until(time.monotonic() + DISCOVERY_S)
             self._node.own_clock()
         self._wait_for_subscribers()
-        self._node.get_logger().info(f"driving {config.schedule} on {config.soil} with {config.rover}")
+        effect = f", effect {config.effect} of size {config.effect_size:g}" if config.effect else ""
+        self._node.get_logger().info(f"driving {config.schedule} on {config.soil} with {config.rover}{effect}")
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would make a step late
         self._drive()

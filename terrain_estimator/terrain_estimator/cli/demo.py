@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from terrain_estimator.bags import BagError, BagReader
+from terrain_estimator.cli.arguments import real
 from terrain_estimator.cli.drive import Drive, Recording, drive
 from terrain_estimator.cli.figure import draw, read_curves
 from terrain_estimator.cli.fleet import FleetError, executable
@@ -47,8 +48,10 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder of the results (default: %(default)s)")
-    parser.add_argument("--duration", type=float, default=60.0, help="simulated time [s] (default: %(default)s)")
-    parser.add_argument("--real-time-factor", type=float, default=5.0, help="how much faster than real time (default: %(default)s)")
+    parser.add_argument("--duration", type=real(0.0, exclusive=True), default=60.0, help="simulated time [s] (default: %(default)s)")
+    parser.add_argument(
+        "--real-time-factor", type=real(0.0, exclusive=True), default=5.0, help="how much faster than real time (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of drive and noise (default: %(default)s)")
     parser.add_argument("--rover", default="mars_rover", help="rover preset or file (default: %(default)s)")
     parser.add_argument("--soil", default="loose_sand", help="soil preset or file (default: %(default)s)")

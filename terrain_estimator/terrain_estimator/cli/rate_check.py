@@ -14,6 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from terrain_estimator.cli.arguments import real
 from terrain_estimator.cli.drive import Drive, drive
 from terrain_estimator.cli.fleet import FleetError
 from terrain_estimator.cli.interrupting import interruptible
@@ -31,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the check; returns the exit code."""
     parser = argparse.ArgumentParser(prog="rate_check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/rate_check"), help="folder of the results (default: %(default)s)")
-    parser.add_argument("--duration", type=float, default=30.0, help="time to drive [s] (default: %(default)s)")
+    parser.add_argument("--duration", type=real(0.0, exclusive=True), default=30.0, help="time to drive [s] (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of drive and noise (default: %(default)s)")
     options = parser.parse_args(arguments)
     domain_id = random.SystemRandom().randint(1, 101)

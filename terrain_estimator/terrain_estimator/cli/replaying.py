@@ -147,7 +147,7 @@ def replay(
     with BagReader(bag) as reader:
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
-        result.missing_s, result.notes = reader.missing_s, reader.notes
+        result.missing_s, result.notes = reader.missing_s, reader.notes + _other_model(reader, model, names["terrain_estimate"])
         wheels = rover_of(model, config.rover).wheel_names
         result.slip, result.sinkage = WheelHistory(wheels), WheelHistory(wheels)
         pipeline = Pipeline(model, config)
@@ -169,6 +169,15 @@ def replay(
         if result.last:
             result.status = status_of(result.last.update, pipeline.meta.rows).name
     return result
+
+
+def _other_model(reader: BagReader, model: LoadedModel, estimates: str) -> list[str]:
+    """A note where the node that published these ``estimates`` while the bag was recorded had another model."""
+    node = reader.metadata.get("terrain_estimator", {})
+    ours = node.get("topic", "").rpartition("/")[0] == estimates.rpartition("/")[0]
+    live = node.get("model_id", "") if ours else ""
+    words = f"{reader.path}: the node's estimates in it are of model {live}, those of this replay of {model.model_id} (--model)"
+    return [words] if live not in {"", model.model_id} else []
 
 
 def identity(pipeline: Pipeline, config: EstimatorConfig) -> dict[str, str]:

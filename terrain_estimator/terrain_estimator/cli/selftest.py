@@ -13,6 +13,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from terrain_estimator.bags import BagError, BagReader
+from terrain_estimator.cli.arguments import real
 from terrain_estimator.cli.fleet import Fleet, FleetError
 from terrain_estimator.cli.interrupting import interruptible
 from terrain_estimator.cli.verdicts import OUTPUTS, Verdict, verdicts
@@ -34,8 +35,10 @@ SIMULATION: dict[str, object] = {
 def main(arguments: list[str] | None = None) -> int:
     """Run it; returns the exit code."""
     parser = argparse.ArgumentParser(prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--duration", type=float, default=10.0, help="simulated time [s] (default: %(default)s)")
-    parser.add_argument("--real-time-factor", type=float, default=4.0, help="how much faster than real time (default: %(default)s)")
+    parser.add_argument("--duration", type=real(0.0, exclusive=True), default=10.0, help="simulated time [s] (default: %(default)s)")
+    parser.add_argument(
+        "--real-time-factor", type=real(0.0, exclusive=True), default=4.0, help="how much faster than real time (default: %(default)s)"
+    )
     parser.add_argument("--domain-id", type=int, default=0, help="ROS domain (default: one at random, so that nothing else is disturbed)")
     options = parser.parse_args(arguments)
     domain_id = options.domain_id or random.SystemRandom().randint(1, 101)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from terrain_estimator.cli import accuracy, change, net_study, paper, planner_study, stream_study
+from terrain_estimator.cli import accuracy, change, demo, net_study, paper, planner_study, rate_check, selftest, stream_study
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,9 @@ from terrain_estimator.cli import accuracy, change, net_study, paper, planner_st
         (planner_study.main, ("--drives", "0")),
         (planner_study.main, ("--seed", "-1")),
         (net_study.main, ("--episodes", "0")),
+        (demo.main, ("--duration", "0")),  # which the simulator takes for endless
+        (selftest.main, ("--duration", "0")),
+        (rate_check.main, ("--duration", "0")),
     ],
 )
 def test_a_number_that_gives_no_figures_is_refused_by_its_option(
