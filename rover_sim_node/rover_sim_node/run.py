@@ -138,8 +138,6 @@ def _ground(config: SimulatorConfig) -> Ground:
 
 def _plant(config: SimulatorConfig) -> Plant | None:
     if not config.effect:
-        if config.effect_size:
-            raise ConfigError(f"parameter effect_size: {config.effect_size:g} has no effect without effect: give both or none")
         return None
     try:
         size = describe(config.effect).checked(config.effect_size)

@@ -188,7 +188,6 @@ def test_another_rate_gives_other_steps() -> None:
     [
         (SimulatorConfig(soil="mud"), "mud: neither one of the soils"),
         (SimulatorConfig(effect="ice"), "effect: unknown effect 'ice'; known effects are slope_bias, bulldozing"),
-        (SimulatorConfig(effect_size=0.02), r"effect_size: 0\.02 has no effect without effect"),
         (SimulatorConfig(effect="payload", effect_size=900.0), r"payload: size 900 is outside its physical range, -80 to 150 \[kg\]"),
         (SimulatorConfig(effect="lateral_bulldozing"), "lateral_bulldozing acts sideways"),
         (SimulatorConfig(rover="car"), "car: neither one of the rovers"),
