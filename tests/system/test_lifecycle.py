@@ -135,6 +135,8 @@ def test_a_killed_node_goes_on_where_it_was_and_refuses_a_damaged_state(start: S
     wait_until(lambda: path.exists() and read_state(path, model.sha256)["counts"][1] == 40, "the state is kept by itself")
     saved = path.read_bytes()
     first.kill()
+    # DDS takes a killed process for alive for 20 s: its subscriptions would be taken for those of the next
+    listener.spin_until(lambda: not listener.node.count_subscribers("wheel_slip"), "the killed node is forgotten", timeout=60.0)
     second = with_state(start, path)
     assert f"going on from the state in {path}" in second.output
     last = drive(listener, second, events[200:], 20)[-1]
