@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import os
+import threading
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -118,22 +119,24 @@ def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
     return unpack_state(content, model_sha256, str(path))
 
 
-def write_state(path: Path, content: bytes) -> None:
-    """Replace a state file so that a crash leaves the old one or the new one. Raises OSError; the old one is untouched then.
+_WRITING: dict[Path, threading.Lock] = {}
+"""By file: its temporary one has one name, which a crash cannot leave behind twice. A file on a disk that hangs holds up no other."""
 
-    One writer at a time for a file.
-    """
-    temporary = path.with_name(f".{path.name}.new")  # one name: a crash cannot leave it behind twice
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
+
+def write_state(path: Path, content: bytes) -> None:
+    """Replace a state file so that a crash leaves the old one or the new one. Raises OSError; the old one is untouched then."""
+    temporary = path.with_name(f".{path.name}.new")
+    with _WRITING.setdefault(temporary, threading.Lock()):
+        try:
+            with temporary.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
 
 
 def _header(line: bytes, where: str) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import io
 import json
 import pickle
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -172,3 +173,13 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pyt
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(StateFileError, match=r"none\.state: cannot be read"):
         read_state(tmp_path / "none.state", "")
+
+
+def test_two_that_write_at_once_both_succeed(tmp_path: Path) -> None:
+    path = tmp_path / "ground.state"
+    with ThreadPoolExecutor(4) as pool:
+        for written in [pool.submit(write_state, path, bytes([k]) * 10_000) for k in range(100)]:
+            written.result()
+    content = path.read_bytes()
+    assert content == content[:1] * 10_000
+    assert list(tmp_path.iterdir()) == [path]
