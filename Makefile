@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy net paper calibrate hidden hidden-full faults million fuzz bench soak pages workspace environment clean
+.PHONY: help demo discover test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz bench soak pages workspace environment clean
 
-LIBRARIES := terramechanics:terrain_estimator:rover_sim_node
+LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
 
 help:  ## this list
@@ -28,18 +28,26 @@ lint: environment  ## ruff, mypy and the import contract
 train: workspace  ## train the tracked models anew
 	ros2_ws/bin/ros2 run terrain_estimator train $(ARGS)
 
-accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md, docs/change.md
-	ros2_ws/bin/ros2 run terrain_estimator accuracy $(ARGS)
-	ros2_ws/bin/ros2 run terrain_estimator change
+accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md
+	ros2_ws/with python -m studies.accuracy $(ARGS)
+
+change: workspace  ## judge how soon a change of the ground is found: docs/change.md
+	ros2_ws/with python -m studies.change $(ARGS)
+
+stream: workspace  ## judge what the estimator publishes with default parameters: docs/stream_study.md
+	ros2_ws/with python -m studies.stream $(ARGS)
+
+planner: workspace  ## drive into soft patches and count what the planner's stop saves: out/planner_study.json
+	ros2_ws/with python -m studies.planner $(ARGS)
 
 net: workspace  ## what the learnt features are worth on plants with hidden effects: out/net_study.json
-	ros2_ws/bin/ros2 run terrain_estimator net_study $(ARGS)
+	ros2_ws/with python -m studies.net $(ARGS)
 
 paper: workspace  ## the paper's experiments: tables and pictures in out/paper
-	ros2_ws/bin/ros2 run terrain_estimator paper $(ARGS)
+	ros2_ws/with python -m studies.paper $(ARGS)
 
 calibrate: workspace  ## thresholds of find_missing_effect anew: out/thresholds.json
-	ros2_ws/bin/ros2 run terrain_estimator calibrate_discovery $(ARGS)
+	ros2_ws/with python -m studies.calibration $(ARGS)
 
 hidden: workspace  ## how often verdicts about hidden effects are right, at most 40 minutes on two cores: docs/hidden.md
 	ros2_ws/with python -m tests.hidden.judge $(ARGS)

@@ -20,10 +20,10 @@ from benchmarks.lines import Effort, Line
 from benchmarks.observation import microseconds, widened
 from terrain_estimator.bags import Types
 from terrain_estimator.cli import replay
-from terrain_estimator.model_file import load_model
-from terramechanics.rover import load_rover
-from terramechanics.sinkage import WheelGround, equilibrium_sinkage
-from terramechanics.soil import load_soil
+from terrain_estimator.model.model_file import load_model
+from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 from tests.drives import write_bag
 
 STEEPEST = 1.1

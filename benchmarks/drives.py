@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.model_file import LoadedModel
+from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation
-from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import Make, Message
 from tests.drives import STEP_NS, Event, drive_messages
 

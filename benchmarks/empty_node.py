@@ -9,7 +9,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from terrain_estimator.nodes import factory
+from terrain_estimator.nodes.common import factory
 from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
 
 QOS = QoSProfile(depth=50)

@@ -21,7 +21,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.drives import long_drive
-from terrain_estimator.nodes import factory
+from terrain_estimator.nodes.common import factory
 from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until

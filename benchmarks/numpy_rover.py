@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from terramechanics.rover import Rover
+from terramechanics.vehicle.rover import Rover
 
 Floats: TypeAlias = NDArray[np.float64]
 POINTS = 12

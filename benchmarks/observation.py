@@ -15,12 +15,12 @@ from benchmarks.drives import observations
 from benchmarks.lines import Effort, Line
 from benchmarks.numpy_training import Floats
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.estimator import Estimator
+from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.training import build_model
-from terrain_estimator.model_file import LoadedModel, Training, load_model
+from terrain_estimator.messaging.pipeline import warm_up
+from terrain_estimator.model.model_file import LoadedModel, Training, load_model
 from terrain_estimator.observation import Observation
-from terrain_estimator.pipeline import warm_up
 
 MEDIAN_US, CLOSING_US, HIGH_US = 150.0, 1000.0, 2000.0
 PARAMETERS = 34

@@ -21,10 +21,10 @@ from benchmarks import reading
 from benchmarks.drives import long_drive
 from benchmarks.lines import Effort, Line
 from terrain_estimator.bags import Types
-from terrain_estimator.cli.replaying import replay
-from terrain_estimator.cli.topics import bag_topics
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.model_file import load_model
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.offline.replaying import replay
+from terrain_estimator.offline.topics import bag_topics
 from tests.drives import write_bag
 
 BAR = 500.0

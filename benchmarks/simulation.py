@@ -14,12 +14,12 @@ from benchmarks import numpy_rover
 from benchmarks.lines import Effort, Line
 from benchmarks.numpy_rover import Floats, Track
 from terramechanics.effects import make_effect
-from terramechanics.ground import Ground
-from terramechanics.plant import Plant
-from terramechanics.profile import Hills
-from terramechanics.rover import Rover, load_rover
-from terramechanics.simulation import TIME_STEP, simulate, start
-from terramechanics.soil import load_soil
+from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.simulation import TIME_STEP, simulate, start
+from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.profile import Hills
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import Rover, load_rover
 
 BAR = 5e4  # rover-steps a second, on two cores
 ROVERS = 1500

@@ -13,9 +13,9 @@ from benchmarks.lines import Effort, Line
 from benchmarks.numpy_training import Adam, Floats, Tasks, loss_and_gradients
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.learning.training import Recipe, build_model, train
-from terrain_estimator.palpaca import PAlpaca
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terrain_estimator.model.palpaca import PAlpaca
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 BAR_MS = 30.0
 """[ms] Of one core for a step of 20 tasks x 40 blocks: 1000 of them in half a minute."""

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from docs.advice import WHEN
+from rover_parameters.parameters import table, template
 from rover_sim_node.config import SimulatorConfig
 from terrain_estimator.config import (
     DashboardConfig,
@@ -16,8 +17,7 @@ from terrain_estimator.config import (
     SlipSourceConfig,
     WatchConfig,
 )
-from terrain_estimator.diagnostics import table as checks
-from terramechanics.parameters import table, template
+from terrain_estimator.messaging.diagnostics import table as checks
 
 FOLDER = Path(__file__).parent
 _HEAD = """<!--

@@ -12,12 +12,12 @@ import torch
 
 from terrain_estimator.bags import BagWriter, Types
 from terrain_estimator.ros_types import INPUT_TYPES, Make
-from terramechanics.ground import Ground, Patch
-from terramechanics.rover import Rover, load_rover
-from terramechanics.sample import Sample
-from terramechanics.sensors import Measurement, Noise, measure_drive
-from terramechanics.simulation import simulate
-from terramechanics.soil import load_soil
+from terramechanics.simulation.sample import Sample
+from terramechanics.simulation.sensors import Measurement, Noise, measure_drive
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import Rover, load_rover
 
 ROVER: Rover = load_rover("mars_rover")
 JOINTS = (*ROVER.wheel_names, "bogie")

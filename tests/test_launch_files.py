@@ -10,10 +10,10 @@ import pytest
 
 from docs.advice import WHEN
 from docs.pages import NODES
+from rover_parameters.files import read_parameters
+from rover_parameters.parameters import configure, parameters
+from rover_parameters.records import ConfigError
 from terrain_estimator.ros_types import INPUT_TYPES, RECORDED_TOPICS
-from terramechanics.loading import ConfigError
-from terramechanics.parameter_files import read_parameters
-from terramechanics.parameters import configure, parameters
 from tests.launch_stand_in import Kept, declared, started
 
 ROOT = Path(__file__).parents[1]

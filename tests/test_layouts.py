@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from terrain_estimator.bags import Types
-from terrain_estimator.track import POINT
-from terramechanics.rover import load_rover
+from terrain_estimator.messaging.track import POINT
+from terramechanics.vehicle.rover import load_rover
 
 ROOT = Path(__file__).parents[1]
 WHEELS = len(load_rover("mars_rover").wheels)

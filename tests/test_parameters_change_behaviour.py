@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 
 from docs.pages import NODES
+from rover_parameters.parameters import configure, parameters
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import step_messages
 from rover_sim_node.run import Reading, Run
 from rover_sim_node.velocity_commands import VelocityCommands
 from terrain_estimator.bags import BagWriter, Types
 from terrain_estimator.config import EstimatorConfig, RecorderConfig
-from terrain_estimator.model_file import LoadedModel, load_model
+from terrain_estimator.messaging.pipeline import Answer, Pipeline
+from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pipeline import Answer, Pipeline
-from terramechanics.loading import PRESETS
-from terramechanics.parameters import configure, parameters
-from terramechanics.rover import load_rover
+from terramechanics.presets import PRESETS
+from terramechanics.vehicle.rover import load_rover
 from tests.drives import Event, drive_messages
 
 TESTS = Path(__file__).parent

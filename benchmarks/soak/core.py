@@ -24,9 +24,9 @@ import torch
 from benchmarks.drives import long_drive
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.model_file import load_model
+from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import Make
 from terrain_estimator.update import Update
 from tests.drives import STEP_NS, Event

@@ -15,10 +15,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from terrain_estimator.nodes import factory
+from terrain_estimator.nodes.common import factory
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import ESTIMATE, HEALTH, Message
-from terramechanics.simulation import TIME_STEP
+from terramechanics.simulation.simulation import TIME_STEP
 from tests.system.processes import Process, Starter
 
 FACTOR = 4.0

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.soak.core import Sample
 from benchmarks.soak.live import FACTOR, Series
 from benchmarks.trend import Trend, counted, trend
-from terramechanics.simulation import TIME_STEP
+from terramechanics.simulation.simulation import TIME_STEP
 
 HOURS, DDS_HOURS = 24.0, 2.0
 """Of simulated time of every rover, through the core and over DDS."""

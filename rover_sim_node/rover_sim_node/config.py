@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from terramechanics.loading import entry, number
-from terramechanics.soil import Soil
+from rover_parameters.records import entry, number
+from terramechanics.terrain.soil import Soil
 
 FOLLOW = "cmd_vel"
 """The schedule that follows velocity commands."""

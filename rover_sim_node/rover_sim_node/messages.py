@@ -18,7 +18,7 @@ from torch import Tensor
 from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.run import Reading, Truth
-from terramechanics.contact import CONSTANTS
+from terramechanics.contact.stresses import CONSTANTS
 from terramechanics.effects import describe
 
 SECOND_NS = 1_000_000_000

@@ -9,19 +9,19 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
 from rover_sim_node.velocity_commands import VelocityCommands
 from terramechanics.effects import describe, make_effect
-from terramechanics.ground import Ground, Patch
-from terramechanics.loading import ConfigError
-from terramechanics.plant import Plant
-from terramechanics.profile import Profile, Ramp, Step
-from terramechanics.rover import Rover, load_rover
-from terramechanics.sample import Sample
-from terramechanics.schedules import PROFILES, SCHEDULES
-from terramechanics.sensors import Measurement, Noise, acceleration_bias, measure, per_wheel
-from terramechanics.simulation import start
-from terramechanics.soil import load_soil
+from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.sample import Sample
+from terramechanics.simulation.schedules import PROFILES, SCHEDULES
+from terramechanics.simulation.sensors import Measurement, Noise, acceleration_bias, measure, per_wheel
+from terramechanics.simulation.simulation import start
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.profile import Profile, Ramp, Step
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import Rover, load_rover
 
 MIDDLE = 1
 """Axle whose ground is reported as the truth."""

@@ -22,15 +22,15 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import TerrainTruth
+from rover_parameters.declare import declare
+from rover_parameters.files import DUMP
+from rover_parameters.parameters import usage
+from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
-from rover_sim_node.declare import declare
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
 from rover_sim_node.run import Reading, Run, Truth
-from terramechanics.loading import ConfigError
-from terramechanics.parameter_files import DUMP
-from terramechanics.parameters import usage
-from terramechanics.suspension import TerrainError
+from terramechanics.vehicle.suspension import TerrainError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -56,7 +56,7 @@ class SimulatorNode(Node):
     def __init__(self) -> None:
         """Read the parameters and set up the drive. Raises ConfigError that names a parameter."""
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
-        self.config = declare(self)
+        self.config = declare(self, SimulatorConfig)
         self.run = Run(self.config)
         self._outputs = {topic: self.create_publisher(kind, topic, QOS) for topic, kind in TYPES.items()}
         self._truth_output = self.create_publisher(TerrainTruth, "ground_truth/terrain", LATCHED)

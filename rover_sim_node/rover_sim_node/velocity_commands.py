@@ -7,10 +7,10 @@ import math
 import torch
 from torch import Tensor
 
+from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
-from terramechanics.loading import ConfigError
-from terramechanics.rover import Rover
-from terramechanics.schedules import Command
+from terramechanics.simulation.schedules import Command
+from terramechanics.vehicle.rover import Rover
 
 _ROUNDING = 1e-9  # [s]
 

@@ -14,7 +14,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
 
-from terramechanics.parameter_files import read_parameters
+from rover_parameters.files import read_parameters
 
 SWITCH = ["true", "false"]
 SIMULATOR = {

@@ -4,14 +4,14 @@
 
 from dataclasses import dataclass, field
 
+from rover_parameters.parameters import INLINE, effective, fingerprint
+from rover_parameters.records import ConfigError, entry, number
 from terrain_estimator.ros_types import BODY_FRAME, RECORDED_TOPICS
-from terramechanics.loading import ConfigError, entry, number
-from terramechanics.parameters import INLINE, effective, fingerprint
 
 
 @dataclass(frozen=True, slots=True)
 class CoreConfig:
-    """What :class:`terrain_estimator.estimator.Estimator` takes: nothing of topics, stamps or frames."""
+    """What :class:`terrain_estimator.estimator.estimator.Estimator` takes: nothing of topics, stamps or frames."""
 
     use_torque: bool = entry("use the wheel torques of joint_states", default=True)
     use_imu: bool = entry("use pitch and acceleration of imu; else pitch of odom", default=True)

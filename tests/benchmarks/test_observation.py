@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.drives import observations
 from benchmarks.observation import closing
-from terrain_estimator.model_file import load_model
+from terrain_estimator.model.model_file import load_model
 
 
 def test_a_refused_observation_moves_the_end_of_the_next_block() -> None:

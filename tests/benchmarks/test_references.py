@@ -13,11 +13,11 @@ from benchmarks.numpy_training import Adam, loss_and_gradients
 from benchmarks.simulation import same_drives
 from benchmarks.training import model_of, random_data, tasks_of, weights_of
 from terrain_estimator.learning.training import Recipe, _Learnt, _losses
-from terramechanics.ground import Ground
-from terramechanics.rover import load_rover
-from terramechanics.simulation import TIME_STEP, simulate
-from terramechanics.sinkage import WheelGround
-from terramechanics.soil import load_soil
+from terramechanics.contact.sinkage import WheelGround
+from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 ROVERS, STEPS, SEED = 2, 10, 5
 TASKS = 4

@@ -19,8 +19,8 @@ from benchmarks.soak.page import HEADING, section
 from benchmarks.soak.verdict import Ran, core_trends, live_trends
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.model_file import load_model
-from terrain_estimator.pipeline import Pipeline
+from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.ros_types import stamp_ns
 from tests.drives import STEP_NS
 from tests.faults.page import PAGE

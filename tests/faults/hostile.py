@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Observation
-from terramechanics.rover import Rover
-from terramechanics.soil import Soil
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 from tests.terrain_estimator.drives import drive_observations
 
 DRIVE_S = 10.0

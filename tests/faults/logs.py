@@ -5,7 +5,7 @@
 import re
 from typing import Any
 
-from terrain_estimator.diagnostics import CHECKS, LATENCY, Level
+from terrain_estimator.messaging.diagnostics import CHECKS, LATENCY, Level
 
 _LINE = re.compile(r"^\[(?:WARN|ERROR|FATAL)\] \[[\d.]+\] \[[\w.]+\]: (.*)$", re.MULTILINE)
 _OF_THE_MACHINE = (LATENCY.name, LATENCY.quantity)

@@ -21,10 +21,10 @@ import torch
 
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.conversion import Conversion
-from terrain_estimator.model_file import LoadedModel, load_model
+from terrain_estimator.messaging.conversion import Conversion
+from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pipeline import Pipeline
 from tests.faults.hostile import Madness
 from tests.faults.page import PAGE, machine, replace_section
 from tests.soundness import unsound

@@ -14,7 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from msg_defs.msg import MotionPrediction, TerrainEstimate
-from terrain_estimator.nodes import factory
+from terrain_estimator.nodes.common import factory
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import INPUT_TYPES, stamp_ns
 from tests.drives import Event, drive_messages

@@ -15,21 +15,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from rover_parameters.files import read_parameters
+from rover_parameters.parameters import configure, template
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.bags.metadata import METADATA_FILE
-from terrain_estimator.bags.recovery import recover
-from terrain_estimator.cli.csv_import.mapping import Mapping, read_mapping
-from terrain_estimator.cli.csv_import.samples import CsvError, read_samples
-from terrain_estimator.cli.wheel_table import WheelTableError, read_table
+from terrain_estimator.bags.format.metadata import METADATA_FILE
+from terrain_estimator.bags.recovery.recovery import recover
 from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
-from terrain_estimator.estimator import Estimator
-from terrain_estimator.model_file import MODELS, LoadedModel, ModelFileError, load_model, read_metadata
-from terrain_estimator.saved_state import StateFileError, pack_state, read_state, unpack_state
-from terramechanics.loading import PRESETS, ConfigError
-from terramechanics.parameter_files import read_parameters
-from terramechanics.parameters import configure, template
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table
+from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state, unpack_state
+from terrain_estimator.importing.mapping import Mapping, read_mapping
+from terrain_estimator.importing.samples import CsvError, read_samples
+from terrain_estimator.model.model_file import MODELS, LoadedModel, ModelFileError, load_model, read_metadata
+from terramechanics.presets import PRESETS
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 from tests.terrain_estimator.bags.support import finished_bag, killed_recording
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"

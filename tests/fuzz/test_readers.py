@@ -11,12 +11,12 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from terrain_estimator.cli.csv_import.mapping import Mapping
+from rover_parameters.parameters import configure
+from rover_parameters.records import ConfigError, build, parse_yaml
 from terrain_estimator.config import EstimatorNodeConfig
-from terramechanics.loading import ConfigError, build, parse_yaml
-from terramechanics.parameters import configure
-from terramechanics.rover import Rover
-from terramechanics.soil import Soil
+from terrain_estimator.importing.mapping import Mapping
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 from tests.fuzz.targets import TARGETS
 
 WORDS = (

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.plant import Effect, Plant
-from terramechanics.rover import Rover, load_rover
-from terramechanics.sample import Drive
-from terramechanics.sensors import Measurement, Noise, measure_drive, per_wheel
-from terramechanics.simulation import STUCK_TIME, TIME_STEP, simulate
+from terramechanics.simulation.plant import Effect, Plant
+from terramechanics.simulation.sample import Drive
+from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
+from terramechanics.simulation.simulation import STUCK_TIME, TIME_STEP, simulate
+from terramechanics.vehicle.rover import Rover, load_rover
 from tests.hidden.equivalent import equivalent_size
 from tests.hidden.generators import GENERATORS, Draw, sizes_of
 from tests.hidden.ground import SOILS, draw_ground, draw_terrain, uniform

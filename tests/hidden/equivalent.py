@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from terramechanics.plant import Contact, Effect, Situation
-from terramechanics.sample import Drive
+from terramechanics.simulation.plant import Contact, Effect, Situation
+from terramechanics.simulation.sample import Drive
 from tests.hidden.sensing import Sensed
 from tests.hidden.soil import Sized
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.plant import Effect
+from terramechanics.simulation.plant import Effect
 from tests.hidden import outside, sensing, soil, vehicle
 
 

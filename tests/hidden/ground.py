@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.ground import Ground, Patch
-from terramechanics.profile import Hills, Profile, Shape, random_hills
-from terramechanics.rover import Rover
-from terramechanics.sinkage import drawbar_capability
-from terramechanics.soil import load_soil
+from terramechanics.contact.sinkage import drawbar_capability
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.profile import Hills, Profile, Shape, random_hills
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import Rover
 
 SOILS = ("loose_sand", "regolith")
 COHESION_PA = (500.0, 5000.0)
@@ -34,7 +34,7 @@ class Terrain:
     foot: Tensor  # [batch] [m] where it begins
 
     def shape(self, x: Tensor) -> Shape:
-        """See terramechanics.profile.Profile."""
+        """See terramechanics.terrain.profile.Profile."""
         wide = (-1, *[1] * (x.dim() - 1))
         grade, foot = self.grade.reshape(wide), self.foot.reshape(wide)
         u = ((x - foot) / BLEND).clamp(0.0, 1.0)

@@ -18,11 +18,11 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from terrain_estimator.learning.batched import Trace, run
+from studies.batched import Trace, run
 from terrain_estimator.learning.restore import physics_alone
-from terrain_estimator.packing import pack_measurement
-from terramechanics.sensors import Measurement
-from terramechanics.soil import load_soil
+from terrain_estimator.model.packing import pack_measurement
+from terramechanics.simulation.sensors import Measurement
+from terramechanics.terrain.soil import load_soil
 from tests.hidden.cases import DRIVES, EACH, Plan, Simulated, drive_ends, simulate_cases
 from tests.hidden.generators import GENERATORS
 

@@ -7,9 +7,9 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from terramechanics.plant import Contact, Pull, Situation
-from terramechanics.rover import Rover
-from terramechanics.sample import Sample
+from terramechanics.simulation.plant import Contact, Pull, Situation
+from terramechanics.simulation.sample import Sample
+from terramechanics.vehicle.rover import Rover
 from tests.hidden.sensing import Sensed
 from tests.hidden.soil import Sized
 

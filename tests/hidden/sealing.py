@@ -10,12 +10,12 @@ from pathlib import Path
 import torch
 
 from terrain_estimator.bags import BagWriter
-from terrain_estimator.cli.csv_import.mapping import BodySignal, Mapping, Noise, Time, WheelColumns, WheelSignal
-from terrain_estimator.cli.csv_import.messages import SampleWriter
-from terrain_estimator.cli.csv_import.samples import Measured, Sample
-from terramechanics.rover import Rover
-from terramechanics.sensors import Measurement
-from terramechanics.simulation import TIME_STEP
+from terrain_estimator.importing.mapping import BodySignal, Mapping, Noise, Time, WheelColumns, WheelSignal
+from terrain_estimator.importing.messages import SampleWriter
+from terrain_estimator.importing.samples import Measured, Sample
+from terramechanics.simulation.sensors import Measurement
+from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case
 
 START_NS = 1_000 * 1_000_000_000

@@ -8,9 +8,9 @@ import math
 import torch
 from torch import Tensor
 
-from terramechanics.plant import Effect
-from terramechanics.rover import Rover
-from terramechanics.sample import Sample
+from terramechanics.simulation.plant import Effect
+from terramechanics.simulation.sample import Sample
+from terramechanics.vehicle.rover import Rover
 
 WARM_UP = 15.0
 """[s] Time constant with which a sensor reaches its working temperature."""

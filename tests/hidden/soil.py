@@ -7,9 +7,9 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from terramechanics.plant import Contact, Effect, Situation
-from terramechanics.rover import Rover
-from terramechanics.sample import Sample
+from terramechanics.simulation.plant import Contact, Effect, Situation
+from terramechanics.simulation.sample import Sample
+from terramechanics.vehicle.rover import Rover
 
 SOIL_DENSITY = 1600.0
 """[kg/m^3]"""

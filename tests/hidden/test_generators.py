@@ -13,13 +13,13 @@ import torch
 from torch import Tensor
 
 from terramechanics.effects import EFFECTS
-from terramechanics.ground import Ground, Patch
-from terramechanics.plant import Contact, Plant, Situation
-from terramechanics.rover import load_rover
-from terramechanics.sample import Drive, Sample
-from terramechanics.sensors import Noise, measure_drive
-from terramechanics.simulation import simulate
-from terramechanics.soil import load_soil
+from terramechanics.simulation.plant import Contact, Plant, Situation
+from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 from tests.hidden.generators import GENERATORS, Draw, sizes_of
 
 MARS = load_rover("mars_rover")

@@ -8,13 +8,13 @@ import torch
 from torch import Tensor
 
 from terramechanics.effects import make_effect
-from terramechanics.ground import Ground, Patch
-from terramechanics.plant import Effect, Plant
-from terramechanics.rover import load_rover
-from terramechanics.sample import Drive
-from terramechanics.sensors import Noise, measure_drive
-from terramechanics.simulation import simulate
-from terramechanics.soil import load_soil
+from terramechanics.simulation.plant import Effect, Plant
+from terramechanics.simulation.sample import Drive
+from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 from tests.hidden.cases import DRIVES
 from tests.hidden.equivalent import equivalent_size
 from tests.hidden.generators import GENERATORS, Draw

@@ -7,8 +7,8 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from terramechanics.contact import quadrature
-from terramechanics.plant import Contact, Payload, Situation
+from terramechanics.contact.stresses import quadrature
+from terramechanics.simulation.plant import Contact, Payload, Situation
 from tests.hidden.soil import Sized
 
 GREASE_RATE = 1.5

@@ -4,9 +4,9 @@
 
 import dataclasses
 
+from rover_parameters.parameters import configure
 from rover_sim_node.config import SimulatorConfig, SoilOverrides
-from terramechanics.parameters import configure
-from terramechanics.soil import Soil
+from terramechanics.terrain.soil import Soil
 
 
 def test_nothing_given_owns_no_clock() -> None:

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import torch
 
+from rover_parameters.records import ConfigError
 from rover_sim_node.config import GroundChange, SimulatorConfig, SoilOverrides
 from rover_sim_node.messages import clock_message, step_messages, truth_message
 from rover_sim_node.run import Reading, Run
-from terrain_estimator.cli import run_report
-from terramechanics.ground import Ground
-from terramechanics.loading import ConfigError
-from terramechanics.rover import load_rover
-from terramechanics.simulation import simulate
-from terramechanics.soil import load_soil
+from terrain_estimator.offline import run_report
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 CONFIG = SimulatorConfig(seed=5)
 

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
+from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.velocity_commands import VelocityCommands
-from terramechanics.loading import ConfigError
-from terramechanics.rover import load_rover
+from terramechanics.vehicle.rover import load_rover
 
 ROVER = load_rover("mars_rover")
 NOTHING = (0.0, 0.0, 0.0)

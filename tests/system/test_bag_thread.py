@@ -16,15 +16,15 @@ import pytest
 from rclpy.parameter import Parameter
 
 from msg_defs.msg import WheelSlip
+from rover_parameters.parameters import configure
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.bags import writer as bag_writer
-from terrain_estimator.bags.part import Part
+from terrain_estimator.bags.writing import writer as bag_writer
+from terrain_estimator.bags.writing.part import Part
 from terrain_estimator.config import RecorderConfig
-from terrain_estimator.diagnostics import DISK
-from terrain_estimator.nodes import bag_thread
-from terrain_estimator.nodes.bag_thread import BagThread
+from terrain_estimator.messaging.diagnostics import DISK
+from terrain_estimator.nodes.common import bag_thread
+from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.recorder import RecorderNode
-from terramechanics.parameters import configure
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 from tests.system.waiting import wait_until
@@ -111,7 +111,7 @@ def test_while_nothing_is_synced_files_are_split_and_the_end_does_not_wait(
 
 
 def test_what_cannot_be_written_waits_in_memory_up_to_a_limit(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("terrain_estimator.bags.part.Part.write", disk.through(Part.write))
+    monkeypatch.setattr("terrain_estimator.bags.writing.part.Part.write", disk.through(Part.write))
     monkeypatch.setattr(bag_thread, "MOMENT_S", 0.05)
     recording = Recording(tmp_path / "run")
     recording.write(0)
@@ -191,7 +191,8 @@ def test_a_node_that_cleans_up_says_what_the_disk_owes_and_later_that_it_is_writ
 
 HANGS_ON_DEMAND = """
 import os, signal, sys, threading
-from terrain_estimator.nodes import bag_thread, recorder
+from terrain_estimator.nodes.common import bag_thread
+from terrain_estimator.nodes import recorder
 hangs, sync, bag_thread.PATIENCE_S = threading.Event(), os.fsync, 0.2
 signal.signal(signal.SIGUSR1, lambda *_: hangs.set())
 os.fsync = lambda file: threading.Event().wait() if hangs.is_set() else sync(file)

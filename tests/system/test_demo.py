@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from terrain_estimator.bags import BagReader
-from terrain_estimator.cli.interrupting import INTERRUPTED
 from terrain_estimator.cli.rate_check import JITTER_LIMIT_MS, RATE_HZ, keeps_its_rate
+from terrain_estimator.console.interrupting import INTERRUPTED
+from terrain_estimator.messaging.timing import timing
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
-from terrain_estimator.timing import timing
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 

@@ -18,13 +18,13 @@ from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, TerrainEstimate
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.diagnostics import Level
-from terrain_estimator.model_file import LoadedModel, load_model
-from terrain_estimator.nodes import factory, keeping, managed
+from terrain_estimator.estimator.saved_state import read_state, write_state
+from terrain_estimator.messaging.diagnostics import Level
+from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.nodes.common import factory, keeping, managed
 from terrain_estimator.nodes.estimator import EstimatorNode
-from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES
-from terrain_estimator.saved_state import read_state, write_state
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Starter

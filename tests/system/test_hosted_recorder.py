@@ -21,12 +21,12 @@ from msg_defs.msg import WheelSinkage, WheelSlip
 from terrain_estimator.bags import BagReader, BagWriter
 from terrain_estimator.cli import replay
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.diagnostics import FAILURES, UNRECORDED, Check
-from terrain_estimator.model_file import load_model
-from terrain_estimator.nodes import factory
-from terrain_estimator.nodes.offers import of_other_types
+from terrain_estimator.messaging.diagnostics import FAILURES, UNRECORDED, Check
+from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.nodes.common import factory
+from terrain_estimator.nodes.common.offers import of_other_types
 from terrain_estimator.nodes.recorder import RecorderNode
-from terrain_estimator.pipeline import Pipeline
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import drive_messages
 from tests.system.listening import Listener
@@ -71,7 +71,7 @@ def test_a_name_by_the_time_is_never_taken(listener: Listener, tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     same = SimpleNamespace(now=lambda zone: datetime(2026, 1, 2, 3, 4, 5, tzinfo=zone))
-    monkeypatch.setattr("terrain_estimator.nodes.bag_thread.datetime", same)
+    monkeypatch.setattr("terrain_estimator.nodes.common.bag_thread.datetime", same)
     nodes = [recorder(listener, output) for output in ("", "", "", "~/run", "~/run")]
     assert [node.state for node in nodes] == ["active"] * 4 + ["unconfigured"]
     for node in nodes:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from terrain_estimator.nodes import keeping
-from terrain_estimator.saved_state import StateFileError
+from terrain_estimator.estimator.saved_state import StateFileError
+from terrain_estimator.nodes.common import keeping
 
 
 def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

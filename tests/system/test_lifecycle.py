@@ -17,11 +17,11 @@ from std_srvs.srv import Trigger
 from msg_defs.msg import EstimatorHealth, TerrainEstimate, WheelSlip
 from terrain_estimator.bags import BagReader
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.model_file import MODELS, load_model
-from terrain_estimator.nodes import factory
-from terrain_estimator.pipeline import Pipeline
+from terrain_estimator.estimator.saved_state import read_state
+from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.model.model_file import MODELS, load_model
+from terrain_estimator.nodes.common import factory
 from terrain_estimator.ros_types import INPUT_TYPES
-from terrain_estimator.saved_state import read_state
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import pytest
 from std_msgs.msg import String
 
-from terrain_estimator.diagnostics import REQUIRED
-from terrain_estimator.nodes import reporting
-from terrain_estimator.nodes.command_line import take_signals
-from terrain_estimator.nodes.plain import guarded
+from terrain_estimator.messaging.diagnostics import REQUIRED
+from terrain_estimator.nodes.common import reporting
+from terrain_estimator.nodes.common.command_line import take_signals
+from terrain_estimator.nodes.common.plain import guarded
 from tests.system.listening import Listener
 
 

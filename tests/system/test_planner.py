@@ -12,9 +12,9 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import TerrainEstimate, TractionAdvice
-from terrain_estimator.nodes import factory
+from terrain_estimator.nodes.common import factory
 from terrain_estimator.ros_types import INPUT_TYPES
-from terramechanics.loading import PRESETS
+from terramechanics.presets import PRESETS
 from tests.drives import drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Starter

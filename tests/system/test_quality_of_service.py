@@ -14,8 +14,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
 from msg_defs.msg import EstimatorHealth
+from rover_parameters.records import ConfigError
 from terrain_estimator.nodes.estimator import EstimatorNode
-from terramechanics.loading import ConfigError
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 

@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from terrain_estimator.nodes.silence import Pairs, Patience, why_silent
+from terrain_estimator.nodes.common.silence import Pairs, Patience, why_silent
 from tests.system.listening import Listener
 
 QOS = QoSProfile(depth=5)
@@ -64,7 +64,7 @@ def test_messages_that_are_never_of_one_instant_are_said_once_and_taken_back(
     listener: Listener, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = itertools.count()
-    monkeypatch.setattr("terrain_estimator.nodes.silence.time", SimpleNamespace(monotonic=lambda: next(now)))
+    monkeypatch.setattr("terrain_estimator.nodes.common.silence.time", SimpleNamespace(monotonic=lambda: next(now)))
     pairs = Pairs(listener.node, ("a", "b"), patience_s=5.0)
 
     def said(topics: str, *, paired: bool = False) -> str:

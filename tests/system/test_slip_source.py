@@ -9,9 +9,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from msg_defs.msg import WheelSlip
-from terrain_estimator.nodes import factory
+from terrain_estimator.nodes.common import factory
 from terrain_estimator.ros_types import INPUT_TYPES
-from terramechanics.loading import PRESETS
+from terramechanics.presets import PRESETS
 from tests.drives import ROVER, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Starter

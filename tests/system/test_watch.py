@@ -10,8 +10,8 @@ import pytest
 from rclpy.parameter import Parameter
 
 from msg_defs.msg import TerrainEstimate, WheelSinkage, WheelSlip
+from rover_parameters.records import ConfigError
 from terrain_estimator.nodes.watch import Watch
-from terramechanics.loading import ConfigError
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 from tests.system.waiting import wait_until

@@ -4,13 +4,13 @@
 
 import torch
 
-from terrain_estimator.learning.observations import observations_of
+from studies.observations import observations_of
 from terrain_estimator.observation import Observation
-from terramechanics.ground import Ground
-from terramechanics.rover import Rover
-from terramechanics.sensors import Noise, measure_drive
-from terramechanics.simulation import simulate
-from terramechanics.soil import Soil
+from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 
 
 def drive_observations(rover: Rover, soil: Soil, duration_s: float, seed: int) -> list[Observation]:

@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags: MCAP files in the folder form of rosbag2, read and written without ROS."""
 
-from terrain_estimator.bags.compare import Difference, compare
-from terrain_estimator.bags.definitions import Definition, installed_definition
 from terrain_estimator.bags.errors import BagError, BagExistsError
-from terrain_estimator.bags.part import Topic
-from terrain_estimator.bags.qos import STATE, Qos, parse_qos
-from terrain_estimator.bags.reader import BagReader, RawMessage, TopicInfo, bag_name
-from terrain_estimator.bags.recovery import Recovery, recover
-from terrain_estimator.bags.sequence import is_sequenced, sequence_of
-from terrain_estimator.bags.types import Message, Types
-from terrain_estimator.bags.writer import BagWriter, Split, whole_bag
+from terrain_estimator.bags.format.definitions import Definition, installed_definition
+from terrain_estimator.bags.format.qos import STATE, Qos, parse_qos
+from terrain_estimator.bags.format.types import Message, Types
+from terrain_estimator.bags.reading.compare import Difference, compare
+from terrain_estimator.bags.reading.reader import BagReader, RawMessage, TopicInfo, bag_name
+from terrain_estimator.bags.reading.sequence import is_sequenced, sequence_of
+from terrain_estimator.bags.recovery.recovery import Recovery, recover
+from terrain_estimator.bags.writing.part import Topic
+from terrain_estimator.bags.writing.writer import BagWriter, Split, whole_bag
 
 __all__ = [
     "STATE",

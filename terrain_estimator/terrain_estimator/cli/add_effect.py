@@ -12,11 +12,11 @@ import re
 import sys
 from pathlib import Path
 
-from terrain_estimator.cli.arguments import make_folder
-from terrain_estimator.cli.interrupting import interruptible
+from rover_parameters.records import ConfigError
+from terrain_estimator.console.arguments import make_folder
+from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.adding import Sized, add_effects
-from terrain_estimator.model_file import DEFAULT_MODEL, ModelFileError, load_model
-from terramechanics.loading import ConfigError
+from terrain_estimator.model.model_file import DEFAULT_MODEL, ModelFileError, load_model
 
 WRONG = 2
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"

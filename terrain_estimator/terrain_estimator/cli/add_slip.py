@@ -12,17 +12,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from rover_parameters.parameters import effective
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagReader, BagWriter, Qos, RawMessage, Topic, bag_name, parse_qos, whole_bag
-from terrain_estimator.cli.interrupting import interruptible
-from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.cli.reading import add_parameters, parameters_of
-from terrain_estimator.cli.topics import TopicError, absolute
 from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.messaging.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
+from terrain_estimator.offline.reading import add_parameters, parameters_of
+from terrain_estimator.offline.topics import TopicError, absolute
 from terrain_estimator.ros_types import INPUT_TYPES
-from terrain_estimator.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
-from terramechanics.loading import ConfigError
-from terramechanics.parameters import effective
-from terramechanics.rover import load_rover
+from terramechanics.vehicle.rover import load_rover
 
 SLIP = "wheel_slip"
 WRONG = 2

@@ -11,13 +11,13 @@ import sys
 from collections import deque
 from pathlib import Path
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, whole_bag
-from terrain_estimator.cli.csv_import.mapping import Mapping, Noise, read_mapping
-from terrain_estimator.cli.csv_import.messages import SampleWriter
-from terrain_estimator.cli.csv_import.samples import CsvError, read_samples
-from terrain_estimator.cli.csv_import.units import factor
-from terrain_estimator.cli.interrupting import interruptible
-from terramechanics.loading import ConfigError
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.importing.mapping import Mapping, Noise, read_mapping
+from terrain_estimator.importing.messages import SampleWriter
+from terrain_estimator.importing.samples import CsvError, read_samples
+from terrain_estimator.importing.units import factor
 
 WRONG = 2
 

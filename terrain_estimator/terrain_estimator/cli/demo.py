@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.cli.arguments import real
-from terrain_estimator.cli.drive import Drive, Recording, drive
-from terrain_estimator.cli.figure import draw, read_curves
-from terrain_estimator.cli.fleet import FleetError, executable
-from terrain_estimator.cli.interrupting import interruptible
-from terrain_estimator.cli.summary import write_summary
+from terrain_estimator.console.arguments import real
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.demonstration.drive import Drive, Recording, drive
+from terrain_estimator.demonstration.figure import draw, read_curves
+from terrain_estimator.demonstration.processes import FleetError, executable
+from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.ros_types import stamp_ns
 
 DIFFERENT, FAILED = 1, 2

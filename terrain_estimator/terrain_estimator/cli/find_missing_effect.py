@@ -18,17 +18,11 @@ from typing import Any
 
 import torch
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.cli import single_wheel
-from terrain_estimator.cli.arguments import SEED, WORKERS, effects, make_folder, refuse_twice
-from terrain_estimator.cli.cluster import ClusterError
-from terrain_estimator.cli.discovery_runs import FEW, Runs, Workplace, workplace
-from terrain_estimator.cli.finding_file import asked, provenance, write_finding
-from terrain_estimator.cli.finding_model import check_model, write_model
-from terrain_estimator.cli.interrupting import interruptible
-from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.cli.reading import Reading, add_options, reading_of
-from terrain_estimator.cli.thresholds import read_thresholds
-from terrain_estimator.cli.topics import TopicError
+from terrain_estimator.console.arguments import SEED, WORKERS, effects, make_folder, refuse_twice
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery import (
     Diagnosis,
     Finding,
@@ -43,14 +37,20 @@ from terrain_estimator.discovery import (
     settled,
     singles,
 )
-from terrain_estimator.discovery.gap import Gap
-from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.evidence.thresholds import read_thresholds
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.runs import Blocks
-from terrain_estimator.model_file import ModelFileError
+from terrain_estimator.learning.finding_model import check_model, write_model
+from terrain_estimator.model.model_file import ModelFileError
+from terrain_estimator.offline.cluster import ClusterError
+from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workplace
+from terrain_estimator.offline.finding_file import asked, provenance, write_finding
+from terrain_estimator.offline.reading import Reading, add_options, reading_of
+from terrain_estimator.offline.topics import TopicError
 from terramechanics.effects import describe
-from terramechanics.loading import ConfigError
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 WRONG = 2
 FEWEST = 2

@@ -14,11 +14,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from terrain_estimator.cli.arguments import real
-from terrain_estimator.cli.drive import Drive, drive
-from terrain_estimator.cli.fleet import FleetError
-from terrain_estimator.cli.interrupting import interruptible
-from terrain_estimator.cli.summary import write_summary
+from terrain_estimator.console.arguments import real
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.demonstration.drive import Drive, drive
+from terrain_estimator.demonstration.processes import FleetError
+from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
 
 RATE_HZ = 10.0

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from terrain_estimator.bags import BagError, Recovery, bag_name, recover
-from terrain_estimator.cli.interrupting import interruptible
+from terrain_estimator.console.interrupting import interruptible
 
 NOTHING, WRONG = 1, 2
 DAMAGED = "_damaged"

@@ -12,19 +12,19 @@ from pathlib import Path
 
 import torch
 
+from rover_parameters.parameters import template
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, bag_name
-from terrain_estimator.cli.interrupting import interruptible
-from terrain_estimator.cli.reading import add_options, node_config
-from terrain_estimator.cli.replaying import Replay, Start, compare_with_live, replay
-from terrain_estimator.cli.summary import print_table, summary, write_summary
-from terrain_estimator.cli.topics import TopicError, absolute, bag_topics
 from terrain_estimator.config import EstimatorConfig
-from terrain_estimator.model_file import LoadedModel, ModelFileError, load_model
-from terrain_estimator.pipeline import rover_of
-from terrain_estimator.saved_state import StateFileError
-from terrain_estimator.summary import Beliefs
-from terramechanics.loading import ConfigError
-from terramechanics.parameters import template
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.estimator.saved_state import StateFileError
+from terrain_estimator.estimator.summary import Beliefs
+from terrain_estimator.messaging.pipeline import rover_of
+from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
+from terrain_estimator.offline.reading import add_options, node_config
+from terrain_estimator.offline.replaying import Replay, Start, compare_with_live, replay
+from terrain_estimator.offline.summary import print_table, summary, write_summary
+from terrain_estimator.offline.topics import TopicError, absolute, bag_topics
 
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
 
@@ -109,7 +109,7 @@ def _summary(path: Path, replays: list[Replay], model: LoadedModel, config: Esti
 
 def _report(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
     """Write the page about the runs; whether that went well."""
-    from terrain_estimator.cli.run_report import write_report  # noqa: PLC0415 - matplotlib takes half a second, and few want it
+    from terrain_estimator.offline.run_report import write_report  # noqa: PLC0415 - matplotlib takes half a second, and few want it
 
     try:
         write_report(path, replays, model, config)

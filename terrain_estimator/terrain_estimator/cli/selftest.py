@@ -13,10 +13,10 @@ from collections import defaultdict
 from pathlib import Path
 
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.cli.arguments import real
-from terrain_estimator.cli.fleet import Fleet, FleetError
-from terrain_estimator.cli.interrupting import interruptible
-from terrain_estimator.cli.verdicts import OUTPUTS, Verdict, verdicts
+from terrain_estimator.console.arguments import real
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.demonstration.processes import Fleet, FleetError
+from terrain_estimator.demonstration.verdicts import OUTPUTS, Verdict, verdicts
 from terrain_estimator.ros_types import Message
 
 READERS = 4  # of every input: estimator, planner, recorder, and at last the watch, when those that must not miss anything hear

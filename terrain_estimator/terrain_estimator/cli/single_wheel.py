@@ -18,20 +18,20 @@ from typing import Any
 import numpy as np
 import torch
 
-from terrain_estimator.cli.arguments import SEED, effects, make_folder, refuse_twice
-from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.cli.thresholds import read_thresholds
-from terrain_estimator.cli.wheel_table import SIDEWAYS_DEG, SLIP_DEFINITIONS, SLIP_SPEEDS, WheelTableError, read_table
-from terrain_estimator.discovery.library import Hypothesis
+from rover_parameters.records import ConfigError, load, number
+from terrain_estimator.console.arguments import SEED, effects, make_folder, refuse_twice
+from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.discovery.evidence.thresholds import read_thresholds
+from terrain_estimator.discovery.evidence.verdict import Verdict
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.single_wheel import Outcome, Rig, Row, investigate_wheel, of_one_wheel, shown_by_one_wheel
 from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of, wheel_alone
 from terrain_estimator.discovery.single_wheel.investigation import FLOOR
-from terrain_estimator.discovery.verdict import Verdict
+from terrain_estimator.discovery.single_wheel.table import SIDEWAYS_DEG, SLIP_DEFINITIONS, SLIP_SPEEDS, WheelTableError, read_table
 from terrain_estimator.pages.wheel_finding import wheel_page
 from terramechanics.effects import describe
-from terramechanics.loading import ConfigError, load, number
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 LARGEST = 2.0
 """[m] No wheel of a testbed is larger: the number is in another unit."""

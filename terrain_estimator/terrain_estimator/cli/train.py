@@ -11,23 +11,22 @@ from tempfile import TemporaryDirectory
 
 import torch
 
-from terrain_estimator.cli.arguments import COUNT, SEED, WORKERS, make_folder, real, whole
-from terrain_estimator.cli.cluster import cluster
-from terrain_estimator.cli.interrupting import interruptible
-from terrain_estimator.cli.progress import ProgressReport
-from terrain_estimator.cli.training_curves import draw_curves
+from rover_parameters.records import ConfigError
+from terrain_estimator.console.arguments import COUNT, SEED, WORKERS, make_folder, real, whole
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.learning.curves import draw_curves
 from terrain_estimator.learning.departures import HIDDEN
 from terrain_estimator.learning.export import check_export, export
 from terrain_estimator.learning.generation import Chunk, Order, Spread, generate
 from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.regression import Regression
-from terrain_estimator.learning.study import ROVERS, SOILS
-from terrain_estimator.learning.tasks import BENCHMARK, PAPER, draw_tasks
+from terrain_estimator.learning.tasks import BENCHMARK, PAPER, ROVERS, SOILS, draw_tasks
 from terrain_estimator.learning.training import PRIOR, Progress, Recipe, build_model, train
-from terrain_estimator.model_file import MODELS, ModelFileError, Training
-from terramechanics.loading import ConfigError
-from terramechanics.rover import Rover, load_rover
-from terramechanics.soil import Soil, load_soil
+from terrain_estimator.model.model_file import MODELS, ModelFileError, Training
+from terrain_estimator.offline.cluster import cluster
+from terramechanics.terrain.soil import Soil, load_soil
+from terramechanics.vehicle.rover import Rover, load_rover
 
 _CHECKED_OBSERVATIONS = 50
 _SMOOTHED = 20  # iterations in the loss that the metadata state

@@ -11,10 +11,10 @@ from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.history import History, Row
 from terrain_estimator.dashboard.journal import Journal
 from terrain_estimator.dashboard.reading import TOPICS, Values
-from terrain_estimator.diagnostics import Level
-from terrain_estimator.messages import Status
+from terrain_estimator.messaging.diagnostics import Level
+from terrain_estimator.messaging.messages import Status
+from terrain_estimator.messaging.pairing import RESTART_AFTER
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pairing import RESTART_AFTER
 from terrain_estimator.ros_types import Message, stamp_ns
 
 STALE_S = 2.5

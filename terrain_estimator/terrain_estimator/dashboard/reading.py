@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 from itertools import islice
 from typing import Any
 
-from terrain_estimator.diagnostics import Level
 from terrain_estimator.intervals import OUTSIDE_68, credible_interval
-from terrain_estimator.messages import Status
+from terrain_estimator.messaging.diagnostics import Level
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Message
 

@@ -19,9 +19,9 @@ from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.dashboard.model import Cursor, LiveModel
 from terrain_estimator.pages.page import page
-from terramechanics.loading import ConfigError
 
 VIEWERS = 32
 HEARTBEAT_S = 1.0

@@ -30,18 +30,18 @@
 No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
 """
 
-from terrain_estimator.discovery.contributions import Contributions, here
-from terrain_estimator.discovery.diagnosis import Diagnosis, diagnose
-from terrain_estimator.discovery.finding import Finding, investigate, settled
-from terrain_estimator.discovery.flexible import Column, Flexible
-from terrain_estimator.discovery.library import NOTHING, Hypothesis, singles, testable, together
-from terrain_estimator.discovery.parts import Part
-from terrain_estimator.discovery.physics import Nominal, nominal_of
-from terrain_estimator.discovery.proof import Proof, prove
+from terrain_estimator.discovery.evidence.search import Candidate, Study, search
+from terrain_estimator.discovery.evidence.verdict import Judgement, Leftover, Thresholds, Verdict
+from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
+from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, singles, testable, together
+from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.hypotheses.physics import Nominal, nominal_of
+from terrain_estimator.discovery.leftover.flexible import Column, Flexible
+from terrain_estimator.discovery.locate.where import Disagreement, disagreements
+from terrain_estimator.discovery.proof.proof import Proof, prove
+from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
+from terrain_estimator.discovery.report.finding import Finding, investigate, settled
 from terrain_estimator.discovery.runs import Blocks, Run, RunError, cut
-from terrain_estimator.discovery.search import Candidate, Study, search
-from terrain_estimator.discovery.verdict import Judgement, Leftover, Thresholds, Verdict
-from terrain_estimator.discovery.where import Disagreement, disagreements
 
 __all__ = [
     "NOTHING",

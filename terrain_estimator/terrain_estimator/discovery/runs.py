@@ -11,14 +11,14 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.config import CoreConfig
+from terrain_estimator.estimator.screening import screen
+from terrain_estimator.model.packing import ground_torque, link, pack
+from terrain_estimator.model.palpaca import BLOCK
+from terrain_estimator.model.rows import Contact, usable_wheels
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.packing import ground_torque, link, pack
-from terrain_estimator.palpaca import BLOCK
-from terrain_estimator.rows import Contact, usable_wheels
-from terrain_estimator.screening import screen
-from terramechanics.rover import Rover
-from terramechanics.simulation import TIME_STEP
+from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.vehicle.rover import Rover
 
 
 class RunError(ValueError):
@@ -30,7 +30,7 @@ class Run:
     """What one drive measured."""
 
     name: str
-    packed: Tensor  # [T, 8 A + 9] observations of terrain_estimator.packing
+    packed: Tensor  # [T, 8 A + 9] observations of terrain_estimator.model.packing
     wheel_rate: Tensor  # [T, A] [rad/s], NaN where it is not measured
     time: Tensor  # [T] [s] since the start
 

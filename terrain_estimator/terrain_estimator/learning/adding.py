@@ -10,18 +10,18 @@ from pathlib import Path
 
 import torch
 
-from terrain_estimator.discovery.library import Hypothesis
-from terrain_estimator.discovery.parts import Part
-from terrain_estimator.effect_model import PAlpacaWithEffects, ValuePrior
+from rover_parameters.records import ConfigError
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.hypotheses.parts import Part
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import PRIOR, body_of
-from terrain_estimator.model_file import AddedEffect, LoadedModel, Metadata, ModelFileError
-from terrain_estimator.named_effects import LAWS, NOT_ONLINE
-from terrain_estimator.packing import scalar_fields
-from terrain_estimator.palpaca import PAlpaca
+from terrain_estimator.model.effect_model import PAlpacaWithEffects, ValuePrior
+from terrain_estimator.model.effects import LAWS, NOT_ONLINE
+from terrain_estimator.model.model_file import AddedEffect, LoadedModel, Metadata, ModelFileError
+from terrain_estimator.model.packing import scalar_fields
+from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.effects import describe
-from terramechanics.loading import ConfigError
 
 
 @dataclass(frozen=True, slots=True)

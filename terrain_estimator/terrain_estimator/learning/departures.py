@@ -12,8 +12,8 @@ from enum import Enum
 import torch
 
 from terramechanics.effects import make_effect
-from terramechanics.plant import Plant
-from terramechanics.rover import Rover
+from terramechanics.simulation.plant import Plant
+from terramechanics.vehicle.rover import Rover
 
 HIDDEN = 0.4
 """[1] Share of the drives in which each effect of a family acts."""

@@ -11,14 +11,14 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.learning.training import PRIOR
-from terrain_estimator.model_file import FORMAT, Metadata, ModelFileError, Training, fingerprint, load_model, write_metadata
-from terrain_estimator.packing import AXLE_FIELDS, SCALAR_FIELDS
-from terrain_estimator.palpaca import BLOCK, PAlpaca
-from terrain_estimator.prior import UNCERTAIN
-from terrain_estimator.rows import row_names
-from terramechanics.rover import Rover
-from terramechanics.simulation import TIME_STEP
-from terramechanics.soil import Soil
+from terrain_estimator.model.model_file import FORMAT, Metadata, ModelFileError, Training, fingerprint, load_model, write_metadata
+from terrain_estimator.model.packing import AXLE_FIELDS, SCALAR_FIELDS
+from terrain_estimator.model.palpaca import BLOCK, PAlpaca
+from terrain_estimator.model.prior import UNCERTAIN
+from terrain_estimator.model.rows import row_names
+from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 
 VERSION = "10"
 """Of the model's structure and training, part of the model's id."""

@@ -12,8 +12,8 @@ from terrain_estimator.learning.departures import Family, random_plant
 from terrain_estimator.learning.regression import Regression, regression
 from terrain_estimator.learning.tasks import BENCHMARK, Range, draw_tasks
 from terrain_estimator.learning.training import PRIOR, build_model
-from terramechanics.rover import Rover
-from terramechanics.soil import Soil
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 
 CHUNK = 20
 """[1] Drives in a chunk; another number gives other drives."""

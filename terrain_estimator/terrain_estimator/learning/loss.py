@@ -8,7 +8,7 @@ from enum import Enum
 import torch
 from torch import Tensor
 
-from terrain_estimator.gaussian import cholesky, log_determinant
+from terrain_estimator.model.gaussian import cholesky, log_determinant
 
 
 def log_marginal(features: Tensor, target: Tensor, weight: Tensor, mean: Tensor, precision: Tensor) -> Tensor:

@@ -13,10 +13,10 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from terrain_estimator.gaussian import cholesky
 from terrain_estimator.learning.tasks import Tasks
-from terrain_estimator.palpaca import BLOCK, PAlpaca
-from terrain_estimator.rows import PA_PER_UNIT, regression_rows, row_names
+from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.palpaca import BLOCK, PAlpaca
+from terrain_estimator.model.rows import PA_PER_UNIT, regression_rows, row_names
 
 
 @dataclass(frozen=True, slots=True)

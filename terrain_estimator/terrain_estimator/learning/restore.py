@@ -5,10 +5,10 @@
 import torch
 
 from terrain_estimator.learning.training import PRIOR, build_model
-from terrain_estimator.model_file import LoadedModel, ModelFileError
-from terrain_estimator.palpaca import PAlpaca
-from terramechanics.rover import Rover
-from terramechanics.soil import Soil
+from terrain_estimator.model.model_file import LoadedModel, ModelFileError
+from terrain_estimator.model.palpaca import PAlpaca
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 
 
 def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:

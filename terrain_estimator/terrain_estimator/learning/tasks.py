@@ -9,14 +9,19 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from terrain_estimator.packing import AXLE_FIELDS, pack_measurement
-from terramechanics.ground import Ground, Patch
-from terramechanics.plant import Plant
-from terramechanics.rover import Rover
-from terramechanics.sample import Drive, Sample
-from terramechanics.sensors import Noise, measure_drive
-from terramechanics.simulation import TIME_STEP, simulate
-from terramechanics.soil import Soil
+from terrain_estimator.model.packing import AXLE_FIELDS, pack_measurement
+from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
+
+ROVERS = ("paper_rover", "mars_rover")
+"""Rovers of the models that ship."""
+SOILS = ("loose_sand", "compact_sand", "regolith")
+"""Soils that the models that ship know, in the order of their hypotheses."""
 
 
 @dataclass(frozen=True, slots=True)

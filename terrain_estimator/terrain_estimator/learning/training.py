@@ -10,12 +10,12 @@ from torch import Tensor, nn
 
 from terrain_estimator.learning.loss import Orthogonality, negative_log_predictive, overlap, paper_penalty, shortfall, span_share, whiten
 from terrain_estimator.learning.regression import Regression, distinct_rows
-from terrain_estimator.net import NetFeatures
-from terrain_estimator.palpaca import PAlpaca
-from terrain_estimator.prior import Body, Prior
-from terramechanics.rover import Rover
-from terramechanics.soil import Soil
-from terramechanics.suspension import geometry_of
+from terrain_estimator.model.net import NetFeatures
+from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.prior import Body, Prior
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.suspension import geometry_of
 
 PRIOR = Prior(
     cohesion_pa=2750.0,

@@ -22,23 +22,23 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.config import EstimatorNodeConfig
-from terrain_estimator.diagnostics import REQUIRED, Finding
-from terrain_estimator.health import HealthMonitor
-from terrain_estimator.messages import health_message
-from terrain_estimator.model_file import load_model
-from terrain_estimator.nodes.command_line import begin
-from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.nodes.keeping import StateKeeper, beside, check_place, done, go_on
-from terrain_estimator.nodes.managed import ManagedNode, drain, spin
-from terrain_estimator.nodes.plain import refuse
-from terrain_estimator.nodes.quality import listen
-from terrain_estimator.nodes.silence import why_silent
-from terrain_estimator.nodes.watchdog import unheard_publishers
-from terrain_estimator.pipeline import Answer, Pipeline
+from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state
+from terrain_estimator.messaging.diagnostics import REQUIRED, Finding
+from terrain_estimator.messaging.health import HealthMonitor
+from terrain_estimator.messaging.messages import health_message
+from terrain_estimator.messaging.pipeline import Answer, Pipeline
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.nodes.common.command_line import begin
+from terrain_estimator.nodes.common.factory import make, message_class
+from terrain_estimator.nodes.common.keeping import StateKeeper, beside, check_place, done, go_on
+from terrain_estimator.nodes.common.managed import ManagedNode, drain, spin
+from terrain_estimator.nodes.common.plain import refuse
+from terrain_estimator.nodes.common.quality import listen
+from terrain_estimator.nodes.common.silence import why_silent
+from terrain_estimator.nodes.common.watchdog import unheard_publishers
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
-from terrain_estimator.saved_state import StateFileError, pack_state, read_state
-from terramechanics.loading import ConfigError
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last

@@ -9,20 +9,20 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.config import PlannerConfig
-from terrain_estimator.model_file import ModelFileError, load_model
-from terrain_estimator.nodes.declare import declare
-from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.nodes.plain import LOG_PERIOD_S, guarded, run
-from terrain_estimator.nodes.quality import listen
-from terrain_estimator.nodes.silence import Pairs, Patience
-from terrain_estimator.pipeline import rover_of
+from terrain_estimator.messaging.pipeline import rover_of
+from terrain_estimator.model.model_file import ModelFileError, load_model
+from terrain_estimator.nodes.common.declare import declare
+from terrain_estimator.nodes.common.factory import make, message_class
+from terrain_estimator.nodes.common.plain import LOG_PERIOD_S, guarded, run
+from terrain_estimator.nodes.common.quality import listen
+from terrain_estimator.nodes.common.silence import Pairs, Patience
 from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
 from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, LISTENED, REQUIRED_INPUTS, Message, stamp_ns
-from terramechanics.loading import ConfigError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 

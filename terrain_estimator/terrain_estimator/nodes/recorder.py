@@ -21,17 +21,17 @@ from rclpy.type_support import check_for_type_support
 from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagWriter, Topic
 from terrain_estimator.config import RecorderConfig
-from terrain_estimator.diagnostics import DISK, FAILURES, UNRECORDED, Finding
-from terrain_estimator.nodes.bag_thread import BagThread
-from terrain_estimator.nodes.command_line import begin
-from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.nodes.managed import ManagedNode, drain, spin
-from terrain_estimator.nodes.offers import of_other_types, offered
-from terrain_estimator.nodes.plain import refuse
+from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, Finding
+from terrain_estimator.nodes.common.bag_thread import BagThread
+from terrain_estimator.nodes.common.command_line import begin
+from terrain_estimator.nodes.common.factory import message_class
+from terrain_estimator.nodes.common.managed import ManagedNode, drain, spin
+from terrain_estimator.nodes.common.offers import of_other_types, offered
+from terrain_estimator.nodes.common.plain import refuse
 from terrain_estimator.ros_types import HEALTH
-from terramechanics.loading import ConfigError
 
 QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
 POLL_S = 0.1

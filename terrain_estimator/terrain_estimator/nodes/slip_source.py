@@ -10,17 +10,17 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from terrain_estimator.config import SlipSourceConfig
-from terrain_estimator.diagnostics import REFUSED, Finding
-from terrain_estimator.nodes.declare import declare
-from terrain_estimator.nodes.factory import make, message_class
-from terrain_estimator.nodes.plain import guarded, run
-from terrain_estimator.nodes.quality import listen
-from terrain_estimator.nodes.reporting import Reporter
-from terrain_estimator.nodes.silence import Pairs, Patience
-from terrain_estimator.pairing import MessageSet
+from terrain_estimator.messaging.diagnostics import REFUSED, Finding
+from terrain_estimator.messaging.pairing import MessageSet
+from terrain_estimator.messaging.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
+from terrain_estimator.nodes.common.declare import declare
+from terrain_estimator.nodes.common.factory import make, message_class
+from terrain_estimator.nodes.common.plain import guarded, run
+from terrain_estimator.nodes.common.quality import listen
+from terrain_estimator.nodes.common.reporting import Reporter
+from terrain_estimator.nodes.common.silence import Pairs, Patience
 from terrain_estimator.ros_types import INPUT_TYPES, Message
-from terrain_estimator.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
-from terramechanics.rover import load_rover
+from terramechanics.vehicle.rover import load_rover
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 

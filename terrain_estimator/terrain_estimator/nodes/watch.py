@@ -15,14 +15,14 @@ from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCal
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.config import WatchConfig
-from terrain_estimator.nodes.declare import declare
-from terrain_estimator.nodes.factory import message_class
-from terrain_estimator.nodes.plain import guarded, run
-from terrain_estimator.nodes.silence import Patience
+from terrain_estimator.messaging.timing import timing
+from terrain_estimator.nodes.common.declare import declare
+from terrain_estimator.nodes.common.factory import message_class
+from terrain_estimator.nodes.common.plain import guarded, run
+from terrain_estimator.nodes.common.silence import Patience
 from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, LISTENED, OUTPUT_TYPES, Message, stamp_ns
-from terrain_estimator.timing import timing
-from terramechanics.loading import ConfigError
 
 TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
 SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")

@@ -10,14 +10,14 @@ from typing import Any
 
 from markupsafe import Markup
 
-from terrain_estimator.history import Errors, History, Span, WheelHistory, WheelSpan
 from terrain_estimator.intervals import OUTSIDE_68, credible_interval
+from terrain_estimator.messaging.history import Errors, History, Span, WheelHistory, WheelSpan
+from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.courses import Course, bands, curves, occurrences
 from terrain_estimator.pages.numbers import interval, number, words
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, Series, Table
-from terrain_estimator.pairing import Counters
 from terrain_estimator.update import Estimate
 
 MARKS = 20

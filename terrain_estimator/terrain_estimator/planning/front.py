@@ -14,10 +14,10 @@ import torch
 
 from terrain_estimator.observation import Floats
 from terrain_estimator.planning.belief import Samples
-from terramechanics.contact import in_range, quadrature, wheel_forces
-from terramechanics.rover import Rover
-from terramechanics.soil import Soil
-from terramechanics.suspension import Pose, level_pose, wheel_loads
+from terramechanics.contact.stresses import in_range, quadrature, wheel_forces
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.suspension import Pose, level_pose, wheel_loads
 
 _NODES = quadrature(6)
 STIFFNESS_DEVIATION = 0.25

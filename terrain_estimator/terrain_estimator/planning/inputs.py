@@ -3,11 +3,11 @@
 """The planner's measurements: messages of several topics in, observations out."""
 
 from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
-from terrain_estimator.conversion import Converter
+from terrain_estimator.messaging.conversion import Converter
+from terrain_estimator.messaging.pairing import Synchronizer, Topic
 from terrain_estimator.observation import Observation
-from terrain_estimator.pairing import Synchronizer, Topic
 from terrain_estimator.ros_types import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
-from terramechanics.rover import Rover
+from terramechanics.vehicle.rover import Rover
 
 
 class Inputs:

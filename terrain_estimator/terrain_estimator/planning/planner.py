@@ -9,14 +9,14 @@ from enum import IntEnum
 
 import numpy as np
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.config import AdviceConfig
+from terrain_estimator.estimator.screening import FASTEST, backwards
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw
 from terrain_estimator.planning.front import Reading, front_samples
 from terrain_estimator.planning.margins import Margins, margins, stall_probability, unknown_margins
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.screening import FASTEST, backwards
-from terramechanics.loading import ConfigError
 
 NEW_GROUND = 0.02
 """[1] Least probability that the front wheels are on other ground than the rover, before their torque is looked at."""

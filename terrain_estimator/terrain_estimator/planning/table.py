@@ -11,9 +11,9 @@ import torch
 from scipy.interpolate import RegularGridInterpolator
 
 from terrain_estimator.observation import Floats
-from terramechanics.climbing import climb
-from terramechanics.rover import Rover
-from terramechanics.soil import Soil
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.climbing import climb
+from terramechanics.vehicle.rover import Rover
 
 COHESIONS = (0.0, 1000.0, 2500.0, 5000.0, 9000.0)
 """[Pa] At given slip and sinkage forces are affine in c and tan phi, so few places are enough."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The formulas of the named effects: tensors in, tensors out.
 
-Like terramechanics.contact they broadcast over leading dimensions and can be compiled by ``torch.jit.script``, so that the
+Like terramechanics.contact.stresses they broadcast over leading dimensions and can be compiled by ``torch.jit.script``, so that the
 simulator, the search for a missing effect and an exported model that has the effect call the same functions. Sources and
 physical ranges stand in the registry.
 """
@@ -10,7 +10,7 @@ physical ranges stand in the registry.
 import torch
 from torch import Tensor
 
-from terramechanics.contact import MAX_SLIP, MIN_SLIP, entry_angle
+from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, entry_angle
 
 GROUSER_SLIP = 0.1
 """[1] Slip at which grousers have mobilised 63 % of their thrust."""
@@ -34,7 +34,7 @@ def side_resistance(size: Tensor, sinkage: Tensor, radius: float, nodes: Tensor)
 
     ``size`` is gamma / 2 D_1 D_2 [N/m^3], of the soil's unit weight gamma and two factors of its friction angle phi:
     D_1 = cot X + tan(X + phi), D_2 = cot X + cot(X)^2 tan(phi), X = 45 deg - phi / 2; up to 4e5 at phi = 45 deg and 20 kN/m^3.
-    ``nodes`` are those of terramechanics.contact.quadrature.
+    ``nodes`` are those of terramechanics.contact.stresses.quadrature.
     """
     theta_1 = entry_angle(sinkage, radius).unsqueeze(-1)
     theta = theta_1 * nodes[0]

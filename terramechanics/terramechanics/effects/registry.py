@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from rover_parameters.records import ConfigError
 from terramechanics.effects import sensing, soil, vehicle
-from terramechanics.loading import ConfigError
-from terramechanics.plant import Effect, Size
+from terramechanics.simulation.plant import Effect, Size
 
 
 @dataclass(frozen=True, slots=True)

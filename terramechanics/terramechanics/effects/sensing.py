@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from terramechanics.effects.laws import reported_slip
-from terramechanics.plant import Effect, Size
-from terramechanics.rover import Rover
-from terramechanics.sample import Sample
+from terramechanics.simulation.plant import Effect, Size
+from terramechanics.simulation.sample import Sample
+from terramechanics.vehicle.rover import Rover
 
 LONGEST_DELAY = 1.0
 """[s] Latency that is remembered."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.contact import quadrature
+from terramechanics.contact.stresses import quadrature
 from terramechanics.effects.laws import (
     GROUSER_SLIP,
     bulldozing_resistance,
@@ -19,7 +19,7 @@ from terramechanics.effects.laws import (
     rut_stiffness,
     side_resistance,
 )
-from terramechanics.plant import Contact, Effect, Situation, Size
+from terramechanics.simulation.plant import Contact, Effect, Situation, Size
 
 NODES = quadrature()
 """For the side of a wheel."""

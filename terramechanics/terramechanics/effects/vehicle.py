@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from terramechanics.contact import MAX_SLIP, MIN_SLIP, quadrature
+from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, quadrature
 from terramechanics.effects.laws import dry_torque, viscous_torque
-from terramechanics.plant import Contact, Effect, Payload, Situation, Size
-from terramechanics.rover import Rover
+from terramechanics.simulation.plant import Contact, Effect, Payload, Situation, Size
+from terramechanics.vehicle.rover import Rover
 
 REAR = 2
 """Axle that fails unless another is named."""

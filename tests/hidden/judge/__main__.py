@@ -13,8 +13,8 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from terrain_estimator.cli.cluster import ClusterError, cluster
-from terrain_estimator.cli.progress import ProgressReport
+from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.offline.cluster import ClusterError, cluster
 from tests.hidden.judge.bars import bars, outcomes
 from tests.hidden.judge.judging import Record, examine
 from tests.hidden.judge.strata import Batch, batches

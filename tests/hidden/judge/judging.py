@@ -17,11 +17,11 @@ from typing import Any
 
 import torch
 
-from terrain_estimator.cli.discovery_runs import read_blocks
-from terrain_estimator.cli.thresholds import read_thresholds
 from terrain_estimator.discovery import Blocks, Finding, Proof, Study, Verdict, investigate, nominal_of, prove, settled, singles
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terrain_estimator.discovery.evidence.thresholds import read_thresholds
+from terrain_estimator.offline.discovery_runs import read_blocks
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 from tests.hidden.cases import Case, Plan, Truth, draw_cases
 from tests.hidden.judge.strata import TOGETHER, Batch
 from tests.hidden.sealing import seal

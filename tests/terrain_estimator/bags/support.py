@@ -7,7 +7,7 @@ from pathlib import Path
 from mcap.opcode import Opcode
 
 from terrain_estimator.bags import BagWriter
-from terrain_estimator.bags.records import HEAD, MAGIC, Record, scan
+from terrain_estimator.bags.reading.records import HEAD, MAGIC, Record, scan
 
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
 SLIP, SINKAGE, ODOM = "/wheel_slip", "/wheel_sinkage", "/odom"

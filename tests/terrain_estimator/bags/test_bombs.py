@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Message, Schema
 
 from terrain_estimator.bags import BagError, BagReader, recover
-from terrain_estimator.bags.records import HEAD, LARGEST_CONTENTS, LARGEST_RECORD, MAGIC
+from terrain_estimator.bags.reading.records import HEAD, LARGEST_CONTENTS, LARGEST_RECORD, MAGIC
 
 PACKERS: dict[str, Callable[[bytes], bytes]] = {"zstd": zstandard.compress, "lz4": lambda data: lz4.frame.compress(data, store_size=True)}
 UNPACKED = 64_000_000
@@ -145,6 +145,6 @@ def test_chunks_whose_messages_all_wait_for_each_other_are_refused(tmp_path: Pat
     contents = topic(bytes(900))
     chunks = [chunk("zstd", contents, len(contents))] * 9
     assert read(bag(tmp_path / "few.mcap", *chunks)) == 9
-    monkeypatch.setattr("terrain_estimator.bags.file.LARGEST_RECORD", 9000)
+    monkeypatch.setattr("terrain_estimator.bags.reading.file.LARGEST_RECORD", 9000)
     with pytest.raises(BagError, match=r"few\.mcap is damaged: more than 9000 bytes of messages are not in the order"):
         read(tmp_path / "few.mcap")

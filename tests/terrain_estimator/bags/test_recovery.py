@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from terrain_estimator.bags import BagError, BagReader, BagWriter, RawMessage, Recovery, Split, recover
-from terrain_estimator.bags.records import HEAD
+from terrain_estimator.bags.reading.records import HEAD
 from terrain_estimator.cli.recover_bag import main, report
 from tests.terrain_estimator.bags.support import SLIP, TYPES, corrupt, fill, finished_bag, killed_recording, records
 
@@ -130,7 +130,7 @@ def test_the_parts_of_a_recording_that_a_power_cut_ended_are_recovered(tmp_path:
 
 
 def test_a_cut_file_that_others_follow_is_counted_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("terrain_estimator.bags.writer.compact", lambda *_: None)  # as a power cut before it leaves the file
+    monkeypatch.setattr("terrain_estimator.bags.writing.writer.compact", lambda *_: None)  # as a power cut before it leaves the file
     writer = BagWriter(tmp_path / "run", recording=True, split=Split(duration_s=1.0))
     fill(writer, STEPS)
     writer.abandon()

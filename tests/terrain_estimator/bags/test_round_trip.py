@@ -13,7 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from terrain_estimator.bags import STATE, BagError, BagReader, BagWriter, Qos
-from terrain_estimator.bags.compaction import TEMPORARY_SUFFIX
+from terrain_estimator.bags.writing.compaction import TEMPORARY_SUFFIX
 from tests.terrain_estimator.bags.support import ODOM, SINKAGE, SLIP, STEP_NS, TYPES, WHEELS, fill, finished_bag
 
 # Keys of BagMetadata, TopicMetadata and FileInformation in rosbag2_storage/yaml.hpp of ROS 2 Jazzy.
@@ -122,7 +122,7 @@ def test_a_full_disk_while_compacting_keeps_the_recording(tmp_path: Path, monkey
     def full(path: Path, _: object) -> None:
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr("terrain_estimator.bags.writer.compact", full)
+    monkeypatch.setattr("terrain_estimator.bags.writing.writer.compact", full)
     writer = BagWriter(tmp_path / "run", recording=True)
     fill(writer, 30)
     writer.close()

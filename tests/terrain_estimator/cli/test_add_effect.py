@@ -8,7 +8,7 @@ import pytest
 
 from terrain_estimator.cli.add_effect import main, sized
 from terrain_estimator.learning.adding import Sized
-from terrain_estimator.model_file import load_model
+from terrain_estimator.model.model_file import load_model
 
 
 def test_a_model_file_with_the_effects_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,11 +16,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_estimator.bags import BagReader, BagWriter
-from terrain_estimator.bags.part import Topic
-from terrain_estimator.cli.csv_import.samples import Measured, slip_from_max_normalised
+from terrain_estimator.bags.writing.part import Topic
 from terrain_estimator.cli.csv_to_bag import main
-from terrain_estimator.cli.interrupting import INTERRUPTED
-from terrain_estimator.conversion import nose_up_pitch
+from terrain_estimator.console.interrupting import INTERRUPTED
+from terrain_estimator.importing.samples import Measured, slip_from_max_normalised
+from terrain_estimator.messaging.conversion import nose_up_pitch
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 

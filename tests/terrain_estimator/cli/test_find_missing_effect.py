@@ -10,10 +10,10 @@ import pytest
 
 from terrain_estimator.cli import find_missing_effect
 from terrain_estimator.cli.find_missing_effect import main
-from terrain_estimator.cli.finding_model import write_model
-from terrain_estimator.model_file import load_model
-from terrain_estimator.rows import row_names
-from terramechanics.rover import load_rover
+from terrain_estimator.learning.finding_model import write_model
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.rows import row_names
+from terramechanics.vehicle.rover import load_rover
 from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.sealing import seal
 

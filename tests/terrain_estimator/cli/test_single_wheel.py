@@ -13,12 +13,12 @@ import torch
 
 from terrain_estimator.cli import single_wheel
 from terrain_estimator.cli.find_missing_effect import main
-from terrain_estimator.cli.wheel_table import WheelTableError, read_table, rim_slip
 from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.cells import wheel_alone
-from terramechanics.plant import Contact, Effect, Situation
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table, rim_slip
+from terramechanics.simulation.plant import Contact, Effect, Situation
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 RADIUS, WIDTH = 0.1, 0.08
 SLIPS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65)

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from distributed import LocalCluster
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.cli import train
 from terrain_estimator.learning.generation import Order
 from terrain_estimator.learning.restore import restore
-from terrain_estimator.model_file import ModelFileError, load_model
-from terramechanics.loading import ConfigError
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terrain_estimator.model.model_file import ModelFileError, load_model
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 SMALL = ["--rover", "mars_rover", "--soil", "loose_sand", "--tasks", "20", "--iterations", "3", "--columns", "2", "--hidden", "4"]
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.model import Cursor, LiveModel
 from terrain_estimator.dashboard.reading import MOST
-from terramechanics.parameters import configure
 from tests.terrain_estimator.dashboard.messages import WHEELS, advice, estimate, health, instant, measured, refused, truth
 
 make = Types().make

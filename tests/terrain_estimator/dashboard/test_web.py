@@ -15,10 +15,10 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.model import Cursor, LiveModel
 from terrain_estimator.dashboard.web import VIEWERS, WebServer, cursor_of, is_own_name
-from terramechanics.loading import ConfigError
 
 RATE_HZ = 50.0
 LENGTH = 8_000_000

@@ -21,7 +21,7 @@ from typing import Any
 
 import torch
 
-from terrain_estimator.cli.fleet import executable
+from terrain_estimator.demonstration.processes import executable
 from terrain_estimator.pages.finding import Unsealed, finding_page
 from terrain_estimator.pages.finding_words import alternatives
 from terramechanics.effects import EFFECTS

@@ -13,11 +13,11 @@ import sys
 import torch
 
 from terrain_estimator.discovery import Proof, Run, Study, cut, nominal_of, prove, singles
-from terrain_estimator.packing import pack_measurement
-from terramechanics.rover import Rover
-from terramechanics.sensors import Measurement
-from terramechanics.simulation import TIME_STEP
-from terramechanics.soil import load_soil
+from terrain_estimator.model.packing import pack_measurement
+from terramechanics.simulation.sensors import Measurement
+from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case, Plan, draw_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.matters import axle_means

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from terrain_estimator.discovery import Candidate, Part, Run, RunError, cut, nominal_of, singles
-from terrain_estimator.discovery.library import OTHER_LAW, OTHER_SOIL_LAW, SOIL_LAWS, Hypothesis
+from terrain_estimator.discovery.hypotheses.library import OTHER_LAW, OTHER_SOIL_LAW, SOIL_LAWS, Hypothesis
 from tests.terrain_estimator.discovery.known import LOOSE, MARS, SIZES, drives, study
 
 

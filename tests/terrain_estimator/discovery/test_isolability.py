@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery import singles
-from terrain_estimator.discovery.expected import Stage, loss
-from terrain_estimator.discovery.isolability import isolability
-from terrain_estimator.discovery.manoeuvres import MANOEUVRES
-from terrain_estimator.discovery.next_drive import next_drives
+from terrain_estimator.discovery.evidence.expected import Stage, loss
+from terrain_estimator.discovery.evidence.isolability import isolability
+from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES
+from terrain_estimator.discovery.next_drive.next_drive import next_drives
 from tests.terrain_estimator.discovery.known import study
 
 BLOCKS, ROWS, OWN = 30, 3, 4

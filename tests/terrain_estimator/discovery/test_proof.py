@@ -10,22 +10,22 @@ import pytest
 import torch
 
 from terrain_estimator.discovery import Blocks, Candidate, Proof, Run, RunError, Study, Verdict, cut, nominal_of, prove, settled, singles
-from terrain_estimator.discovery.finding import Finding
-from terrain_estimator.discovery.held_out import Half, Model, halves, long_enough
-from terrain_estimator.discovery.library import NOTHING
-from terrain_estimator.discovery.proof import LIKELIER, better
-from terrain_estimator.discovery.rollout import simulated, windows_of
-from terrain_estimator.discovery.terrain import track_of
-from terrain_estimator.discovery.verdict import Gains, Judgement
+from terrain_estimator.discovery.evidence.verdict import Gains, Judgement
+from terrain_estimator.discovery.hypotheses.library import NOTHING
+from terrain_estimator.discovery.proof.held_out import Half, Model, halves, long_enough
+from terrain_estimator.discovery.proof.proof import LIKELIER, better
+from terrain_estimator.discovery.proof.rollout import simulated, windows_of
+from terrain_estimator.discovery.proof.terrain import track_of
+from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.learning.tasks import measure_tasks
 from terramechanics.effects import make_effect
-from terramechanics.ground import Ground, Patch
-from terramechanics.plant import Plant
-from terramechanics.rover import load_rover
-from terramechanics.sample import Drive
-from terramechanics.sensors import Noise
-from terramechanics.simulation import simulate
-from terramechanics.soil import load_soil
+from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.sample import Drive
+from terramechanics.simulation.sensors import Noise
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
 DRAG = (0.3, 0.3, 0.3, 0.0)

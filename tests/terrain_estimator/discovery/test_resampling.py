@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from terrain_estimator.discovery.resampling import Floats, Rows, interval, replicates, resampled
+from terrain_estimator.discovery.proof.resampling import Floats, Rows, interval, replicates, resampled
 
 SERIES = 200
 LENGTHS = [60, 60]

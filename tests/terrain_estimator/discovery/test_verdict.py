@@ -8,14 +8,14 @@ from importlib.resources import files
 
 import pytest
 
-from terrain_estimator.discovery.advice import BESIDES, advise
-from terrain_estimator.discovery.calibration import Sample, thresholds
-from terrain_estimator.discovery.library import Hypothesis
-from terrain_estimator.discovery.next_drive import NextDrive
-from terrain_estimator.discovery.parts import Part
+from studies.calibration.thresholds import Sample, thresholds
+from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds, Verdict, is_pair, judge
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.next_drive.advice import BESIDES, advise
+from terrain_estimator.discovery.next_drive.next_drive import NextDrive
 from terrain_estimator.discovery.single_wheel import shown_by_one_wheel
 from terrain_estimator.discovery.single_wheel.separation import separate_by
-from terrain_estimator.discovery.verdict import Gains, Thresholds, Verdict, is_pair, judge
 from terramechanics.effects import EFFECTS
 
 RULE = Thresholds(anything=8.0, share=0.7, apart=0.1)
@@ -107,7 +107,7 @@ def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_
 
 
 def test_the_thresholds_that_ship_are_those_of_the_rule() -> None:
-    shipped = json.loads((files("terrain_estimator.discovery") / "thresholds.json").read_text(encoding="utf-8"))
+    shipped = json.loads((files("terrain_estimator.discovery.evidence") / "thresholds.json").read_text(encoding="utf-8"))
     assert shipped["anything"] >= 8.0
     assert 0.3 < shipped["share"] < 0.95
     assert 0.05 < shipped["apart"] <= 0.3

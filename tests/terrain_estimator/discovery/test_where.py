@@ -9,8 +9,8 @@ from scipy.stats import binomtest
 from torch import Tensor
 
 from terrain_estimator.discovery import disagreements
-from terrain_estimator.discovery.where import LEVEL, holm, tests, two_sided
-from terrain_estimator.discovery.whitening import innovations, whitening
+from terrain_estimator.discovery.locate.where import LEVEL, holm, tests, two_sided
+from terrain_estimator.discovery.locate.whitening import innovations, whitening
 from tests.terrain_estimator.discovery.known import SIZES, study
 
 tests.__test__ = False  # type: ignore[attr-defined]

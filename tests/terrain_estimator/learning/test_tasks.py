@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from scipy.stats import truncnorm
 
-from terrain_estimator.learning.accuracy import FROM_PRIOR
+from studies.accuracy.scores import FROM_PRIOR
 from terrain_estimator.learning.tasks import Range, degrees
 
 

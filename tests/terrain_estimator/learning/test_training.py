@@ -12,9 +12,9 @@ from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.tasks import PAPER
 from terrain_estimator.learning.training import Recipe, build_model, train
-from terrain_estimator.palpaca import PAlpaca
-from terramechanics.rover import load_rover
-from terramechanics.soil import load_soil
+from terrain_estimator.model.palpaca import PAlpaca
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 SMALL = Recipe(seed=3, iterations=60, batch=8, columns=2, hidden=8)
 ORDER = Order(load_rover("mars_rover"), load_soil("loose_sand"), drives=24, seed=3, duration_s=12.0, share=0.4)

@@ -6,10 +6,10 @@ import dataclasses
 import math
 from functools import cache
 
-from terrain_estimator.history import History, WheelHistory
+from terrain_estimator.messaging.history import History, WheelHistory
+from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.run import Origin, Run, Truth, run_page
-from terrain_estimator.pairing import Counters
 from tests.terrain_estimator.updates import START_NS, STEP_NS, update
 
 OBSERVATIONS = 1000

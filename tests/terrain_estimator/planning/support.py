@@ -7,17 +7,17 @@ from functools import cache
 import numpy as np
 import torch
 
-from terrain_estimator.learning.observations import observations_of
-from terrain_estimator.model_file import MODELS, read_metadata
+from studies.observations import observations_of
+from terrain_estimator.model.model_file import MODELS, read_metadata
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.table import TractionTable
-from terramechanics.ground import Ground, Patch
-from terramechanics.rover import load_rover
-from terramechanics.sample import Drive
-from terramechanics.sensors import Noise, measure_drive
-from terramechanics.simulation import simulate
-from terramechanics.soil import load_soil
+from terramechanics.simulation.sample import Drive
+from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
 
 ROVER = load_rover("mars_rover")
 METADATA = read_metadata(MODELS / "mars_rover.json")

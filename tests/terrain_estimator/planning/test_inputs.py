@@ -7,12 +7,12 @@ import copy
 import numpy as np
 import pytest
 
+from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import PlannerConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.ros_types import INPUT_TYPES
-from terramechanics.parameters import configure
 from tests.drives import drive_messages
 from tests.terrain_estimator.planning.support import ROVER
 

@@ -11,7 +11,7 @@ import torch
 from terrain_estimator.planning.belief import draw, quantiles
 from terrain_estimator.planning.margins import Margins, margins, stall_probability
 from terrain_estimator.planning.table import SLIPS, slip_for, steepest
-from terramechanics.climbing import climb
+from terramechanics.vehicle.climbing import climb
 from tests.terrain_estimator.planning.support import FIRM, ROVER, SOFT, belief, table
 
 LIMIT = 0.6

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rover_parameters.parameters import configure
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import Types
 from terrain_estimator.config import AdviceConfig
 from terrain_estimator.observation import Observation
@@ -17,8 +19,6 @@ from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
 from terrain_estimator.ros_types import ESTIMATE
-from terramechanics.loading import ConfigError
-from terramechanics.parameters import configure
 from tests.terrain_estimator.planning.support import FIRM, METADATA, ROVER, SOFT, belief, drive, drive_gets_stuck, table
 
 UNKNOWN = belief((2750.0, 0.6), (1300.0, 0.22), identified=False, changed=1.0)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.contact import in_range
-from terramechanics.plant import Effect, Plant, Situation
-from terramechanics.rover import Rover
-from terramechanics.sinkage import WheelGround, equilibrium_sinkage
-from terramechanics.soil import Soil
+from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage
+from terramechanics.contact.stresses import in_range
+from terramechanics.simulation.plant import Effect, Plant, Situation
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 
 SAME_SLIP, SAME_LOAD, SAME_ANGLE = 0.02, 1.5, math.radians(1.0)
 """[1], [1], [rad] Largest difference of slips, ratio of loads and difference of slip angles of replicates of one setting."""

@@ -21,12 +21,12 @@ from scipy.optimize import least_squares, minimize
 from scipy.stats import norm
 from torch import Tensor
 
-from terrain_estimator.discovery.library import Hypothesis
-from terrain_estimator.discovery.point import PRIOR_THETA
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.hypotheses.point import PRIOR_THETA
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig
-from terrain_estimator.prior import uncertain_constants
-from terrain_estimator.rows import PA_PER_UNIT
-from terramechanics.plant import Effect
+from terrain_estimator.model.prior import uncertain_constants
+from terrain_estimator.model.rows import PA_PER_UNIT
+from terramechanics.simulation.plant import Effect
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from terrain_estimator.discovery.library import NOTHING, Hypothesis, together
-from terrain_estimator.discovery.parts import Part
-from terrain_estimator.discovery.search import Progress
+from terrain_estimator.discovery.evidence.search import Progress
+from terrain_estimator.discovery.evidence.verdict import Gains, Judgement, Thresholds, Verdict, is_pair, judge
+from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, together
+from terrain_estimator.discovery.hypotheses.parts import Part
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
 from terrain_estimator.discovery.single_wheel.separation import separate_by
-from terrain_estimator.discovery.verdict import Gains, Judgement, Thresholds, Verdict, is_pair, judge
 from terramechanics.effects import EFFECTS
 
 FLOOR = 1.0

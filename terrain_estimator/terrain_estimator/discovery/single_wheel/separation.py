@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from itertools import combinations
 
-from terrain_estimator.discovery.library import Hypothesis
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
 
 _PAIRS = {
     frozenset({"bulldozing", "slip_sinkage"}): "the same depth at two slips: the wedge depends on depth alone",

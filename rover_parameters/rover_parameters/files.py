@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files and assignments in the form of ROS 2, read strictly and without ROS.
+
+ROS itself passes over a section that matches no node, and a misspelt node or ``ros__parameters`` with it.
+"""
+
+import itertools
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rover_parameters.parameters import configure, flatten
+from rover_parameters.records import ConfigError, nearest, parse_yaml, read_yaml
+
+OF_ROS = frozenset({"use_sim_time", "start_type_description_service"})
+"""Parameters that every node has."""
+OVERRIDES = "qos_overrides."
+"""Beginning of parameters that a node has for subscriptions whose quality of service a user may change."""
+
+DUMP = "--dump-config"
+"""Asks a node for the parameters in force, as a parameter file."""
+
+_SECTION = "ros__parameters"
+RecordT = TypeVar("RecordT")
+
+
+def configured(record: type[RecordT], node: str, given: Mapping[str, Any], arguments: Sequence[str]) -> RecordT:
+    """The configuration of ``node``, a full name, from what ROS took for its parameters and the files of its command line.
+
+    A list of strings is taken where words separated by spaces are meant.
+
+    Raises:
+        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
+    """
+    for path in parameter_files(arguments):
+        read_parameters(path, node)
+    return configure(record, {name: _words(value) for name, value in without_those_of_ros(given).items()})
+
+
+def _words(value: object) -> object:
+    return " ".join(value) if isinstance(value, list) and all(isinstance(word, str) for word in value) else value
+
+
+def read_parameters(path: Path, node: str) -> dict[str, Any]:
+    """The parameters by flat name that a file has for ``node``, a full name such as ``/rover1/estimator``; later sections win.
+
+    Without those of ROS and of quality of service, which have no meaning outside of a node.
+
+    Raises:
+        ConfigError: the file cannot be read, is no parameter file, or has no section that matches the node.
+    """
+    content = read_yaml(path)
+    sections = list(_sections(content, "", path)) if isinstance(content, Mapping) else []
+    found = [values for name, values in sections if _matches(name, node)]
+    if not found:
+        names = [name for name, _ in sections]
+        what = f"its sections are {', '.join(names)}: {nearest(node, names)}" if names else "it has none at all"
+        raise ConfigError(f"{path}: no section is for the node {node} ({node.rsplit('/', 1)[-1]}: {{{_SECTION}: {{...}}}}); {what}")
+    merged: dict[str, Any] = {}
+    for values in found:
+        merged |= flatten(values)
+    return {name: value for name, value in without_those_of_ros(merged).items() if not name.startswith(OVERRIDES)}
+
+
+def without_those_of_ros(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values less those that every node has."""
+    return {name: value for name, value in values.items() if name not in OF_ROS}
+
+
+def parameter_files(arguments: Sequence[str]) -> list[Path]:
+    """The parameter files that a command line hands to ROS."""
+    return [Path(value) for flag, value in itertools.pairwise(arguments) if flag == "--params-file"]
+
+
+def parse_assignment(text: str) -> tuple[str, Any]:
+    """``name:=value`` as ROS takes it on the command line; the value is YAML.
+
+    Raises:
+        ConfigError: it has another form.
+    """
+    name, separator, value = text.partition(":=")
+    if not (name and separator):
+        raise ConfigError(f"parameter {text!r}: expected name:=value")
+    try:
+        return name, parse_yaml(value)
+    except ConfigError as error:
+        raise ConfigError(f"parameter {name}: {value!r} is not valid YAML: {error}") from error
+
+
+def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Full name and parameters of every section; namespaces may be nested mappings."""
+    for key, value in tree.items():
+        name = f"{prefix}/{str(key).strip('/')}"
+        if not isinstance(value, Mapping):
+            raise ConfigError(f"{path}: {name}: expected {_SECTION}: {{...}}, got {value!r}")
+        if _SECTION in value:
+            if set(value) != {_SECTION} or not isinstance(value[_SECTION], Mapping):
+                raise ConfigError(f"{path}: section {name}: expected {_SECTION}: {{...}} alone, got {', '.join(map(str, value))}")
+            yield name, value[_SECTION]
+        else:
+            yield from _sections(value, name, path)
+
+
+def _matches(section: str, node: str) -> bool:
+    """Whether a section's name, in which * stands for one word and ** for any number of them, is that of the node."""
+    words = section.strip("/").split("/")
+    pattern = "".join("(/[^/]+)*" if word == "**" else "/[^/]+" if word == "*" else re.escape(f"/{word}") for word in words)
+    return re.fullmatch(pattern, node) is not None

@@ -1,0 +1,301 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The model's recursion over many drives at once: the same functions under ``torch.vmap``, block by block.
+
+The streaming model drops hypotheses that died; here every drive keeps as many as the model ever holds, dead ones behind, with a
+log weight of -inf. Where drives differ in what has to be solved, as many are solved as the drive with the most of them needs.
+
+Drives differ in where their blocks end, because an observation without a usable wheel breaks the chain of velocities
+and closes its block early. So the blocks are laid out first, and the j-th blocks of all drives that have the same
+length are run as one batch.
+"""
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.model.agreement import LARGEST_ERROR
+from terrain_estimator.model.bank import Bank, Solved, join
+from terrain_estimator.model.block import (
+    CONVERGED,
+    MOST_STEPS,
+    BlockRows,
+    Posterior,
+    Solution,
+    Step,
+    gauss_newton,
+    solution_of,
+    without_apparent,
+)
+from terrain_estimator.model.palpaca import PAlpaca, State
+from terrain_estimator.model.rows import row_names
+
+CHUNK = 16
+"""Blocks whose rows are computed at once, so that they stay in the processor's cache."""
+
+
+class Trace(NamedTuple):
+    """What N drives of T observations gave; B is the largest number of blocks, K the number of chosen times."""
+
+    mean: Tensor  # [N, K, 2] of (c [Pa], tan phi)
+    covariance: Tensor  # [N, K, 2, 2]
+    misfit: Tensor  # [N, B] squared Mahalanobis distance of a block at its minimum, NaN where there is none
+    degrees: Tensor  # [N, B] its degrees of freedom
+    innovation: Tensor  # [N, T] measured minus predicted velocity [m/s], NaN where the velocity was not linked
+    variance: Tensor  # [N, T] of the innovation [m^2/s^2]
+    final: Tensor  # [N, D] last mean of all parameters
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Blocks of each drive, [N, B]: first observation, length (0: no such block), and the observation that closes it."""
+
+    first: Tensor
+    length: Tensor
+    closed_at: Tensor  # T where nothing closes it
+    linked: Tensor  # [N, T] bool: the velocity carries over from the observation before
+
+
+def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
+    """Blocks of packed drives [N, T, 8 A + 9], of which only the first ``ends`` [N] observations count."""
+    drives, time, size = packed.shape
+    axles = model.axles
+    wheels = packed[..., : 8 * axles].reshape(-1, 8, axles)
+    usable = (model.in_every_range(wheels) & torch.isfinite(wheels[:, 4])).all(1).view(drives, time)
+    linked = usable & (packed[..., size - 1] > 0.0)
+    linked[:, 0] = False
+    count = torch.zeros(drives, dtype=torch.long)
+    block = torch.full((drives,), -1)
+    first, length, closed_at = (torch.full((drives, time), fill) for fill in (0, 0, time))
+    every = torch.arange(drives)
+    for t in range(time):
+        alive = t < ends
+        opens = alive & (~linked[:, t] | (count == model.block_size))
+        broken = every[opens & (count > 0) & (count < model.block_size)]
+        closed_at[broken, block[broken]] = t
+        block = block + opens.long()
+        count = torch.where(opens, 1, count + 1)
+        here = every[alive]
+        first[every[opens], block[opens]] = t
+        length[here, block[here]] = count[here]
+        full = every[alive & (count == model.block_size)]
+        closed_at[full, block[full]] = t
+    most = int(block.max()) + 1
+    return Layout(first[:, :most], length[:, :most], closed_at[:, :most], linked)
+
+
+def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = None, rows: Tensor | None = None) -> Trace:
+    """Run ``model`` over packed drives [N, T, 8 A + 9] from its own prior.
+
+    The estimates are those published after the observations ``times`` [K] (counted from 0). A drive ends with its first
+    ``ends`` [N] observations and keeps its last estimate. ``rows`` [R] is 1 for the rows that may be used, 0 for others.
+    """
+    drives, time, _ = packed.shape
+    layout = lay_out(model, packed, torch.full((drives,), time) if ends is None else ends)
+    packed = _blinded(model, packed)
+    packed = torch.where(layout.linked.unsqueeze(-1), packed, torch.cat([packed[..., :-2], torch.zeros_like(packed[..., -2:])], -1))
+    mask = torch.ones(len(row_names(model.axles)), dtype=torch.float64) if rows is None else rows
+    with torch.inference_mode():
+        state = {name: value.expand(drives, *value.shape).clone() for name, value in model.initial().items() if name != "block"}
+        trace = _empty(state, drives, time, layout.first.shape[1], times.shape[0], model)
+        for j in range(layout.first.shape[1]):
+            for chosen, place, closes in _groups(layout, j):
+                _run_block(model, state, packed[chosen.unsqueeze(1), place], mask, _Target(trace, chosen, place, j, closes))
+            _publish(model, state, trace, layout, times, j)
+    return trace
+
+
+def _blinded(model: PAlpaca, packed: Tensor) -> Tensor:
+    """Slips outside the range of any soil as not measured: every soil has to explain the same rows."""
+    slip = packed[..., : model.axles]
+    usable = model.in_every_range(packed[..., : 8 * model.axles].reshape(-1, 8, model.axles)).view(slip.shape)
+    return torch.cat([torch.where(usable, slip, torch.nan), packed[..., model.axles :]], -1)
+
+
+class _Target(NamedTuple):
+    """Where the results of one batch of blocks belong."""
+
+    trace: Trace
+    chosen: Tensor  # [G] drives
+    place: Tensor  # [G, n] observations
+    block: int
+    closes: bool  # else the drive ends within this block
+
+
+def _empty(state: State, drives: int, time: int, blocks: int, times: int, model: PAlpaca) -> Trace:
+    nan = float("nan")
+    estimate = torch.vmap(model.estimate)(state)
+    return Trace(
+        mean=estimate[:, :1].repeat(1, times, 1),
+        covariance=estimate[:, 1:].unsqueeze(1).repeat(1, times, 1, 1),
+        misfit=torch.full((drives, blocks), nan, dtype=torch.float64),
+        degrees=torch.full((drives, blocks), nan, dtype=torch.float64),
+        innovation=torch.full((drives, time), nan, dtype=torch.float64),
+        variance=torch.full((drives, time), nan, dtype=torch.float64),
+        final=state["expected"],  # written in place with the state
+    )
+
+
+def _groups(layout: Layout, j: int) -> Iterator[tuple[Tensor, Tensor, bool]]:
+    """Drives [G] whose j-th blocks are alike in length, first link and end, their observations [G, n], whether they close."""
+    first, length = layout.first[:, j], layout.length[:, j]
+    starts_linked = layout.linked.gather(1, first.unsqueeze(1)).squeeze(1)
+    closes = layout.closed_at[:, j] < layout.linked.shape[1]
+    kind = 4 * length + 2 * starts_linked.long() + closes.long()
+    for value in torch.unique(kind[length > 0]).tolist():
+        chosen = torch.nonzero(kind == value).squeeze(1)
+        yield chosen, first[chosen].unsqueeze(1) + torch.arange(value // 4), value % 2 == 1
+
+
+def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, target: _Target) -> None:
+    """Take the observations [G, n, 8 A + 9] of a block, close it, and write state and results of its drives in place."""
+    chosen, trace = target.chosen, target.trace
+    part = {name: value[chosen] for name, value in state.items()}
+    alive = int((part["log_weight"] != -torch.inf).sum(1).max())
+    part |= {name: part[name][:, :alive] for name in _OF_HYPOTHESES}
+    for i in range(packed.shape[1]):
+        if i == 0 and not bool(packed[0, 0, -1] > 0.0):
+            measured = packed[:, 0, 8 * model.axles :]
+            part = torch.vmap(model.unlink)(part, measured[:, 0], measured[:, 1] ** 2)
+            continue
+        part = torch.vmap(model.track)(part, packed[:, i])
+        trace.innovation[chosen, target.place[:, i]], trace.variance[chosen, target.place[:, i]] = part["innovation"].unbind(1)
+    if not target.closes:
+        return
+    part = close(model, part, packed, mask)
+    trace.misfit[chosen, target.block], trace.degrees[chosen, target.block] = part["misfit"].unbind(1)
+    for name, value in part.items():
+        if name in _OF_HYPOTHESES:
+            state[name][chosen, : value.shape[1]] = value
+        else:
+            state[name][chosen] = value
+    state["log_weight"][chosen, part["log_weight"].shape[1] :] = -torch.inf
+    state["weight"][chosen, part["weight"].shape[1] :] = 0.0
+
+
+_OF_HYPOTHESES = ("mean", "precision", "log_weight", "weight", "age", "kind")
+"""Fields of the state with a place for each hypothesis, behind that of the drive; dead ones stand last."""
+
+
+def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: Tensor, j: int) -> None:
+    """Write the estimates after the j-th blocks wherever these were closed by the chosen times."""
+    late = (layout.length[:, j] > 0).unsqueeze(1) & (layout.closed_at[:, j].unsqueeze(1) <= times)
+    estimate = torch.vmap(model.estimate)(state)
+    trace.mean.copy_(torch.where(late.unsqueeze(-1), estimate[:, :1], trace.mean))
+    trace.covariance.copy_(torch.where(late.unsqueeze(-1).unsqueeze(-1), estimate[:, 1:].unsqueeze(1), trace.covariance))
+
+
+def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
+    """``PAlpaca.close`` for blocks [G, n, 8 A + 9] of G drives."""
+    drives, pieces = packed.shape[0], []
+    state = torch.vmap(model.wander)(state, packed[..., -2].sum(1))
+    rows = [_SoilRows(model, soil, packed, mask, state["expansion"][:, soil]) for soil in range(model.known_soils)]
+    degrees = torch.zeros(drives, dtype=torch.float64)
+    for soil in range(model.known_soils):
+        members = (state["kind"] % model.known_soils == soil) & (state["log_weight"] != -torch.inf)
+        chosen = torch.nonzero(members.any(1)).squeeze(1)
+        if chosen.numel() > 0:
+            averaged = rows[soil].of(chosen)
+            degrees[chosen] = averaged.present.sum(-1) - 1.0
+            pieces.append(_scatter(_solve_members(model, state, members, chosen, averaged), chosen, drives))
+    solved = functools.reduce(torch.vmap(join), pieces)
+    surprised = torch.nonzero(torch.vmap(model.surprised)(solved.solution, degrees)).squeeze(1)
+    for soil in range(model.known_soils if surprised.numel() > 0 else 0):
+        born = torch.vmap(functools.partial(model.born, soil=soil))({name: value[surprised] for name, value in state.items()})
+        solution = solve_blocks(born, rows[soil].of(surprised), model.longest_step)
+        age = torch.zeros_like(solution.misfit)
+        new = Solved(solution, age, torch.full_like(age, soil, dtype=torch.long))
+        solved = torch.vmap(join)(solved, _scatter(new, surprised, drives))
+    bank, misfit = torch.vmap(model.survive)(solved)
+    dead = bank.weight == -torch.inf
+    order = torch.argsort(dead.long(), dim=1, stable=True)[:, : int((~dead).sum(1).max())]
+    every = torch.arange(drives).unsqueeze(1)
+    state = torch.vmap(model.commit)(state, Bank(*(field[every, order] for field in bank)))
+    leading = state["soils"].argmax(1)
+    noise = [(leading == soil).view(-1, 1, 1, 1) * rows[soil].noise for soil in range(model.known_soils)]
+    state = torch.vmap(model.steer)(state, functools.reduce(torch.add, noise))
+    state["misfit"] = torch.stack([misfit, degrees], 1)
+    return state
+
+
+class _SoilRows:
+    """Rows of the blocks of G drives on one soil, averaged for a drive when they are first needed."""
+
+    def __init__(self, model: PAlpaca, soil: int, packed: Tensor, mask: Tensor, expansion: Tensor) -> None:
+        self._model, self._soil, self._packed, self._mask, self._expansion = model, soil, packed, mask, expansion
+        self._known = torch.zeros(packed.shape[0], dtype=torch.bool)
+        wheels = packed[..., : 2 * model.axles].nan_to_num()
+        slowest = wheels[..., : model.axles] - LARGEST_ERROR * wheels[..., model.axles :]
+        self._slowest = slowest.amin((1, 2))  # braked wheels cost a chunk more: they go together
+        self._rows: BlockRows | None = None
+        self.noise = packed.new_zeros(1, 1, 1, 1)  # [G, n, E, 3] of the velocity rows, zero where not needed
+
+    def of(self, chosen: Tensor) -> BlockRows:
+        """Rows of the ``chosen`` drives."""
+        missing = chosen[~self._known[chosen]]
+        if missing.numel() > 0:
+            missing = missing[torch.argsort(self._slowest[missing])]
+            averaged, noise = self._average(missing)
+            if self._rows is None:
+                self._rows = BlockRows(*(field.new_zeros(self._known.shape[0], *field.shape[1:]) for field in averaged))
+                self.noise = noise.new_zeros(self._known.shape[0], *noise.shape[1:])
+            for whole, field in zip((*self._rows, self.noise), (*averaged, noise), strict=True):
+                whole[missing] = field
+            self._known[missing] = True
+        assert self._rows is not None
+        return BlockRows(*(field[chosen] for field in self._rows))
+
+    def _average(self, chosen: Tensor) -> tuple[BlockRows, Tensor]:
+        packed, expansion = self._packed[chosen], self._expansion[chosen]
+        average = functools.partial(self._model.average, soil=self._soil, chosen=self._mask)
+        averaged: tuple[BlockRows, Tensor] = torch.vmap(lambda block, at: average(block, expansion=at), chunk_size=CHUNK)(packed, expansion)
+        return averaged
+
+
+def _solve_members(model: PAlpaca, state: State, members: Tensor, chosen: Tensor, rows: BlockRows) -> Solved:
+    """Solve the hypotheses ``members`` [G, H] of the ``chosen`` drives; where a drive has fewer, its first one again, dead."""
+    here = members[chosen]
+    place = torch.argsort((~here).long(), dim=1, stable=True)[:, : int(here.sum(1).max())]
+    alive = here.gather(1, place)
+    place = torch.where(alive, place, place[:, :1])
+    mean, precision, log_weight, age, kind = (
+        state[name][chosen.unsqueeze(1), place] for name in ("mean", "precision", "log_weight", "age", "kind")
+    )
+    solution = solve_blocks(Posterior(mean, precision, torch.where(alive, log_weight, -torch.inf)), rows, model.longest_step)
+    return Solved(solution, age, kind)
+
+
+def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
+    """Hypotheses of the ``chosen`` of G drives, with dead ones for the others."""
+    posterior, misfit, noise = solved.solution
+    shape = (drives, misfit.shape[1])
+
+    def spread(values: Tensor, fill: float = 0.0) -> Tensor:
+        whole = values.new_full((*shape, *values.shape[2:]), fill)
+        whole[chosen] = values
+        return whole
+
+    precision = torch.eye(posterior.mean.shape[-1], dtype=torch.float64).repeat(*shape, 1, 1)
+    precision[chosen] = posterior.precision
+    whole = Posterior(spread(posterior.mean), precision, spread(posterior.log_weight, -torch.inf))
+    return Solved(Solution(whole, spread(misfit), spread(noise)), spread(solved.age), spread(solved.kind))
+
+
+def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:
+    """``solve_block`` for G drives (a leading dimension in every field); a drive that has converged is left alone."""
+    newton = torch.vmap(gauss_newton, in_dims=(0, 0, 0, None))
+    start = torch.cat([prior.mean, prior.mean[..., -1:]], -1)
+    padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
+    step = newton(padded, start, rows, longest_step)
+    for _ in range(MOST_STEPS - 1):
+        moving = torch.nonzero(~(step.decrement < CONVERGED)).squeeze(1)
+        if moving.numel() == 0:
+            break
+        chosen = Posterior(*(field[moving] for field in padded))
+        further = newton(chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step)
+        step = Step(*(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True)))
+    return solution_of(prior, torch.vmap(without_apparent)(step, rows))

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""``change``: drive onto other ground and judge how soon the estimator says so and follows; a JSON file and a page of tables.
+
+Drives are computed in parts, each of which is kept: a run that was ended, or had no more time, goes on where it was.
+"""
+
+import argparse
+import dataclasses
+import json
+import os
+import sys
+import zlib
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from rover_parameters.records import ConfigError
+from studies.change.drives import Change, FalseAlarms, Followed, follow_change, pool, study_constant
+from studies.change.scores import score_change
+from studies.change.table import Run, page
+from studies.records import Piece, compute, digest, read_record, write_record, write_results
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.console.arguments import COUNT, SEED
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.learning.tasks import ROVERS, SOILS
+from terrain_estimator.model.model_file import ModelFileError, load_model
+
+LOOSE, COMPACT, REGOLITH = SOILS
+KINDS = (
+    (LOOSE, COMPACT, 0.0),
+    (COMPACT, LOOSE, 0.0),
+    (LOOSE, LOOSE, 0.0),
+    (LOOSE, REGOLITH, 0.0),
+    (LOOSE, LOOSE, 20.0),
+    (LOOSE, LOOSE, 60.0),
+)
+"""Soil before, soil after, and the time of a gradual change [s]."""
+PART_DRIVES = 25
+"""Drives of a change that are computed at once."""
+PART_HOURS = 1.0
+"""[h] Time on constant ground that is computed at once."""
+
+
+class _Constant(NamedTuple):
+    """Ground that does not change."""
+
+    rover: str
+    soil: str
+
+
+_Result = Followed | FalseAlarms
+_Part = tuple[Change | _Constant, Piece[_Result]]
+
+
+@interruptible
+def main(argv: list[str] | None = None) -> int:
+    """Entry point. 0: measured, whatever the figures are; 1: no time for one part of each line; 2: an argument or a file is wrong."""
+    torch.set_num_threads(1)
+    args = _parser().parse_args(argv)
+    try:
+        models = [load_model(rover).metadata.model_id for rover in args.rover]
+        parts = _parts(args, CoreConfig(drift=args.drift))
+        missing = [piece for _, piece in parts if read_record(piece.path) is None]
+        compute("change", missing, args.jobs, args.minutes, _keep)
+        run = _gathered(parts, args, models)
+        if run is None:
+            sys.stderr.write("change: not one part of every line was done in this time; call it again, it goes on where it was\n")
+            return 1
+        write_results({args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)})
+    except (ModelFileError, ConfigError, OSError) as error:
+        sys.stderr.write(f"change: {error}\n")
+        return 2
+    sys.stdout.write(f"{args.out} and {args.table}: {len(run.changes)} changes, {sum(score.drives[0] for score in run.changes)} drives\n")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument("--drives", type=int, default=100, help="drives of each change")
+    parser.add_argument("--hours", type=float, default=20.0, help="simulated hours on constant ground, for each rover; 0: none")
+    parser.add_argument("--seed", type=SEED, default=6_000_000, help="of all that is drawn; not the one of any choice")
+    parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers, each with its model of several soils")
+    parser.add_argument("--drift", type=float, default=CoreConfig().drift, help="the estimator's parameter drift [1/sqrt(s)]")
+    parser.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
+    parser.add_argument("--minutes", type=float, default=0.0, help="after which no part is begun; 0: until all is done")
+    parser.add_argument("--records", type=Path, default=Path("out/change"), help="folder of what is kept of every part")
+    parser.add_argument("--out", type=Path, default=Path("out/change.json"), help="file of all figures")
+    parser.add_argument("--table", type=Path, default=Path("docs/change.md"), help="page of the tables")
+    return parser
+
+
+def _parts(args: argparse.Namespace, config: CoreConfig) -> list[_Part]:
+    """Every line's first part, then every line's second, and so on; each has a seed of its own."""
+    found: list[tuple[int, _Part]] = []
+    folder = args.records / f"{digest(repr(config))}-{args.seed}"
+    for rover in args.rover:
+        for change in (Change(rover, *kind) for kind in KINDS):
+            for number, drives in enumerate(_shares(args.drives, PART_DRIVES)):
+                name = f"{rover}-{change.before}-{change.after}-{change.gradual_s:g}-{number}-{drives:g}"
+                follow = partial(judge_change, change, config, int(drives), args.seed + zlib.crc32(name.encode()) % 1_000_000)
+                found.append((number, (change, Piece(follow, folder / f"{name}.npz"))))
+        for constant in (_Constant(rover, soil) for soil in SOILS):
+            for number, hours in enumerate(_shares(args.hours / len(SOILS), PART_HOURS)):
+                name = f"{rover}-{constant.soil}-{number}-{hours:g}"
+                watch = partial(judge_constant, *constant, config, hours, args.seed + zlib.crc32(name.encode()) % 1_000_000)
+                found.append((number, (constant, Piece(watch, folder / f"{name}.npz"))))
+    return [part for _, part in sorted(found, key=lambda numbered: numbered[0])]
+
+
+def _shares(whole: float, share: float) -> Iterable[float]:
+    """``whole`` in pieces of ``share`` and a last one of what is left."""
+    done = 0.0
+    while whole - done > 1e-9:
+        yield min(share, whole - done)
+        done += share
+
+
+def judge_change(change: Change, config: CoreConfig, drives: int, seed: int) -> Followed:
+    """Some drives of one change with the rover's model."""
+    return follow_change(change, load_model(change.rover), config, drives, seed)
+
+
+def judge_constant(rover: str, soil: str, config: CoreConfig, hours: float, seed: int) -> FalseAlarms:
+    """Constant ground with the rover's model."""
+    return study_constant(load_model(rover), soil, config, hours, seed)
+
+
+def _keep(result: _Result, path: Path) -> None:
+    fields = result._asdict() if isinstance(result, Followed) else dataclasses.asdict(result)
+    write_record({name: np.asarray(value) for name, value in fields.items()}, path)
+
+
+def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -> Run | None:
+    """The figures of all parts that are done, None where a line of the tables has none."""
+    changes: dict[Change, list[Followed]] = {}
+    constant: dict[_Constant, list[FalseAlarms]] = {}
+    for line, piece in parts:
+        record = read_record(piece.path)
+        if isinstance(line, Change):
+            changes.setdefault(line, []).extend([] if record is None else [Followed(**record)])
+        else:
+            found = [] if record is None else [FalseAlarms(**{name: value.item() for name, value in record.items()})]
+            constant.setdefault(line, []).extend(found)
+    followed = [(change, pool(of_change, change)) for change, of_change in changes.items()]
+    if not all(len(drives.error) for _, drives in followed) or not all(constant.values()):
+        return None
+    scores = [score_change(change, drives) for change, drives in followed]
+    alarms = [FalseAlarms(*line, sum(e.hours for e in each), sum(e.alarms for e in each)) for line, each in constant.items()]
+    return Run(datetime.now(UTC).date().isoformat(), args.drives, args.hours, args.seed, args.drift, models, scores, alarms)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

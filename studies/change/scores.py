@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of drives onto other ground, with their confidence limits."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.stats import binom, chi2
+
+from studies.accuracy.scores import CONFIDENCE, share_of
+from studies.change.drives import Change, FalseAlarms, Followed
+
+WORSE = 1.3
+"""[1] Re-converged: the median error is at most this multiple of that of the estimator that started afresh."""
+NOMINAL = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Quantile:
+    """A quantile with its distribution-free confidence limits."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeScore:
+    """What the drives of one change gave; times in s from the first axle's crossing, infinite where it never happened."""
+
+    change: Change
+    drives: tuple[int, int, int]  # that count; of them still driving after 15 s and after 40 s
+    crossing_s: float  # median time until the last axle is on the new ground
+    found: float  # share of drives that told it within the horizon
+    delay_median_s: Quantile
+    delay_p90_s: Quantile
+    known_s: tuple[float, float]  # c and tan phi: from here on as good as afresh, and covered as the nominal rate allows; all axles across
+    error_15_s: tuple[float, float]  # median relative error after 15 s
+    fresh_15_s: tuple[float, float]  # the same of the fresh estimator
+    coverage_15_s: tuple[float, float]  # of the 95 % interval after 15 s
+    coverage_40_s: tuple[float, float]
+    before: FalseAlarms  # alarms before the crossing
+
+
+def rate_limits(count: int, hours: float) -> tuple[float, float]:
+    """Limits of a rate per hour with CONFIDENCE (Poisson)."""
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low = float(chi2.ppf(tail, 2 * count)) / 2.0 if count else 0.0
+    return low / hours, float(chi2.isf(tail, 2 * count + 2)) / 2.0 / hours
+
+
+def score_change(change: Change, followed: Followed) -> ChangeScore:
+    """The figures of all drives of a change, of which there has to be one."""
+    error, covered, fresh = followed.error, followed.covered, followed.fresh
+    there = ~np.isnan(error[..., 0])
+    crossing = float(np.median(followed.crossing_s))
+    known = [max(crossing, _known(error[..., k], covered[..., k], fresh[..., k])) for k in range(2)]
+    return ChangeScore(
+        change=change,
+        drives=(len(error), int(there[:, 15].sum()), int(there[:, 40].sum())),
+        crossing_s=crossing,
+        found=float(np.mean(followed.delay_s <= change.horizon_s)),
+        delay_median_s=quantile_of(followed.delay_s, 0.5),
+        delay_p90_s=quantile_of(followed.delay_s, 0.9),
+        known_s=(known[0], known[1]),
+        error_15_s=_over(error[there[:, 15], 15], np.median),
+        fresh_15_s=_over(fresh[there[:, 15], 15], np.median),
+        coverage_15_s=_over(covered[there[:, 15], 15], np.mean),
+        coverage_40_s=_over(covered[there[:, 40], 40], np.mean),
+        before=FalseAlarms(change.rover, change.before, float(followed.early_s.sum()) / 3600.0, int(followed.early_alarms.sum())),
+    )
+
+
+def _over(values: NDArray[np.float64], figure: Callable[..., NDArray[np.float64]]) -> tuple[float, float]:
+    """A figure of c and of tan phi over the drives that are left [n, 2], NaN where none is."""
+    return (float(figure(values[:, 0])), float(figure(values[:, 1]))) if len(values) else (math.nan, math.nan)
+
+
+def _known(error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]) -> float:
+    """First second from which on the median error is near the fresh one's and the coverage is not excluded by its limits.
+
+    A second in which no drive is left tells nothing, so it is not a good one; infinite where the last second is not good.
+    """
+    good = [_good(error[:, second], covered[:, second], fresh[:, second]) for second in range(error.shape[1])]
+    bad = [second for second, well in enumerate(good) if not well]
+    if not good[-1]:
+        return math.inf
+    return float(bad[-1] + 1) if bad else 0.0
+
+
+def _good(error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]) -> bool:
+    there = ~np.isnan(error)
+    if not there.any():
+        return False
+    share = share_of(torch.from_numpy(covered[there] > 0.0))
+    return bool(np.median(error[there]) <= WORSE * np.median(fresh[there])) and share.high >= NOMINAL
+
+
+def quantile_of(values: NDArray[np.float64], share: float) -> Quantile:
+    """The quantile of a sample, with the order statistics between which the true one lies with CONFIDENCE."""
+    ordered, count = np.sort(values), values.shape[0]
+    low, high = (int(binom.ppf(0.5 + side * CONFIDENCE / 2.0, count, share)) for side in (-1.0, 1.0))
+    last = count - 1
+    place = min(max(math.ceil(share * count) - 1, 0), last)
+    return Quantile(float(ordered[place]), float(ordered[min(max(low - 1, 0), last)]), float(ordered[min(high, last)]))

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of ``change`` as a page in Markdown."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from studies.accuracy.scores import CONFIDENCE
+from studies.change.drives import FalseAlarms
+from studies.change.scores import ChangeScore, Quantile, rate_limits
+
+FOUND_WITHIN_S = 3.0
+KNOWN_WITHIN_S = 15.0
+ALARMS_PER_HOUR = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """All that one run of ``change`` found."""
+
+    date: str
+    drives: int  # of each change that are meant
+    hours: float  # on constant ground that are meant for each rover
+    seed: int
+    drift: float
+    models: list[str]
+    changes: list[ChangeScore]
+    constant: list[FalseAlarms]
+
+
+_LICENCE = "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier: Apache-2.0\n-->\n"
+_INTRODUCTION = """# Ground that changes
+
+Written by `ros2 run terrain_estimator change` (the second half of `make accuracy`) on {date}, seed {seed}, drift {drift:g}, with the
+rovers' models ({models}), each of which knows all three soils, every row. {drives} drives over hills (S1) are meant for
+each change and {hours:g} hours on constant ground for each rover; what was driven is in the tables.
+
+Truth on both sides is drawn from the model's prior, c 0.5 to 5 kPa and phi 15 to 45 deg, and each soil constant is off by up to 5 %;
+"loose to loose" moves c and phi by half of these ranges each. Time counts from the first axle's crossing. "Crossing" is the median
+time until the last axle is on the new ground (behind the transition, where the change is gradual). "Told" is the time until
+`change_probability` rises above 0.5, with {confidence:g} % limits from order statistics; where it rises before the crossing that is a false
+alarm, and a probability that is above already tells nothing. "Known again" is the second from which on the median
+error is at most 1.3 times that of an estimator started afresh when the last axle has crossed, and the 95 % interval's coverage
+is not below nominal by its {confidence:g} % limits, but never before the median crossing. In a gradual change the truth is the mean
+over the axles. Drives that get stuck, or end within 20 s of the last axle's crossing, are drawn anew. Three numbers of drives:
+all, and those that still drive after 15 s and after 40 s.
+"""
+
+
+def page(run: Run) -> str:
+    """The whole page."""
+    facts = {"date": run.date, "drives": run.drives, "hours": run.hours, "seed": run.seed, "drift": run.drift}
+    introduction = _INTRODUCTION.format(confidence=100.0 * CONFIDENCE, models=", ".join(run.models), **facts)
+    parts = [
+        _LICENCE + introduction,
+        "## Targets\n\n" + _table(("what", "target", "found", "met"), _targets(run)),
+        "## Changes\n\n" + _changes(run.changes),
+        "## False alarms on ground that does not change, or has not yet\n\n" + _alarms(run),
+    ]
+    return "\n".join(parts)
+
+
+def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    every = [head, ["---"] * len(head), *lines]
+    return "".join("| " + " | ".join(line) + " |\n" for line in every)
+
+
+def _name(score: ChangeScore) -> str:
+    before, after = (soil.removesuffix("_sand") for soil in (score.change.before, score.change.after))
+    return f"{before} to {after}" + (f", {score.change.gradual_s:g} s" if score.change.gradual_s else "")
+
+
+def _yes(met: bool) -> str:  # noqa: FBT001 (one flag, its name is the function's)
+    return "yes" if met else "**no**"
+
+
+def _targets(run: Run) -> list[tuple[str, str, str, str]]:
+    lines = []
+    for score in run.changes:
+        if score.change.gradual_s == 0.0:
+            where = f"{score.change.rover}, {_name(score)}"
+            median, known = score.delay_median_s.value, max(score.known_s)
+            lines.append((f"told, median, {where}", f"{FOUND_WITHIN_S:g} s", _time(median), _yes(median <= FOUND_WITHIN_S)))
+            lines.append((f"known again, {where}", f"{KNOWN_WITHIN_S:g} s", _time(known), _yes(known <= KNOWN_WITHIN_S)))
+    for rover, alarms, hours in _totals([*run.constant, *(score.before for score in run.changes)]):
+        limit = rate_limits(alarms, hours)[1]
+        said = f"{alarms / hours:.2f} in {hours:.1f} h, at most {limit:.2f}"
+        lines.append((f"false alarms an hour, {rover}", f"{ALARMS_PER_HOUR:g}", said, _yes(alarms / hours <= ALARMS_PER_HOUR)))
+    return lines
+
+
+def _changes(scores: list[ChangeScore]) -> str:
+    head = (
+        "rover", "change", "drives", "crossing s", "told %", "told median s", "told p90 s", "known again s, c / tan phi",
+        "error after 15 s %, c / tan phi", "afresh after 15 s %", "in 95 % after 15 s, c / tan phi", "after 40 s",
+    )  # fmt: skip
+    lines = []
+    for score in scores:
+        line = [score.change.rover.removesuffix("_rover"), _name(score), " / ".join(map(str, score.drives))]
+        line += [f"{score.crossing_s:.1f}", f"{100.0 * score.found:.0f}"]
+        line += [_quantile(score.delay_median_s), _quantile(score.delay_p90_s), " / ".join(map(_seconds, score.known_s))]
+        line += [_both(values, 100.0, 1) for values in (score.error_15_s, score.fresh_15_s, score.coverage_15_s, score.coverage_40_s)]
+        lines.append(line)
+    return _table(head, lines)
+
+
+def _quantile(quantile: Quantile) -> str:
+    return f"{_seconds(quantile.value)} ({_seconds(quantile.low)} to {_seconds(quantile.high)})"
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f}" if math.isfinite(value) else "never"
+
+
+def _time(value: float) -> str:
+    return f"{value:.1f} s" if math.isfinite(value) else "never"
+
+
+def _both(values: tuple[float, float], factor: float, digits: int) -> str:
+    return " / ".join(f"{factor * value:.{digits}f}" for value in values)
+
+
+def _alarms(run: Run) -> str:
+    head = ("rover", "soil", "drives", "hours", "alarms", "an hour", "limits")
+    entries = [(entry, "constant") for entry in run.constant] + [(score.before, f"before {_name(score)}") for score in run.changes]
+    lines = []
+    for entry, drives in entries:
+        low, high = rate_limits(entry.alarms, entry.hours)
+        rate = f"{entry.alarms / entry.hours:.2f}"
+        lines.append([entry.rover, entry.soil, drives, f"{entry.hours:.1f}", str(entry.alarms), rate, f"{low:.2f} to {high:.2f}"])
+    return _table(head, lines)
+
+
+def _totals(entries: list[FalseAlarms]) -> list[tuple[str, int, float]]:
+    """Rover, alarms and hours over all soils."""
+    rovers = list(dict.fromkeys(entry.rover for entry in entries))
+    chosen = [[entry for entry in entries if entry.rover == rover] for rover in rovers]
+    return [(rover, sum(e.alarms for e in part), sum(e.hours for e in part)) for rover, part in zip(rovers, chosen, strict=True)]

@@ -1,0 +1,28 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated drives as the observations that an estimator takes one by one."""
+
+import dataclasses
+
+import torch
+
+from terrain_estimator.observation import Observation
+from terramechanics.simulation.sensors import Measurement
+
+STEP_NS = 100_000_000
+
+
+def observations_of(measurement: Measurement, index: int) -> list[Observation]:
+    """Observations of one drive of a measured batch, stamped from 0.1 s on."""
+    batch, time = measurement.velocity.shape
+    names = [field.name for field in dataclasses.fields(Observation) if field.name != "stamp_ns"]
+    columns = {name: getattr(measurement, name) for name in names}
+    series = {name: (value[index] if value.ndim == 3 else value.expand(batch, time)[index]) for name, value in columns.items()}
+    return [
+        Observation(stamp_ns=(k + 1) * STEP_NS, **{name: _plain(value[k]) for name, value in series.items()})  # type: ignore[arg-type]
+        for k in range(time)
+    ]
+
+
+def _plain(value: torch.Tensor) -> object:
+    return value.numpy() if value.ndim else float(value)

@@ -1,0 +1,243 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The two plants of the paper: what its text says, and what its code does. Level ground, torques drawn every step.
+
+INTEGRATED   the rover of terramechanics on the stress integrals, schedule S2: suspension, load transfer, six wheels
+CLOSED_FORM  the closed form f0 to f4, as in the authors' public code: three wheels with the loads of its suspension, slip and
+             sinkage the least-squares compromise between load, torque, and a traction of torque / r
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import torch
+from torch import Tensor
+
+from studies.baselines.drives import Drives, Vehicle
+from terrain_estimator.learning.tasks import PAPER, Range, degrees
+from terramechanics.contact.stresses import in_range, wheel_forces_linear_stress
+from terramechanics.simulation.schedules import BAND_DURATION
+from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
+
+
+class Plant(Enum):
+    """What moves the rover."""
+
+    CLOSED_FORM = "closed form"
+    INTEGRATED = "integrated"
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Sensors as in the authors' code: deviations relative to the value, none of them on level attitude."""
+
+    slip: float = 0.05
+    sinkage: float = 0.05
+    velocity: float = 0.01  # [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class Draw(Range):
+    """The same, and each soil constant is off by up to ``spread`` [1]."""
+
+    spread: float = 0.0
+
+
+TRAINING = Draw(PAPER.cohesion, PAPER.angle)
+TESTING = Draw(((700.0, 1300.0),), (degrees(20.0, 45.0),), spread=0.05)
+NARROW = Draw(((700.0, 1300.0),), (degrees(25.0, 40.0),))
+"""The band of the authors' code, with exact soil constants."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What is true of a batch of drives; shapes as in Drives."""
+
+    slip: Tensor
+    sinkage: Tensor
+    torque: Tensor
+    load: Tensor
+    velocity: Tensor  # [batch, time + 1]
+    good: Tensor  # [batch] bool: it moved, and every wheel was in the model's range, all the time
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Drives that went to their end, and the share of all that were begun."""
+
+    drives: Drives
+    kept: float
+
+
+def vehicle(rover: Rover, plant: Plant) -> Vehicle:
+    """What the methods need of a rover; on the closed form there is one wheel an axle."""
+    wheels = rover.wheels_per_axle if plant is Plant.INTEGRATED else 1
+    return Vehicle(rover.mass, wheels, rover.wheel_radius, rover.wheel_width, TIME_STEP)
+
+
+def draw_drives(
+    plant: Plant,
+    rover: Rover,
+    soil: Soil,
+    draw: Draw,
+    duration_s: float,
+    count: int,
+    generator: torch.Generator,
+    noise: Noise | None = None,
+) -> Batch:
+    """``count`` measured drives that went to their end. Raises ValueError where ground and torques hardly ever let one."""
+    parts: list[Drives] = []
+    begun = found = 0
+    while found < count:
+        size = max(8, count - found)
+        share = [torch.rand(size, generator=generator, dtype=torch.float64) for _ in range(2)]
+        strength = draw.strength(torch.stack(share, 1))
+        error = 2.0 * torch.rand(size, 6, generator=generator, dtype=torch.float64) - 1.0
+        constants = soil.constants() * (1.0 + draw.spread * error)
+        motion = _MOTIONS[plant](rover, constants, strength, duration_s, generator)
+        parts.append(measured(motion, strength, constants, noise or Noise(), generator).subset(motion.good))
+        begun, found = begun + size, found + int(motion.good.sum())
+        if begun > 20 * count + 200:
+            raise ValueError(f"{soil.name}, {plant.value} plant: only {found} of {begun} drives went to their end; choose stronger ground")
+    return Batch(_joined(parts).subset(torch.arange(count)), found / begun)
+
+
+def measured(motion: Motion, strength: Tensor, constants: Tensor, noise: Noise, generator: torch.Generator) -> Drives:
+    """Add the noise of the sensors; a deviation is published from the measured value."""
+
+    def shaken(true: Tensor) -> Tensor:
+        return torch.randn(true.shape, generator=generator, dtype=torch.float64)
+
+    slip = motion.slip * (1.0 + noise.slip * shaken(motion.slip))
+    sinkage = (motion.sinkage * (1.0 + noise.sinkage * shaken(motion.sinkage))).clamp(min=1e-9)
+    velocity = motion.velocity + noise.velocity * shaken(motion.velocity)
+    return Drives(
+        slip=slip,
+        slip_sd=noise.slip * slip.abs(),
+        sinkage=sinkage,
+        sinkage_sd=noise.sinkage * sinkage,
+        torque=motion.torque,
+        load=motion.load,
+        velocity=velocity,
+        velocity_sd=torch.tensor(noise.velocity, dtype=torch.float64),
+        true_velocity=motion.velocity,
+        true_slip=motion.slip,
+        true_sinkage=motion.sinkage,
+        strength=strength,
+        true_constants=constants,
+    )
+
+
+def _joined(parts: list[Drives]) -> Drives:
+    first = parts[0]
+    names = first.__slots__
+    values = {name: torch.cat([getattr(part, name) for part in parts]) for name in names if name != "velocity_sd"}
+    return Drives(velocity_sd=first.velocity_sd, **values)
+
+
+def integrated_motion(rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator) -> Motion:
+    """Drives of the rover of terramechanics on ground of ``constants`` [batch, 6] and ``strength`` [batch, 2]."""
+    drive = simulate(rover, Ground([Patch(constants, strength)]), "S2", duration_s, generator, constants.shape[0])
+    sample = drive.sample
+    velocity = torch.cat([drive.start_velocity.unsqueeze(1), sample.velocity], 1)
+    return Motion(sample.slip, sample.sinkage, sample.ground_torque, sample.normal, velocity, drive.measurable().all(1))
+
+
+FIRST_BAND, SECOND_BAND = (0.9, 1.2), (0.3, 0.6)
+"""[N m] Torques of one wheel in the authors' code, drawn anew for every wheel and step."""
+SLIPS, DEPTHS = (-0.5, 0.9), (math.log(1e-6), math.log(0.2))
+"""[1] and log of [m]: where slip and sinkage are looked for."""
+LM_STEPS = 40
+"""Levenberg-Marquardt steps of a wheel's compromise."""
+
+
+def closed_form_motion(rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator) -> Motion:
+    """Drives on the closed form as in the authors' code, from rest, with the torques of its two bands."""
+    batch, steps = constants.shape[0], round(duration_s / TIME_STEP)
+    share = torch.rand(batch, steps, rover.axles, generator=generator, dtype=torch.float64)
+    first = (torch.arange(1, steps + 1) * TIME_STEP <= BAND_DURATION + 1e-6).view(1, -1, 1)
+    torque = torch.where(first, torch.lerp(*_ends(FIRST_BAND), share), torch.lerp(*_ends(SECOND_BAND), share))
+    load = authors_loads(rover.weight, torque / rover.wheel_radius)
+    slip, sinkage = _compromise(rover, torque.flatten(1), load.flatten(1), constants, strength)
+    shape = (batch, steps, rover.axles)
+    forces = _forces(rover, slip, sinkage, constants, strength).view(*shape, 3)
+    change = TIME_STEP / rover.mass * forces[..., 1].sum(-1)
+    velocity = torch.cat([torch.zeros(batch, 1, dtype=torch.float64), change.cumsum(1)], 1)
+    inside = in_range(slip, sinkage, constants.unsqueeze(1), rover.wheel_radius).all(1)
+    good = inside & torch.isfinite(velocity).all(1) & (velocity[:, 1:] > 0.0).all(1)
+    return Motion(slip.view(shape), sinkage.view(shape), forces[..., 2], forces[..., 0], velocity, good)
+
+
+_MOTIONS: dict[Plant, Callable[[Rover, Tensor, Tensor, float, torch.Generator], Motion]] = {
+    Plant.CLOSED_FORM: closed_form_motion,
+    Plant.INTEGRATED: integrated_motion,
+}
+
+
+def _forces(rover: Rover, slip: Tensor, sinkage: Tensor, constants: Tensor, strength: Tensor) -> Tensor:
+    """N, T [N] and M [N m] [batch, n, 3] of wheels [batch, n]."""
+    affine = wheel_forces_linear_stress(slip, sinkage, constants.unsqueeze(1), rover.wheel_radius, rover.wheel_width)
+    theta = torch.cat([strength, torch.ones_like(strength[:, :1])], 1)
+    return torch.einsum("bnra,ba->bnr", affine, theta)
+
+
+def _ends(band: tuple[float, float]) -> tuple[Tensor, Tensor]:
+    low, high = torch.tensor(band, dtype=torch.float64)
+    return low, high
+
+
+def authors_loads(weight: float, traction: Tensor) -> Tensor:
+    """Loads [..., 3] of the wheels of the authors' suspension on level ground under ``traction`` [..., 3], both in N.
+
+    Moments of the rocker about the pivot, of the bogie about the pivot, and the sum of the loads. The lever arms are those
+    of its links of 2, 1, 1.145 and 1.983 m; the bogie's second one is not the height that it should be, but what the code has.
+    """
+    total, (front, middle, rear) = traction.sum(-1), traction.unbind(-1)
+    first = (0.9063 * weight + 1.3916 * front + 0.4226 * total) / 2.3205
+    third = (0.5725 * (weight - first) - 0.1725 * middle - 1.3915 * rear) / 2.2898
+    return torch.stack([first, weight - first - third, third], -1)
+
+
+def _compromise(rover: Rover, torque: Tensor, load: Tensor, constants: Tensor, strength: Tensor) -> tuple[Tensor, Tensor]:
+    """Slip and sinkage [batch, n] of wheels that come closest to ``load``, a traction of torque / r, and ``torque`` [batch, n].
+
+    Three conditions on two unknowns, in N, N and N m without weights, as the authors' code solves them.
+    """
+    wanted = torch.stack([load, torque / rover.wheel_radius, torque], -1)
+
+    def miss(u: Tensor) -> Tensor:
+        return _forces(rover, u[..., 0], u[..., 1].exp(), constants, strength) - wanted
+
+    slip = torch.full_like(torque, 0.02)
+    depth = _carrying_sinkage(rover, slip, constants, strength, load).log()
+    u = torch.stack([slip, depth], -1)
+    left, damping = miss(u), torch.full_like(torque, 1e-2)
+    small = 1e-6
+    for _ in range(LM_STEPS):
+        columns = [(miss(u + small * direction) - left) / small for direction in torch.eye(2, dtype=torch.float64)]
+        jacobian = torch.stack(columns, -1)
+        normal = jacobian.transpose(-1, -2) @ jacobian
+        lifted = normal + torch.diag_embed(damping.unsqueeze(-1) * normal.diagonal(dim1=-2, dim2=-1))
+        step = torch.linalg.solve(lifted, (jacobian.transpose(-1, -2) @ left.unsqueeze(-1))).squeeze(-1)
+        tried = u - step.clamp(-1.0, 1.0)
+        tried = torch.cat([tried[..., :1].clamp(*SLIPS), tried[..., 1:].clamp(*DEPTHS)], -1)
+        there = miss(tried)
+        better = there.square().sum(-1) < left.square().sum(-1)
+        u, left = torch.where(better.unsqueeze(-1), tried, u), torch.where(better.unsqueeze(-1), there, left)
+        damping = (damping * torch.where(better, 0.3, 5.0)).clamp(1e-9, 1e6)
+    return u[..., 0], u[..., 1].exp()
+
+
+def _carrying_sinkage(rover: Rover, slip: Tensor, constants: Tensor, strength: Tensor, load: Tensor) -> Tensor:
+    """Sinkage [m] at which a wheel carries ``load`` [N] at ``slip``, [batch, n] both: bisection in its logarithm."""
+    low, high = (torch.full_like(slip, end) for end in DEPTHS)
+    for _ in range(12):  # a start, no solution
+        middle = 0.5 * (low + high)
+        carried = _forces(rover, slip, middle.exp(), constants, strength)[..., 0] > load
+        low, high = torch.where(carried, low, middle), torch.where(carried, middle, high)
+    return (0.5 * (low + high)).exp()

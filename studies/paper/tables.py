@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The results of the paper's experiments as Markdown tables."""
+
+from studies.paper.experiment import CellResult
+from studies.paper.published import ESTIMATES, TRADE_OFF
+from studies.paper.scores import Scores
+
+
+def tables(results: list[CellResult]) -> str:
+    """All tables of a run, one after the other."""
+    parts = []
+    for result in results:
+        title = f"{result.cell.plant.value} plant, {result.cell.soil.replace('_', ' ')}"
+        parts += [f"### {title}: soil constants wrong by up to 5 %", _test_table(result), ""]
+        parts += [f"### {title}: the authors' band, soil constants exact", _narrow_table(result), ""]
+    for result in results:
+        if result.cell.soil == "loose_sand":
+            parts += [f"### Trade-off, {result.cell.plant.value} plant, loose sand", _trade_off(result), ""]
+    return "\n".join(parts)
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _last(scores: Scores, name: str) -> str:
+    """Median and quartiles at the last time."""
+    values = scores.get(name)
+    if isinstance(values, dict):
+        values = list(values.values())[-1]
+    return _spread(values) if isinstance(values, list) else "-"
+
+
+def _spread(values: list[float]) -> str:
+    low, middle, high = values
+    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+
+
+def _shares(scores: Scores) -> str:
+    shares = scores.get("coverage")
+    return " / ".join(f"{100 * share:.0f}" for share in shares) if isinstance(shares, list) else "-"
+
+
+def _number(scores: Scores, name: str, factor: float = 1.0) -> str:
+    value = scores.get(name)
+    return f"{factor * value:.3g}" if isinstance(value, float) else "-"
+
+
+def _test_table(result: CellResult) -> str:
+    published = ESTIMATES[result.cell.soil]
+    head = ["method", "c %", "phi %", "paper, c / phi", "covered %, c / tan phi", "velocity mm/s", "velocity %", "covered %"]
+    rows = []
+    for name, scores in result.testing.items():
+        paper = published.get(name)
+        rows.append([
+            name,
+            _last(scores, "cohesion_error_percent"),
+            _last(scores, "angle_error_percent"),
+            f"{paper[0]} / {paper[1]}" if paper else "",
+            _shares(scores),
+            _last(scores, "velocity_rms_mm_s"),
+            _last(scores, "velocity_error_percent"),
+            _number(scores, "velocity_coverage", 100.0),
+        ])  # fmt: skip
+    return _table(head, rows)
+
+
+def _narrow_table(result: CellResult) -> str:
+    head = ["method", "c %, mean", "tan phi %, mean", "c %", "tan phi %", "covered %, c / tan phi"]
+    rows = [
+        [
+            name,
+            _number(scores, "cohesion_mean_error_percent"),
+            _number(scores, "tan_phi_mean_error_percent"),
+            _last(scores, "cohesion_error_percent"),
+            _last(scores, "tan_phi_error_percent"),
+            _shares(scores),
+        ]
+        for name, scores in result.narrow.items()
+        if "cohesion_error_percent" in scores
+    ]
+    return _table(head, rows)
+
+
+def _trade_off(result: CellResult) -> str:
+    head = ["model", "velocity %", "velocity mm/s", "parameters %", "parameters %, as in the figure", "paper: velocity / parameters"]
+    rows = []
+    for name, (velocity, parameters) in TRADE_OFF.items():
+        scores = result.testing[name]
+        rows.append([
+            name,
+            _last(scores, "velocity_error_percent"),
+            _last(scores, "velocity_rms_mm_s"),
+            _last(scores, "error_percent"),
+            _last(scores, "error_as_in_the_figure_percent"),
+            f"{velocity:g} / {parameters:g}",
+        ])  # fmt: skip
+    return _table(head, rows)

@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a long measurement keeps of each of its pieces, so that it can be ended at any time and gone on with later."""
+
+import ast
+import hashlib
+import itertools
+import sys
+import time
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+import terramechanics
+from studies.workers import workers
+from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.model.model_file import load_model, model_names
+
+_NO_FIGURES = ("config", "loading", "model_file", "outcome", "parameters", "ros_types", "workers")
+"""Ends of the names of modules that may change without any figure changing: what is read, asked and printed."""
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True, slots=True)
+class Piece(Generic[_Result]):
+    """Work that a process can be given, and where its result is kept."""
+
+    work: Callable[[], _Result]
+    path: Path
+
+
+def digest(*said: str) -> str:
+    """Of the statements and files that the figures follow from, and of ``said``: records of another state are another folder's."""
+    found = hashlib.sha256()
+    for name, module in sorted(sys.modules.items()):
+        ours = name.startswith(("terramechanics", "terrain_estimator")) and ".cli" not in name
+        if ours and not name.endswith(_NO_FIGURES) and module.__file__:
+            found.update(ast.dump(ast.parse(Path(module.__file__).read_bytes())).encode())
+    for path in sorted(Path(str(files(terramechanics))).rglob("*.yaml")):
+        found.update(path.read_bytes())
+    for model in model_names():
+        found.update(load_model(model).sha256.encode())
+    for text in said:
+        found.update(text.encode())
+    return found.hexdigest()[:16]
+
+
+def write_record(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """Write a record, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f"{path.stem}.unfinished.npz")
+    np.savez(unfinished, allow_pickle=False, **arrays)
+    unfinished.replace(path)
+
+
+def read_record(path: Path) -> dict[str, NDArray[Any]] | None:
+    """A record, None where there is none; raises OSError where it cannot be read."""
+    if not path.exists():
+        return None
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:  # numpy leaves a file that it refuses open
+            return dict(stored)
+    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise OSError(f"{path}: {error}; remove it, it is computed anew") from error
+
+
+def write_results(texts: Mapping[Path, str]) -> None:
+    """Write the files that follow from the records; raises OSError."""
+    for path, text in texts.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
+def compute(title: str, missing: Sequence[Piece[_Result]], processes: int, minutes: float, keep: Callable[[_Result, Path], None]) -> None:
+    """Compute and keep these pieces, as many as there is time for; ``minutes`` 0: all of them."""
+    end = time.monotonic() + 60.0 * minutes if minutes else float("inf")
+    with ProgressReport(f"{title}: {len(missing)} pieces") as report:
+        for done, (piece, result) in enumerate(_finished(missing, processes, end), 1):
+            keep(result, piece.path)
+            report.at(done / len(missing), piece.path.stem)
+
+
+def _finished(missing: Sequence[Piece[_Result]], processes: int, end: float) -> Iterator[tuple[Piece[_Result], _Result]]:
+    """Results as they come; after ``end`` no piece is begun."""
+    waiting = itertools.takewhile(lambda _: time.monotonic() < end, missing)
+    if processes == 1:
+        for piece in waiting:
+            yield piece, piece.work()
+        return
+    with workers(processes) as pool:
+        running: dict[Future[_Result], Piece[_Result]] = {}
+        while True:
+            for piece in itertools.islice(waiting, processes - len(running)):
+                running[pool.submit(piece.work)] = piece
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()

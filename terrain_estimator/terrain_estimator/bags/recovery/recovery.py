@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Make a whole bag of what is left of a damaged one, and account for what is not."""
+
+import os
+import shutil
+import struct
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, field
+from mmap import ACCESS_READ, mmap
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema, Statistics
+
+from terrain_estimator.bags.errors import BagError
+from terrain_estimator.bags.format.metadata import (
+    METADATA_FILE,
+    Span,
+    StoredMetadata,
+    TopicCount,
+    dump,
+    information,
+    read_metadata,
+    write_metadata,
+)
+from terrain_estimator.bags.format.qos import parse_qos
+from terrain_estimator.bags.reading.reader import numbered_files
+from terrain_estimator.bags.reading.records import MAGIC, Record, parse
+from terrain_estimator.bags.recovery.salvage import Damage, parsed, salvage
+from terrain_estimator.bags.writing.copying import Copier
+
+
+@dataclass(slots=True)
+class Recovery:
+    """What came of a damaged bag."""
+
+    span: Span = field(default_factory=Span)  # of the messages that were recovered
+    gaps: int = 0  # messages that are missing between others, by the sequence numbers of their topics
+    expected: int | None = None  # messages that there were, where metadata.yaml or the files say so
+    damage: Damage = field(default_factory=Damage)
+    cut: int = 0  # messages that the end of the last file cuts; what follows a cut elsewhere is a gap
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def lost(self) -> int:
+        """Number of messages that are known to be lost; where ``expected`` is None there may be more at the end."""
+        return max(self.gaps + self.cut, (self.expected or 0) - self.span.count)
+
+
+def recover(source: Path, target: Path) -> Recovery:
+    """Write what can be read of a bag folder or MCAP file to a new bag; ``source`` is not touched.
+
+    Raises:
+        BagError: there is no bag, or the target exists already.
+        OSError: the disk is full or broken.
+
+    Where an error ends it, and where no message is left, nothing is left of the target either.
+    """
+    if not source.exists():
+        raise BagError(f"{source} does not exist: give a bag folder or an .mcap file")
+    files = numbered_files(source) if source.is_dir() else [source]
+    try:
+        target.mkdir(parents=True)
+    except FileExistsError as error:
+        raise BagError(f"{target} exists already: choose another name, bags are never overwritten") from error
+    result = Recovery()
+    try:
+        _Recovering(source, target, result).run(files)
+    finally:
+        if not result.span.count:
+            shutil.rmtree(target, ignore_errors=True)
+    return result
+
+
+class _Recovering:
+    """The state of one recovery."""
+
+    def __init__(self, source: Path, target: Path, result: Recovery) -> None:
+        self._target = target
+        self._result = result
+        self._stored = self._metadata(source)
+        self._topics: dict[str, TopicCount] = {}
+        self._sequences: dict[str, int] = {}
+
+    def run(self, files: list[Path]) -> None:
+        spans: dict[str, Span] = {}
+        expected: list[int | None] = []
+        for path in files:
+            torn = self._result.damage.torn
+            span, said = self._recover(path)
+            expected.append(said)
+            if span.count:
+                spans[path.name] = span
+                self._result.cut = self._result.damage.torn - torn
+        custom = self._stored.custom if self._stored else {}
+        write_metadata(self._target, information(list(self._topics.values()), spans, custom))
+        if self._stored:
+            self._result.expected = self._stored.span.count
+        elif None not in expected:
+            self._result.expected = sum(count or 0 for count in expected)
+        self._result.span = Span.of(spans.values())
+
+    def _metadata(self, source: Path) -> StoredMetadata | None:
+        path = source / METADATA_FILE
+        try:
+            return read_metadata(path) if path.is_file() else None
+        except BagError as error:
+            self._result.notes.append(f"{error}; it is written anew")
+            return None
+
+    def _recover(self, path: Path) -> tuple[Span, int | None]:
+        """Copy one file; the times of its messages, and how many its summary says there were."""
+        target = self._target / path.name
+        with path.open("rb") as file, target.open("xb") as out:
+            if not file.read(len(MAGIC)).startswith(MAGIC):
+                self._result.notes.append(f"{path} is no MCAP file, or nothing is left of it")
+                span, said = Span(), None
+            else:
+                with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                    span, said = self._copy(data, path, Copier(out))
+                out.flush()
+                os.fsync(out.fileno())
+        if not span.count:
+            target.unlink()
+        return span, said
+
+    def _copy(self, data: mmap, path: Path, copier: Copier) -> tuple[Span, int | None]:
+        span, said, counts = Span(), None, Counter[str]()
+        channels: dict[int, Channel] = {}
+        schemas: dict[int, str] = {}
+        for record in salvage(data, path, self._result.damage):
+            if record.opcode == Opcode.STATISTICS:
+                said = _message_count(record)
+            content = self._take(record, copier)
+            match content:
+                case Schema():
+                    schemas.setdefault(content.id, content.name)
+                case Channel():
+                    channels.setdefault(content.id, content)
+                    self._note_topic(content, schemas.get(content.schema_id, ""))
+                case Message():
+                    topic = channels[content.channel_id].topic
+                    counts[topic] += 1
+                    span.add(content.log_time)
+                    self._count(topic, content.sequence)
+        topics = [TopicCount(each.name, each.type_name, each.type_hash, each.qos, counts[each.name]) for each in self._topics.values()]
+        damage = self._result.damage
+        left_out = {"bytes": str(damage.passed_over), "torn_messages": str(damage.torn), "chunks": str(damage.chunks)}
+        copier.take(Metadata(name="recover_bag", metadata={"file": path.name} | left_out))
+        custom = self._stored.custom if self._stored else {}
+        copier.finish({"serialized_metadata": dump(information(topics, {path.name: span}, custom))})
+        return span, said
+
+    def _take(self, record: Record, copier: Copier) -> McapRecord | None:
+        """Copy a record; None where that is not done, or not possible."""
+        try:
+            content = parsed(record)
+            if content is not None:
+                copier.take(content)
+        except (McapError, struct.error, ValueError, KeyError):
+            self._result.damage.passed_over += len(record.payload)
+            return None
+        return content
+
+    def _note_topic(self, channel: Channel, type_name: str) -> None:
+        if channel.topic not in self._topics:
+            qos = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
+            self._topics[channel.topic] = TopicCount(channel.topic, type_name, channel.metadata.get("topic_type_hash", ""), qos)
+
+    def _count(self, topic: str, sequence: int) -> None:
+        self._topics[topic].count += 1
+        before = self._sequences.get(topic)
+        if before is not None and sequence > before + 1:
+            self._result.gaps += sequence - before - 1
+        self._sequences[topic] = sequence
+
+
+def _message_count(record: Record) -> int | None:
+    """Number of messages by a statistics record; None where it contradicts itself, so that it is damaged too."""
+    with suppress(McapError, struct.error):
+        statistics = parse(Statistics, record.payload)
+        if statistics.message_count == sum(statistics.channel_message_counts.values()):
+            return statistics.message_count
+    return None

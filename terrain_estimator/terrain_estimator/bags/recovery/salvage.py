@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Find the records of a damaged MCAP file: those behind a damaged stretch too, and the rest of a chunk that its end cuts."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from mmap import mmap
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+
+from terrain_estimator.bags.errors import BagError
+from terrain_estimator.bags.reading.records import HEAD, LARGEST_RECORD, MAGIC, MESSAGE_HEAD, Record, chunk_contents, parse, records_in
+
+_LARGEST_OPCODE = max(Opcode)
+_HEAD_LIKE = re.compile(rb"(?=[\x01-\x0f].{4}\x00{4})", re.DOTALL)
+"""Opcode and length of a record below 4 GiB; random bytes look like it once in 70 GB."""
+_LINKS = 3  # records in a row that make sure that one begins here
+_KINDS = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata, Opcode.ATTACHMENT: Attachment}
+
+
+@dataclass(slots=True)
+class Damage:
+    """What could not be read of a file."""
+
+    passed_over: int = 0  # bytes
+    torn: int = 0  # messages that the end of the file cuts
+    chunks: int = 0
+
+
+def salvage(data: mmap, path: Path, damage: Damage) -> Iterator[Record]:
+    """Yield the whole records of a file, in place of chunks the records in them; ``damage`` is kept up."""
+    for record in _records(data, damage):
+        if record.opcode != Opcode.CHUNK:
+            yield record
+            continue
+        try:
+            contents = chunk_contents(record, path)
+        except BagError:
+            damage.chunks += 1
+            damage.passed_over += len(record.payload)
+            continue
+        damage.chunks += not record.whole
+        for inner in records_in(contents, record.offset):
+            if inner.whole:
+                yield inner
+            elif inner.opcode == Opcode.MESSAGE:
+                damage.torn += 1
+
+
+def parsed(record: Record) -> McapRecord | None:
+    """The record as mcap has it, None where it is of a kind that a copy makes anew. Raises what a damaged payload makes of it."""
+    if record.opcode == Opcode.MESSAGE:
+        channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(record.payload)
+        return Message(channel, log_time, record.payload[MESSAGE_HEAD.size :], publish_time, sequence)
+    kind = _KINDS.get(Opcode(record.opcode))
+    return parse(kind, record.payload) if kind else None  # type: ignore[arg-type]
+
+
+def _records(data: mmap, damage: Damage) -> Iterator[Record]:
+    end = len(data) - (len(MAGIC) if data[-len(MAGIC) :] == MAGIC else 0)
+    offset = len(MAGIC)
+    while offset + HEAD.size <= end:
+        opcode, length = HEAD.unpack_from(data, offset)
+        following = offset + HEAD.size + length
+        fits = 1 <= opcode <= _LARGEST_OPCODE and following <= end
+        followed = fits and (following == end or _begins(data, following, end))
+        found = following if followed else _next(data, offset + 1, end)
+        if fits and found >= following:  # else its length is wrong: a record begins within it
+            if length > LARGEST_RECORD:
+                damage.passed_over += following - offset
+                offset = following
+                continue
+            yield Record(opcode, data[offset + HEAD.size : following], offset, whole=True)
+            offset = following
+            continue
+        if found == end and opcode == Opcode.CHUNK:
+            yield Record(opcode, data[offset + HEAD.size : min(end, offset + HEAD.size + LARGEST_RECORD)], offset, whole=False)
+        else:
+            damage.passed_over += found - offset
+            damage.torn += found == end and opcode == Opcode.MESSAGE
+        offset = found
+
+
+def _next(data: mmap, start: int, end: int) -> int:
+    """Where the next record begins; ``end`` where none does."""
+    return next((match.start() for match in _HEAD_LIKE.finditer(data, start, end) if _begins(data, match.start(), end)), end)
+
+
+def _begins(data: mmap, at: int, end: int) -> bool:
+    """Whether a whole record begins here, and others or the file's end follow it."""
+    for link in range(_LINKS):
+        if at == end:
+            return link > 0
+        if at + HEAD.size > end:
+            return link > 0
+        opcode, length = HEAD.unpack_from(data, at)
+        if not 1 <= opcode <= _LARGEST_OPCODE:
+            return False
+        at += HEAD.size + length
+        if at > end:
+            return link > 0
+    return True

@@ -1,0 +1,284 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Write a bag: a folder ``NAME/`` with ``NAME_0.mcap`` and ``metadata.yaml``, as rosbag2 and Foxglove open it."""
+
+import math
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from terrain_estimator.bags.errors import BagError, BagExistsError
+from terrain_estimator.bags.format.definitions import Definition, installed_definition
+from terrain_estimator.bags.format.metadata import Span, TopicCount, information, write_metadata
+from terrain_estimator.bags.format.qos import Qos
+from terrain_estimator.bags.format.types import Message, Types
+from terrain_estimator.bags.writing.compaction import compact
+from terrain_estimator.bags.writing.part import Part, Topic
+from terrain_estimator.bags.writing.syncing import sync_folder
+from terrain_estimator.bags.writing.worker import Worker
+
+UNSETTLED = 100
+"""So many finished files may wait for the disk, each with a descriptor and a thread; then the last one goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """When the next file of a bag begins."""
+
+    size: float = math.inf  # [bytes] of a file, before it is compressed
+    duration_s: float = math.inf  # [s] of log time
+
+    def due(self, part: Part, log_time_ns: int) -> bool:
+        """Tell whether a message of that time belongs into the next file; one that is empty is never left."""
+        if not part.span.count:
+            return False
+        return part.size >= self.size or log_time_ns - part.span.first_ns >= self.duration_s * 1e9
+
+
+class BagWriter:
+    """Write messages to a new bag folder; use as a context manager.
+
+    Offline (the default) it writes zstd chunks. With ``recording=True`` it writes every message to the operating system
+    at once, without chunks, so that a kill loses nothing, and compacts a file to zstd chunks when it is complete: those that
+    a split leaves behind in a thread, the last one on a clean close. Leaving the context by an exception leaves an unfinished
+    file, which :class:`BagReader` reads, and no metadata.yaml.
+
+    Raises:
+        BagExistsError: the folder exists already.
+        BagError: it cannot be made.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        recording: bool = False,
+        sync_interval_s: float = 1.0,
+        split: Split | None = None,
+        custom: Mapping[str, str] | None = None,
+        metadata: Mapping[str, Mapping[str, str]] | None = None,
+    ) -> None:
+        """Make the folder and start its file.
+
+        Args:
+            folder: the bag; must not exist.
+            recording: survive a kill.
+            sync_interval_s: [s] when recording, what a power cut may cost (time between two fsync).
+            split: by default all goes to one file.
+            custom: goes to ``custom_data`` of metadata.yaml.
+            metadata: records for every file, as by :meth:`add_metadata`.
+        """
+        self.folder = Path(folder).absolute()
+        self.types = Types()
+        self.sync_interval_s = sync_interval_s
+        self._recording = recording
+        self._split = split or Split()
+        self._custom = dict(custom or {})
+        self._topics: dict[str, Topic] = {}
+        self._metadata = list((metadata or {}).items())
+        self._spans: dict[str, Span] = {}  # of all files, by name
+        self._uncompressed: list[str] = []
+        self._settler = Worker("settle")
+        self._settling: list[tuple[Part, Future[None]]] = []
+        self._closed = False
+        self.whole = False  # finished, but for its compression
+        self._make_folder()
+        try:
+            self._part = self._new_part()
+        except OSError as error:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise _cannot_write(self.folder, error) from error
+
+    @property
+    def path(self) -> Path:
+        """Return the file that is being written."""
+        return self._part.path
+
+    @property
+    def span(self) -> Span:
+        """Return first and last log time [ns] and the number of messages so far."""
+        return Span.of(self._spans.values())
+
+    @property
+    def topics(self) -> Mapping[str, TopicCount]:
+        """Return what was written so far, by topic."""
+        return {name: topic.count for name, topic in self._topics.items()}
+
+    @property
+    def late_s(self) -> float:
+        """By how much [s] a power cut would cost more than ``sync_interval_s`` now, because the disk is slow."""
+        return max(part.late_s for part in (self._part, *(part for part, _ in self._settling)))
+
+    @property
+    def moved_s(self) -> float:
+        """When the disk took something last, by the steady clock, while files are synced and compressed."""
+        return self._settler.moved_s
+
+    @property
+    def compaction_error(self) -> str:
+        """Say which files could not be compressed and why; empty where all are."""
+        return "; ".join(self._uncompressed)
+
+    def add_topic(self, name: str, type_name: str, *, definition: Definition | None = None, qos: tuple[Qos, ...] = (Qos(),)) -> Topic:
+        """Register a topic.
+
+        Args:
+            name: absolute name of the topic.
+            type_name: ``pkg/msg/Name``.
+            definition: from an input bag; by default that of the sourced workspace.
+            qos: what the publishers offer.
+
+        Raises:
+            BagError: the topic is there already, or the type is not installed.
+        """
+        if name in self._topics:
+            msg = f"{self.path}: topic {name} was added twice"
+            raise BagError(msg)
+        definition = definition or installed_definition(type_name)
+        topic = Topic(TopicCount(name, type_name, definition.type_hash, qos), definition)
+        self._part.add_topic(topic)
+        self._topics[name] = topic
+        return topic
+
+    def write(self, topic: Topic, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
+        """Append a serialised message.
+
+        Args:
+            topic: from :meth:`add_topic`.
+            data: CDR with its encapsulation header.
+            log_time_ns: time of reception [ns]; players go by it.
+            publish_time_ns: time of publication [ns], by default the time of reception.
+
+        Raises:
+            OSError: the disk is full or broken.
+        """
+        if len(self._settling) < UNSETTLED and self._split.due(self._part, log_time_ns):
+            self._next_part()
+        self._part.write(topic, data, log_time_ns, log_time_ns if publish_time_ns is None else publish_time_ns)
+        topic.count.count += 1
+        while self._settling and self._settling[0][1].done():
+            self._settling.pop(0)[1].result()
+
+    def write_message(self, topic: Topic, message: Message, log_time_ns: int, publish_time_ns: int | None = None) -> None:
+        """Serialise and append a message made by ``types.make``."""
+        self.write(topic, self.types.serialize(message), log_time_ns, publish_time_ns)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record to this file and those that follow, for example the hash of a configuration or model."""
+        self._part.add_metadata(name, values)
+        self._metadata.append((name, values))
+
+    def close(self) -> None:
+        """Finish the last file, write metadata.yaml and, when recording, compact.
+
+        The bag is complete before that compaction starts, so nothing is lost if it fails (``compaction_error`` says why).
+        """
+        if self._closed:
+            return
+        self._part.finish()
+        self._part.settle()
+        self._settler.move()
+        for _, settled in self._settling:
+            settled.result()
+        write_metadata(self.folder, information([topic.count for topic in self._topics.values()], self._spans, self._custom))
+        self.whole = True
+        self._compact(self._part)
+        self._settler.end()
+        self._closed = True
+
+    def abandon(self) -> None:
+        """Close the files as they are, without metadata.yaml, as a kill would leave them; never raises."""
+        self._closed = True
+        for _, settled in self._settling:
+            if not settled.cancel():
+                settled.exception()  # waits
+        self._settler.end()
+        for part in (self._part, *(part for part, _ in self._settling)):
+            part.abandon()
+
+    def discard(self) -> None:
+        """Take back the bag with all that was written; never raises."""
+        self.abandon()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        """Return the writer itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Finish the bag, or leave it unfinished after an exception."""
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def _new_part(self) -> Part:
+        """A file that can be read without those before it, but for messages that came once."""
+        path = self.folder / f"{self.folder.name}_{len(self._spans)}.mcap"
+        part = Part(path, self._custom, self.sync_interval_s if self._recording else None)
+        try:
+            for topic in self._topics.values():
+                part.add_topic(topic)
+            for name, values in self._metadata:
+                part.add_metadata(name, values)
+        except BaseException:
+            part.discard()
+            raise
+        self._spans[path.name] = part.span
+        return part
+
+    def _next_part(self) -> None:
+        """An fsync and a compaction can take long, so they are left to a thread; until then the file is synced as before."""
+        self._part.finish()
+        done, self._part = self._part, self._new_part()
+        self._settling.append((done, self._settler.give(partial(self._settle, done))))
+
+    def _settle(self, part: Part) -> None:
+        part.settle()
+        self._compact(part)
+
+    def _compact(self, part: Part) -> None:
+        if not self._recording:
+            return
+        try:
+            compact(part.path, self._settler.move)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the file is whole without it
+            self._uncompressed.append(f"{part.path} stays uncompressed: {error}")
+
+    def _make_folder(self) -> None:
+        made = [folder for folder in (self.folder, *self.folder.parents) if not folder.exists()]
+        try:
+            self.folder.mkdir(parents=True)
+            for folder in made:
+                sync_folder(folder.parent)
+        except FileExistsError as error:
+            msg = f"{self.folder} exists already: choose another name, bags are never overwritten"
+            raise BagExistsError(msg) from error
+        except OSError as error:
+            raise _cannot_write(self.folder, error) from error
+
+
+@contextmanager
+def whole_bag(folder: str | os.PathLike[str]) -> Iterator[BagWriter]:
+    """A bag that is written to its end or, by an exception, taken back: half a run would be taken for the whole, and be in the way.
+
+    Raises as :class:`BagWriter` does, and OSError where the disk is full.
+    """
+    writer = BagWriter(folder)
+    try:
+        yield writer
+        writer.close()  # a full disk may say so only here
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def _cannot_write(folder: Path, error: OSError) -> BagError:
+    return BagError(f"cannot write a bag to {folder}: {error.strerror}; choose a folder that you may write, on a disk with room")

@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""One simulated drive on real DDS: simulator, estimator, recorder and watch as separate processes."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from terrain_estimator.demonstration.processes import Fleet, FleetError, Program
+
+START_TIMEOUT_S = 60.0  # importing torch from a cold disk takes its time
+MATCH_TIMEOUT_S = 20.0
+READERS = 3  # of every input: estimator, recorder and watch
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What is driven."""
+
+    duration_s: float  # of simulated time
+    real_time_factor: float
+    seed: int
+    rover: str
+    soil: str
+    schedule: str
+    domain_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What came of it."""
+
+    bag: Path
+    timing: dict[str, Any]  # the watch's report: messages, rate_hz, jitter_ms_p99 by topic
+
+
+def drive(what: Drive, folder: Path, say: Callable[[str], None]) -> Recording:
+    """Drive, estimate and record into ``folder``; the watch's lines go to ``say``.
+
+    Raises:
+        FleetError: a process failed.
+    """
+    clear(folder)
+    bag, report = folder / "bag", folder / "timing.json"
+    with Fleet(folder / "log", what.domain_id) as fleet:
+        estimator = fleet.start("terrain_estimator", "estimator")
+        recorder = fleet.start("terrain_estimator", "recorder", {"output": bag})
+        simulator = fleet.start("rover_sim_node", "simulator", _simulator_parameters(what))
+        fleet.wait_for(estimator, r"matched all inputs", START_TIMEOUT_S)
+        fleet.wait_for(recorder, r"recording \d+ topics", MATCH_TIMEOUT_S)
+        # A publisher that has matched a reader may not be matched by it yet, and what it says then is lost. So the simulator
+        # waits for one reader more, the watch, which starts when the two that must not miss anything have said that they hear.
+        watch = fleet.start("terrain_estimator", "watch", {"report": report, "real_time_factor": what.real_time_factor})
+        fleet.wait_for(watch, r"matched all topics", START_TIMEOUT_S)
+        _follow(fleet, simulator, watch, 3.0 * what.duration_s / what.real_time_factor + START_TIMEOUT_S, say)
+        for program in (estimator, watch, recorder):  # the estimator first: what it still answers is recorded
+            code = program.stop()
+            if code != 0:
+                raise FleetError(f"{program.name} ended with code {code}, see {program.log}")
+    return Recording(bag, json.loads(report.read_text(encoding="utf-8")))
+
+
+def clear(folder: Path) -> None:
+    """Remove what an earlier drive left."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("bag", "replay", "log"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+
+
+def _simulator_parameters(what: Drive) -> dict[str, object]:
+    return {
+        "rover": what.rover,
+        "soil": what.soil,
+        "schedule": what.schedule,
+        "seed": what.seed,
+        "duration": what.duration_s,
+        "real_time_factor": what.real_time_factor,
+        "wait_for_subscribers": READERS,
+        "wait_timeout": 2.0 * START_TIMEOUT_S,
+    }
+
+
+def _follow(fleet: Fleet, simulator: Program, watch: Program, timeout_s: float, say: Callable[[str], None]) -> None:
+    """Hand on what the watch says until the simulator has driven to the end."""
+    said = len(watch.output)
+
+    def ended() -> bool:
+        nonlocal said
+        text = watch.output
+        whole = text.rfind("\n") + 1
+        for line in text[said:whole].splitlines():
+            say(line)
+        said = max(said, whole)
+        return not simulator.running
+
+    fleet.wait_until(ended, "the simulator has driven to the end", timeout_s)
+    code = simulator.wait(timeout_s)
+    if code != 0:
+        raise FleetError(f"simulator ended with code {code}, see {simulator.log}")

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""How well some runs can tell effects apart.
+
+Where effect i is missing at a typical size, its mark is what the rows change by. Effect j explains a part of it, with its size in its
+physical range and what else is not known of j free, and the runs' own unknowns explain another. What is left is the expected log Bayes
+factor of i over j, and with nothing in place of j the one of i over "nothing is missing" (``expected``).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
+from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.hypotheses.equations import RunEquations, Unknowns
+from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
+from terrain_estimator.discovery.hypotheses.physics import Laws, Nominal
+from terrain_estimator.discovery.runs import Blocks
+from terramechanics.effects import EFFECTS
+
+LEAST = 3.0
+"""[nat] Expected log Bayes factor over nothing below which runs do not excite an effect."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What a hypothesis does to the rows of some runs."""
+
+    runs: tuple[Tensor, ...]  # [B, Q, 1 + F] at the typical size; then further changes by a deviation of each other thing not known of it
+    ends: tuple[float, float]  # [1] physical range of the size, in units of the typical one
+
+    def joined(self, other: "Mark") -> "Mark":
+        """The same in more runs."""
+        return Mark(self.runs + other.runs, self.ends)
+
+
+@dataclass(frozen=True, slots=True)
+class Isolability:
+    """Of the effects that the runs excite."""
+
+    names: tuple[str, ...]
+    nats: Tensor  # [n, n] expected log Bayes factor of a row's effect over a column's; on the diagonal over nothing
+    not_testable: dict[str, str]  # why, by name
+
+    def nearest(self, name: str) -> str | None:
+        """The effect that explains ``name`` best; None where there is none."""
+        if name not in self.names or len(self.names) == 1:
+            return None
+        row = self.nats[self.names.index(name)].clone()
+        row[self.names.index(name)] = torch.inf
+        return self.names[int(row.argmin())]
+
+
+def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> Isolability:
+    """For the runs of ``study``; ground and unexplained noise are those of the candidate ``around``."""
+    stages, found = stages_of(around), marks(study, hypotheses, around)
+    names = [each.label for each in hypotheses]
+    nats = matrix(stages, found)
+    excited = [k for k in range(len(names)) if float(nats[k, k]) >= LEAST]
+    why = {name: "it acts sideways, which a planar rover does not show" for name, each in EFFECTS.items() if each.make is None}
+    for k, name in enumerate(names):
+        if k not in excited:
+            gain = max(float(nats[k, k]), 0.0)
+            why[name] = f"these runs do not excite it: at a typical size it is expected to gain {gain:.1g} nat"
+    return Isolability(tuple(names[k] for k in excited), nats[excited][:, excited], why)
+
+
+def matrix(stages: Sequence[Stage], found: Sequence[Mark]) -> Tensor:
+    """Expected log Bayes factors [nat] of every mark over every other, and on the diagonal over nothing."""
+    nats = torch.zeros(len(found), len(found), dtype=torch.float64)
+    for i, true in enumerate(found):
+        others = [other for j, other in enumerate(found) if j != i]
+        alone = loss(stages, table(true, others), None)
+        nats[i] = alone.nats
+        first = 1
+        for j, other in enumerate(found):
+            if j == i:
+                continue
+            size = other.runs[0].shape[2]
+            if _promise(alone.gram, slice(first, first + size)) > _PROMISING * alone.nats:
+                nats[i, j] = min(loss(stages, table(true, [other]), other.ends, alone.excess).nats, alone.nats)
+            first += size
+    return nats
+
+
+_PROMISING = 0.01
+"""[1] Share that a first step of another effect has to explain to be looked at."""
+
+
+def table(true: Mark, others: Sequence[Mark]) -> list[Tensor]:
+    """A mark and what others can do, [B, Q, 1 + K] of each run, as :func:`expected.loss` takes them."""
+    return [torch.cat([mine[..., :1], *rest], 2) for mine, *rest in zip(true.runs, *(other.runs for other in others), strict=True)]
+
+
+def _promise(gram: Tensor, columns: slice) -> float:
+    """What these columns explain of the mark in one step [nat]."""
+    pull, block = gram[columns, 0], gram[columns, columns]
+    return 0.5 * float(pull @ torch.linalg.solve(block + torch.diag(1e-9 + 0.0 * pull), pull))
+
+
+def stages_of(around: Candidate) -> list[Stage]:
+    """The linearised rows of all runs under a candidate."""
+    return [stage(each, unknowns, each.excess) for each, unknowns in zip(around.fit.equations, around.fit.point.runs, strict=True)]
+
+
+def marks(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> list[Mark]:
+    """Marks of hypotheses in all runs."""
+    nominal, mask, found = study.nominal, study.mask, around.fit
+
+    def of_run(run: Blocks, where: tuple[Unknowns, Tensor]) -> list[Mark]:
+        return run_marks(nominal, run, mask, hypotheses, *where)
+
+    every = study.contributions(of_run, [(own, each.away) for own, each in zip(found.point.runs, found.equations, strict=True)])
+    return [reduce(Mark.joined, each) for each in zip(*every, strict=True)]
+
+
+@torch.inference_mode()
+def run_marks(
+    nominal: Nominal, run: Blocks, mask: Tensor, hypotheses: Sequence[Hypothesis], unknowns: Unknowns, away: Tensor
+) -> list[Mark]:
+    """Marks of hypotheses in one run, around ``unknowns`` and with the rows expanded ``away`` from the measured inputs."""
+
+    def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
+        return RunEquations(run, Laws(nominal, run, hypothesis.parts), mask).shortfall(unknowns, values, away)
+
+    nothing = rows(NOTHING, ())
+    found = []
+    for hypothesis in hypotheses:
+        values, shared = hypothesis.typical(), hypothesis.shared()
+        changes = [nothing - rows(hypothesis, values)]
+        for k in range(1, len(values)):
+            moved = tuple(value + float(shared.sd[k]) * (n == k) for n, value in enumerate(values))
+            changes.append(nothing - rows(hypothesis, moved) - changes[0])
+        found.append(Mark((torch.stack(changes, -1),), (float(shared.low[0]) / values[0], float(shared.high[0]) / values[0])))
+    return found

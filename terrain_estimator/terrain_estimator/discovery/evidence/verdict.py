@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""One rule from evidence to verdict: none, named, confusable or unknown.
+
+With L the log evidence of a hypothesis over "nothing is missing" and L+ that of the same with a discrepancy without a name on top:
+
+1. Nothing is missing where neither a named effect nor the discrepancy alone gains ``anything``.
+2. An effect is named where it closes at least the ``share`` of what can be explained at all, L / max(L, L+, L+ of nothing). A test
+   for "something is left" would not do: a right name whose law is slightly another leaves something too, and a wrong one gains
+   hundreds of nats as soon as anything is missing. What tells them apart is the share of the gap that a name closes.
+3. Every effect that closes the share and comes within ``apart`` of the best, relative to what the best gains, is as good an
+   explanation: together they are a confusable set.
+4. Two effects are named where together they close the ``share``, and the second gains ``anything`` and nearly all (SECOND_SHARE) that the
+   first leaves. A right name whose law is slightly another leaves something too, of which another effect takes a part.
+
+The thresholds are calibrated by ``calibrate_discovery``.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import torch
+
+from terrain_estimator.discovery.evidence.search import Candidate
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.leftover.flexible import Column
+
+
+class Verdict(StrEnum):
+    """What the runs say."""
+
+    NONE = "none"
+    NAMED = "named"
+    CONFUSABLE = "confusable"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """The three numbers of the rule."""
+
+    anything: float  # [nat]
+    share: float  # [1]
+    apart: float  # [1] of the gain of the best
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Log evidences over nothing [nat] that the rule looks at."""
+
+    named: tuple[tuple[Hypothesis, float], ...]  # the most probable first
+    nothing_with: float  # nothing with the discrepancy
+    best_with: float  # the most probable with the discrepancy
+    single: float = 0.0  # of the best single effect where ``named`` are pairs
+
+    @property
+    def best(self) -> float:
+        """Of the most probable named effect."""
+        return self.named[0][1]
+
+    @property
+    def explainable(self) -> float:
+        """What anything explains."""
+        return max(self.best, self.nothing_with, self.best_with)
+
+    @property
+    def share(self) -> float:
+        """Part of that which the best name explains, 0 to 1."""
+        return max(self.best, 0.0) / self.explainable if self.explainable > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The verdict, what it names, and how sure it is."""
+
+    verdict: Verdict
+    named: tuple[Hypothesis, ...]  # one where named, several where confusable, the closest where unknown
+    probabilities: dict[str, float]  # of none, unknown and every effect; they add up to one
+
+
+def judge(gains: Gains, thresholds: Thresholds) -> Judgement:
+    """Apply the rule."""
+    best, close = gains.named[0][0], thresholds.apart * _told_apart_by(gains, thresholds)
+    alike = tuple(hypothesis for hypothesis, gain in gains.named if gain >= gains.best - close)
+    verdict = Verdict.UNKNOWN
+    named: tuple[Hypothesis, ...] = (best,)
+    if gains.explainable < thresholds.anything:
+        verdict, named = Verdict.NONE, ()
+    elif gains.share >= thresholds.share:
+        verdict, named = (Verdict.NAMED, (best,)) if len({each.names for each in alike}) == 1 else (Verdict.CONFUSABLE, alike)
+    return Judgement(verdict, named, _probabilities(gains, thresholds))
+
+
+SECOND_SHARE = 0.95
+"""[1] Of what the first effect leaves the second closes at least so much. Two effects that were hidden together did so to 0.70 to 1
+(median 1, ten cases), the best second one beside a single effect of another law to 0.91 at most (slip_sinkage; twelve cases)."""
+
+
+def is_pair(single: Gains, pair: Gains, thresholds: Thresholds) -> bool:
+    """Whether the best ``pair`` is an answer, and not the best ``single`` effect."""
+    gained = pair.best - single.best
+    left = max(single.explainable, pair.explainable) - single.best
+    return pair.share >= thresholds.share and gained >= max(thresholds.anything, SECOND_SHARE * left)
+
+
+def _told_apart_by(gains: Gains, thresholds: Thresholds) -> float:
+    """What the best gains [nat], over the best single effect where it is a pair: all pairs have an effect in common."""
+    return max(gains.best - gains.single, thresholds.anything)
+
+
+_SHARE_WIDTH = 0.03
+"""[1] of share over which "unknown" turns into a name: about what it varies by from seed to seed."""
+
+
+def _probabilities(gains: Gains, thresholds: Thresholds) -> dict[str, float]:
+    """Smooth versions of the rule's three steps."""
+    something = _rise((gains.explainable - thresholds.anything) / (0.25 * thresholds.anything))
+    known = _rise((gains.share - thresholds.share) / _SHARE_WIDTH)
+    width = 0.5 * thresholds.apart * _told_apart_by(gains, thresholds)
+    weights = torch.softmax(torch.tensor([gain / width for _, gain in gains.named], dtype=torch.float64), 0).tolist()
+    probabilities = {"none": 1.0 - something, "unknown": something * (1.0 - known)}
+    for (hypothesis, _), weight in zip(gains.named, weights, strict=True):
+        name = " + ".join(hypothesis.names)
+        probabilities[name] = probabilities.get(name, 0.0) + something * known * weight
+    return probabilities
+
+
+def _rise(x: float) -> float:
+    return 1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, x))))
+
+
+@dataclass(frozen=True, slots=True)
+class Leftover:
+    """On what a discrepancy depends most."""
+
+    column: Column
+    strength: float  # [1] decrease of the objective: squared standard deviations
+    degrees: int  # functions of that signal
+
+
+def leftovers(candidate: Candidate) -> list[Leftover]:
+    """What a candidate's discrepancy depends on, row by row and signal by signal, the strongest first.
+
+    Signals of one name in one row (of several axles) count as one.
+    """
+    if candidate.weights is None:
+        return []
+    first = candidate.fit.point.shared.shape[0] - len(candidate.weights.names)
+    weights, covariance = candidate.fit.point.shared[first:], candidate.fit.covariance[first:, first:]
+    groups: dict[Column, list[int]] = {}
+    for index, column in enumerate(candidate.weights.names):
+        groups.setdefault(Column(column.row, _signal(column.signal)), []).append(index)
+    found = [
+        Leftover(column, float(weights[index] @ torch.linalg.solve(covariance[index][:, index], weights[index])), len(index))
+        for column, index in groups.items()
+    ]
+    return sorted(found, key=lambda each: -each.strength)
+
+
+def _signal(name: str) -> str:
+    """``slip^2_1`` as ``slip``: powers, axles and places are one signal."""
+    base = re.split("[_^]", name, maxsplit=1)[0]
+    return "distance" if base.startswith("distance") else base
+
+
+def gains_of(nothing: Candidate, named: Sequence[Candidate], nothing_with: Candidate, best_with: Candidate) -> Gains:
+    """The numbers of the rule from fits; ``named`` the most probable first."""
+    base = nothing.fit.log_evidence
+    return Gains(
+        tuple((each.hypothesis, each.fit.log_evidence - base) for each in named),
+        nothing_with.fit.log_evidence - base,
+        best_with.fit.log_evidence - base,
+    )

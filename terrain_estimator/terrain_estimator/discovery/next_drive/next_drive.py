@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What to drive next: which short drive would tell the effects in doubt apart best, by expected information.
+
+Each manoeuvre is simulated with each effect in doubt acting at its typical size, on ground as strong as the fit found it. What the
+drive adds is the expected log Bayes factor of the true effect over another one, with sizes shared by the runs at hand and the
+new one, less that of the runs at hand alone (``expected``). Of several pairs in doubt the one that gains least counts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import torch
+
+from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
+from terrain_estimator.discovery.evidence.isolability import Mark, marks, run_marks, stages_of, table
+from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
+from terrain_estimator.discovery.hypotheses.equations import Ask, RunEquations, Unknowns
+from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
+from terrain_estimator.discovery.hypotheses.physics import Laws
+from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
+from terrain_estimator.discovery.runs import Run, RunError, cut
+from terramechanics.effects import make_effect
+from terramechanics.simulation.plant import Plant
+
+SEED = 1
+MOST = 4
+"""Effects in doubt that are looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class NextDrive:
+    """A drive and what it is expected to bring."""
+
+    name: str
+    words: str
+    seconds: float
+    nats: float  # gained for the pair in doubt that gains least
+    pair: tuple[str, str]  # that pair: the first one true
+
+
+def next_drives(
+    study: Study, doubtful: Sequence[Hypothesis], around: Candidate, manoeuvres: Sequence[Manoeuvre] = MANOEUVRES
+) -> list[NextDrive]:
+    """These manoeuvres, the best first; none where fewer than two effects are in doubt. Ground and noise are those of ``around``."""
+    doubtful = doubtful[:MOST]
+    if len(doubtful) < 2:
+        return []
+    stages, known = stages_of(around), marks(study, doubtful, around)
+    pairs = list(permutations(range(len(doubtful)), 2))
+    now = {pair: _apart(stages, known, pair) for pair in pairs}
+    theta = torch.stack([run.theta for run in around.fit.point.runs]).mean(0)
+    excess = torch.stack([each.excess for each in around.fit.equations]).mean(0)
+    gains: dict[Manoeuvre, dict[tuple[int, int], float]] = {each: {} for each in manoeuvres}
+    for true, runs in enumerate(_driven(study, doubtful, theta, manoeuvres)):
+        for manoeuvre, run in zip(manoeuvres, runs, strict=True):
+            more = _seen(study, run, doubtful, theta, excess)
+            if more is None:
+                continue
+            joined = [mark.joined(new) for mark, new in zip(known, more[1], strict=True)]
+            for pair in (pair for pair in pairs if pair[0] == true):
+                gains[manoeuvre][pair] = _apart([*stages, more[0]], joined, pair) - now[pair]
+    found = []
+    for manoeuvre, each in gains.items():
+        if len(each) == len(pairs):
+            worst = min(each, key=lambda pair: each[pair])
+            labels = (doubtful[worst[0]].label, doubtful[worst[1]].label)
+            found.append(NextDrive(manoeuvre.name, manoeuvre.words, SECONDS, max(each[worst], 0.0), labels))
+    return sorted(found, key=lambda each: -each.nats)
+
+
+def _apart(stages: Sequence[Stage], known: Sequence[Mark], pair: tuple[int, int]) -> float:
+    true, other = (known[k] for k in pair)
+    return loss(stages, table(true, [other]), other.ends).nats
+
+
+def _driven(study: Study, doubtful: Sequence[Hypothesis], theta: torch.Tensor, manoeuvres: Sequence[Manoeuvre]) -> list[list[Run]]:
+    """The runs of all manoeuvres with each effect acting, one simulation for all."""
+    strength = theta * study.nominal.contact.column_unit[:2]
+    count = len(manoeuvres)
+    effects = []
+    for k, hypothesis in enumerate(doubtful):
+        acting = torch.zeros(len(doubtful) * count, dtype=torch.float64)
+        acting[k * count : (k + 1) * count] = 1.0
+        effects += [make_effect(part.name, TYPICAL[part.name] * acting, part.axle) for part in hypothesis.parts]
+    runs = drive(study.nominal, strength, tuple(manoeuvres) * len(doubtful), Plant(effects), SEED)
+    return [runs[k * count : (k + 1) * count] for k in range(len(doubtful))]
+
+
+def _seen(
+    study: Study, run: Run, doubtful: Sequence[Hypothesis], theta: torch.Tensor, excess: torch.Tensor
+) -> tuple[Stage, list[Mark]] | None:
+    """The rows of a new run, and what the effects in doubt do to them; None where the rover hardly moves."""
+    nominal = study.nominal
+    try:
+        blocks = cut(run, nominal.contact)
+    except RunError:
+        return None
+    constants = torch.zeros(nominal.uncertain.shape[0], dtype=torch.float64)
+    unknowns = Unknowns(theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks))
+    columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
+    ask = Ask(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
+    equations = RunEquations(blocks, Laws(nominal, blocks, NOTHING.parts), study.mask).at(ask)
+    return stage(equations, unknowns, excess), run_marks(nominal, blocks, study.mask, doubtful, unknowns, equations.away)

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""How much of the way from the error of the model without an effect to the noise floor the model with it goes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from terrain_estimator.discovery.proof.resampling import Floats, Rows, interval, replicates, resampled
+from terrain_estimator.discovery.proof.scores import Predicted
+
+NEIGHBOURS = 5
+"""[s] that are resampled together: longer than what ties the errors of neighbouring seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Root mean square errors on held-out runs, in standard deviations of a noise; ``after`` is None where nothing is to be added."""
+
+    before: float
+    after: float | None
+    noise_floor: float  # what the error would be if the better model were true: noise, and what is not known of ground and sizes
+    closed: float | None  # [1] (before - after) / (before - noise_floor); None where there was no gap
+    closed_95: tuple[float, float] | None  # None where chance alone may have made the gap
+    improvement_95: tuple[float, float] | None  # of before - after
+    nll_improvement_95: tuple[float, float] | None  # [nat] of the negative log likelihood of one value
+    replicates: int  # pieces of NEIGHBOURS seconds on which the intervals rest
+
+
+def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], seed: int) -> Gap:
+    """The gap over all seconds of pieces of these ``lengths``, one after the other, with intervals by moving blocks."""
+    pieces, every = replicates(lengths, NEIGHBOURS), np.arange(len(before.count))[None]
+    first, floor = _mean_square(before, before.misfit.numpy()), _mean_square(before, before.expected.numpy())
+    if after is None:
+        return Gap(float(first(every)[0]), None, float(floor(every)[0]), None, None, None, None, pieces)
+    second, floor = _mean_square(after, after.misfit.numpy()), _mean_square(after, after.expected.numpy())
+    start, end, least = (float(error(every)[0]) for error in (first, second, floor))
+
+    def improvement(rows: Rows) -> Floats:
+        return first(rows) - second(rows)
+
+    def closed(rows: Rows) -> Floats:
+        gap = first(rows) - floor(rows)
+        return np.where(gap > 0.0, improvement(rows) / np.where(gap > 0.0, gap, 1.0), np.nan)
+
+    gained, count = (before.surprise - after.surprise).numpy(), after.count.numpy()
+
+    def likelier(rows: Rows) -> Floats:
+        return gained[rows].sum(1) / count[rows].sum(1)
+
+    drawn = resampled(lengths, NEIGHBOURS, np.random.default_rng(seed))
+    ends = interval(closed, drawn)
+    share = (start - end) / (start - least) if start > least else None
+    return Gap(start, end, least, share, ends, interval(improvement, drawn), interval(likelier, drawn), pieces)
+
+
+def _mean_square(predicted: Predicted, total: Floats) -> Callable[[Rows], Floats]:
+    """Root of the mean of ``total`` [N] over the values of chosen seconds."""
+    count = predicted.count.numpy()
+    return lambda rows: np.sqrt(total[rows].sum(1) / count[rows].sum(1))

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A held-out run in two halves, each of which is predicted with what the other one tells about the ground.
+
+c, tan phi, the soil constants and the accelerometer's bias are a run's own, so they have to be fitted to something: to the half
+that is not being judged. The sizes of effects are never fitted here, they come from other runs.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.discovery.evidence.fit import Fit
+from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.hypotheses.contributions import Law
+from terrain_estimator.discovery.hypotheses.equations import Ask, Equations, Unknowns, assembled
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.hypotheses.physics import Nominal
+from terrain_estimator.discovery.hypotheses.point import own_prior
+from terrain_estimator.discovery.leftover.flexible import no_columns
+from terrain_estimator.discovery.runs import Blocks, RunError
+from terrain_estimator.model.gaussian import cholesky
+
+SHORTEST_HALF = 8
+"""[blocks] of a half of a run: eight seconds."""
+PIECE = 5
+"""[blocks] of a rollout: five seconds, linked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A hypothesis with what other runs said of its sizes."""
+
+    hypothesis: Hypothesis
+    values: Tensor  # [K] as ``Fit.point.shared``
+    covariance: Tensor  # [K, K]
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What a half tells about its run, under one model."""
+
+    unknowns: Unknowns  # the velocities are that half's
+    covariance: Tensor  # [P + K, P + K] of theta, soil constants, bias and sizes, by the sensors' stated noise
+
+
+@dataclass(frozen=True, slots=True)
+class Half:
+    """A half of a run that is judged, and what the other one tells under each model."""
+
+    blocks: Blocks
+    grounds: tuple[Ground, ...]
+
+
+def long_enough(run: Blocks) -> Blocks:
+    """The run, where it can be halved.
+
+    Raises:
+        RunError: it is too short, or a half has no piece without a gap that is long enough for a rollout.
+    """
+    count = len(run.packed)
+    if count < 2 * SHORTEST_HALF:
+        raise RunError(f"{run.name}: {count} whole seconds, a held-out run needs at least {2 * SHORTEST_HALF}")
+    if not all(half.pieces(PIECE) for half in _halved(run)):
+        raise RunError(f"{run.name}: a held-out run needs {PIECE} s in one piece in each half, there are gaps everywhere")
+    return run
+
+
+def _halved(run: Blocks) -> tuple[Blocks, Blocks]:
+    count = len(run.packed)
+    return run.between(0, count // 2), run.between(count // 2, count)
+
+
+@torch.inference_mode()
+def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Half, Half]:
+    """Both halves of a held-out run; the same procedure for every model.
+
+    Raises:
+        RunError: see ``long_enough``.
+    """
+    parts = _halved(long_enough(run))
+    told = [_told(Study(nominal, [part]), models) for part in parts]
+    return Half(parts[0], told[1]), Half(parts[1], told[0])
+
+
+def _told(study: Study, models: tuple[Model, ...]) -> tuple[Ground, ...]:
+    fits = _fits(study, models)
+    return tuple(
+        Ground(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model)) for fit, model in zip(fits, models, strict=True)
+    )
+
+
+def _fits(study: Study, models: tuple[Model, ...]) -> list[Fit]:
+    return [(study.given(model.hypothesis, model.values) if model.hypothesis.parts else study.nothing).fit for model in models]
+
+
+@torch.inference_mode()
+def evidences(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> list[float]:
+    """Log evidence [nat] of a whole held-out run under each model, up to a constant of the run."""
+    return [fit.given for fit in _fits(Study(nominal, [run]), models)]
+
+
+def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tensor:
+    """Of a run's own unknowns but the velocities, then of the sizes; misfit beyond the sensors' noise counts for nothing."""
+    sizes = model.values.shape[0]
+    weighted = torch.zeros_like(equations.residual).unsqueeze(-1)
+    hessian, _ = assembled(equations.jacobian, cholesky(equations.covariance), weighted, equations.ends, sizes)
+    _, precision = own_prior(unknowns)
+    size, own = precision.shape[0], 3 + unknowns.kappa.shape[0]
+    covariance = torch.cholesky_inverse(cholesky(hessian[:size, :size] + torch.diag(precision)))
+    parts = covariance[:own, :own], model.covariance
+    return torch.block_diag(*parts)  # type: ignore[no-untyped-call]
+
+
+def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equations:
+    """The rows of a half at what the other one tells under the model of that ``number``, with all velocities at zero."""
+    told = half.grounds[number].unknowns
+    columns = no_columns([half.blocks]).columns[0]
+    mask = torch.ones(columns.shape[1] - 1, dtype=torch.float64)
+    there = Unknowns(told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64))
+    none = torch.zeros(0, dtype=torch.float64)
+    ask = Ask(there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None)
+    return Law(nominal, model.hypothesis.parts, mask)(half.blocks, ask)

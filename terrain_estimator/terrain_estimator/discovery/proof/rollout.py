@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Five seconds of a held-out run simulated from the wheel rates alone, against what every sensor measured.
+
+A window starts in the measured velocity of its first observation. From then on the simulation knows the wheel rates and the terrain
+along the track; slip, sinkage, torque and velocity are its own, and pass through what the effects do to the sensors.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.discovery.hypotheses.parts import plant_of, undone
+from terrain_estimator.discovery.hypotheses.physics import Nominal
+from terrain_estimator.discovery.proof.held_out import PIECE, Ground, Half, Model
+from terrain_estimator.discovery.proof.signals import Measured, measured
+from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
+from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.palpaca import BLOCK
+from terrain_estimator.model.rows import PA_PER_UNIT
+from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.schedules import Command
+from terramechanics.simulation.simulation import Simulation
+from terramechanics.terrain.ground import Ground as Soil
+from terramechanics.terrain.ground import Patch
+from terramechanics.terrain.profile import Sampled
+
+WEAKEST = 0.01
+"""[1] Least c [kPa] and tan phi that are simulated."""
+FASTER = 2.0
+"""[1] By which a simulated rover may outrun the measured one before it leaves the known terrain."""
+TERRAINS = 4
+"""Terrains that are simulated to see what the noise of the angles does to predictions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """All windows of some halves; T = PIECE BLOCK observations."""
+
+    half: Tensor  # [W] number of the half
+    first: Tensor  # [W] number of the first block in it
+    rate: Tensor  # [W, T, A] [rad/s]
+    velocity: Tensor  # [W, 2] [m/s] measured at the start, and its deviation
+    step: float  # [s]
+    longest: float  # [m] that a simulated rover may go
+    measured: Measured
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """What one model says of the windows, at every observation but the first, and how that changes with what is not known."""
+
+    signals: Tensor  # [W, T - 1, R]
+    changes: Tensor  # [G, W, T - 1, R] along the columns of a factor of the covariance of start, ground and sizes
+    by_terrain: Tensor  # [TERRAINS, W, T - 1, R] with other terrains that the measured angles allow
+
+
+def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
+    """The windows of some halves."""
+    axles = nominal.rover.axles
+    firsts = [torch.tensor(half.blocks.pieces(PIECE), dtype=torch.long) for half in halves]
+    index = [first.unsqueeze(1) + torch.arange(PIECE) for first in firsts]
+    packed = torch.cat([half.blocks.packed[here].flatten(1, 2) for half, here in zip(halves, index, strict=True)])
+    rate = torch.cat([half.blocks.wheel_rate[here].flatten(1, 2) for half, here in zip(halves, index, strict=True)])
+    gone = (packed[..., 8 * axles] * packed[..., -2]).sum(1)
+    return Windows(
+        half=torch.repeat_interleave(torch.tensor([len(first) for first in firsts])),
+        first=torch.cat(firsts),
+        rate=rate,
+        velocity=packed[:, 0, 8 * axles : 8 * axles + 2],
+        step=float(packed[:, 1:, -2].median()),
+        longest=FASTER * float(gone.max()),
+        measured=measured(packed[:, 1:], axles),
+    )
+
+
+def simulated(nominal: Nominal, halves: Sequence[Half], windows: Windows, number: int, model: Model, seed: int) -> Simulated:
+    """Simulate all windows under the model of that ``number``; ``seed`` of the other terrains."""
+    generator = torch.Generator().manual_seed(seed)
+    values = tuple(model.values.tolist())
+    parts = model.hypothesis.parts
+    clean = [undone(parts, values, half.blocks.packed.flatten(0, 1), half.blocks) for half in halves]
+    terrain = _terrain(nominal, windows, clean)
+    others = [_terrain(nominal, windows, [noisier(each, nominal.rover.axles, generator) for each in clean]) for _ in range(TERRAINS)]
+    centres, factors = zip(*(_known(half.grounds[number]) for half in halves), strict=True)
+    centre, columns = torch.stack(centres)[windows.half], torch.stack(factors)[windows.half].unbind(-1)
+    start = windows.velocity[:, 0]
+    grounds = [centre, centre, *(centre + column for column in columns), *([centre] * TERRAINS)]
+    terrains = [terrain] * (2 + len(columns)) + others
+    starts = [start, start + windows.velocity[:, 1], *([start] * (len(columns) + TERRAINS))]
+    found = _drive(nominal, windows, torch.cat(grounds), _together(terrains), torch.cat(starts), plant_of(parts, values))
+    found = found.view(len(grounds), *windows.measured.values.shape)
+    base, changes, by_terrain = torch.split(found, [1, 1 + len(columns), TERRAINS])
+    by_size = [_drive(nominal, windows, centre, terrain, start, plant_of(parts, sizes)).unsqueeze(0) for sizes in _other_sizes(model)]
+    return Simulated(base[0], torch.cat([changes, *by_size]) - base, by_terrain - base)
+
+
+def _known(ground: Ground) -> tuple[Tensor, Tensor]:
+    """c, tan phi and soil constants [2 + M], and a factor of their covariance; given that c and tan phi are physical."""
+    own = 2 + ground.unknowns.kappa.shape[0]
+    centre = torch.cat([ground.unknowns.theta, ground.unknowns.kappa])
+    covariance = ground.covariance[:own, :own]
+    for k in (0, 1):
+        if centre[k] < WEAKEST:
+            centre = centre + covariance[:, k] / covariance[k, k] * (WEAKEST - centre[k])
+    return centre, cholesky(covariance)
+
+
+def _other_sizes(model: Model) -> list[tuple[float, ...]]:
+    """Sizes along each column of a factor of their covariance, inside of their ranges."""
+    shared = model.hypothesis.shared()
+    found = []
+    for column in cholesky(model.covariance).T:
+        there = model.values + column
+        there = torch.where((there < shared.low) | (there > shared.high), model.values - column, there)
+        found.append(tuple(there.clamp(shared.low, shared.high).tolist()))
+    return found
+
+
+def _terrain(nominal: Nominal, windows: Windows, clean: Sequence[Tensor]) -> Sampled:
+    """The terrain in front of every window, from the observations of each half."""
+    parts = []
+    for number, packed in enumerate(clean):
+        first = windows.first[windows.half == number]
+        if len(first):
+            track = track_of(packed, nominal.rover)
+            parts.append(profile_of(track, track.distance[BLOCK * first], windows.longest, nominal.rover))
+    return _together(parts)
+
+
+def _together(parts: Sequence[Sampled]) -> Sampled:
+    return Sampled(
+        torch.cat([part.slope for part in parts]), torch.cat([part.curvature for part in parts]), parts[0].start, parts[0].spacing
+    )
+
+
+def _drive(nominal: Nominal, windows: Windows, grounds: Tensor, terrain: Sampled, start: Tensor, plant: Plant) -> Tensor:
+    """Signals [G W, T - 1, R] on ``grounds`` [G W, 2 + M] from velocities ``start`` [G W]."""
+    rover, times = nominal.rover, len(grounds) // len(windows.first)
+    strength = grounds[:, :2].clamp(min=WEAKEST) * torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
+    soil = Soil([Patch(nominal.contact.constants + grounds[:, 2:] @ nominal.uncertain, strength)])
+    rate = windows.rate.repeat(times, 1, 1)
+    simulation = Simulation(rover, soil, terrain, start, windows.step, plant)
+    simulation.rate = rate[:, 0].clone()
+    series = []
+    for command in rate[:, 1:].unbind(1):
+        before = simulation.rate
+        seen = simulation.sensed(simulation.step(Command.RATE, command))
+        # As in observations: what turns the wheel itself is no torque on the ground.
+        torque = seen.torque - rover.wheel_inertia * (command - before) / windows.step
+        series.append(torch.cat([seen.velocity.unsqueeze(-1), seen.slip, seen.sinkage, torque], -1))
+    return torch.stack(series, 1)

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The terrain along a recorded track, from what the rover measured of its own attitude: an input of rollouts, as wheel rates are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.interpolate import BSpline, make_smoothing_spline
+from torch import Tensor
+
+from terramechanics.terrain.profile import Sampled
+from terramechanics.vehicle.rover import Rover
+
+BIN = 0.02
+"""[m] Slopes measured in the same piece of the track are averaged."""
+SPACING = 0.05
+"""[m] of the profile's samples."""
+SHARPEST = 0.3
+"""[1] Largest curvature of the profile, in units of that of the wheels: sharper ones are noise."""
+LEAST = 8
+"""Pieces of the track that a spline needs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Slope of the ground along a track."""
+
+    distance: Tensor  # [n] [m] of the body at every observation
+    spline: BSpline  # slope [1] as a function of the distance [m]
+    ends: tuple[float, float]  # [m] between which it is known
+
+
+def track_of(packed: Tensor, rover: Rover) -> Track:
+    """The track of linked observations [n, 8 A + 9]: a smoothing spline through the slopes below all wheels.
+
+    How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and Wahba 1979).
+    """
+    axles = rover.axles
+    angle, angle_sd = packed[:, 4 * axles : 5 * axles], packed[:, 5 * axles : 6 * axles]
+    velocity, pitch, pitch_sd, step = packed[:, 8 * axles], packed[:, 8 * axles + 2], packed[:, 8 * axles + 3], packed[:, -2]
+    moved = velocity * torch.cos(pitch) * step
+    distance = torch.cumsum(moved, 0) - moved[0]
+    steep = angle + pitch.unsqueeze(1)
+    place = distance.unsqueeze(1) + torch.tensor(rover.axle_x, dtype=torch.float64) + rover.wheel_radius * torch.sin(angle)
+    weight = 1.0 / (angle_sd.square() + pitch_sd.square().unsqueeze(1))
+    x, y, w = _binned(place.flatten().numpy(), torch.tan(steep).flatten().numpy(), weight.flatten().numpy())
+    return Track(distance, _smooth(x, y, w, SHARPEST / rover.wheel_radius), (float(x[0]), float(x[-1])))
+
+
+def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
+    """The observations [n, 8 A + 9] with their angles measured once more: what that changes is what their noise does."""
+    again = packed.clone()
+    for first, count in ((4 * axles, axles), (8 * axles + 2, 1)):
+        here, spread = slice(first, first + count), slice(first + count, first + 2 * count)
+        again[:, here] += packed[:, spread] * torch.randn(len(packed), count, generator=generator, dtype=torch.float64)
+    return again
+
+
+def profile_of(track: Track, origins: Tensor, length: float, rover: Rover) -> Sampled:
+    """The profile of episodes that start at ``origins`` [batch] [m] and go ``length`` [m] at most."""
+    reach = max(rover.axle_x) + 2.0 * rover.wheel_radius
+    start = min(rover.axle_x) - 2.0 * rover.wheel_radius
+    count = int((length + reach - start) / SPACING) + 2
+    places = origins.unsqueeze(1) + start + SPACING * torch.arange(count, dtype=torch.float64)
+    inside = places.clamp(*track.ends)
+    slope = torch.from_numpy(track.spline(inside.numpy()))
+    bend = torch.where(inside == places, torch.from_numpy(track.spline.derivative()(inside.numpy())), 0.0)
+    return Sampled(slope, bend, start, SPACING)
+
+
+def _binned(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    width = max(min(BIN, (x.max() - x.min()) / (2 * LEAST)), 1e-6)
+    number = np.floor((x - x.min()) / width).astype(np.intp)
+    total = np.bincount(number, w)
+    there = total > 0.0
+    return (
+        np.bincount(number, w * x)[there] / total[there],
+        np.bincount(number, w * y)[there] / total[there],
+        total[there],
+    )
+
+
+def _smooth(x: np.ndarray, y: np.ndarray, w: np.ndarray, sharpest: float) -> BSpline:
+    """The spline of least cross-validation error; smoother where it bends more sharply than wheels could follow."""
+    spline, penalty = make_smoothing_spline(x, y, w), 1e-6
+    while np.abs(spline.derivative()(x)).max() > sharpest and penalty < 1e9:
+        penalty *= 10.0
+        spline = make_smoothing_spline(x, y, w, lam=penalty)
+    return spline

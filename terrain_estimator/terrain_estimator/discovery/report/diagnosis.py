@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What goes with a verdict: where the model disagrees, which effects these runs can tell apart, and what to drive next."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from terrain_estimator.discovery.evidence.isolability import Isolability, isolability
+from terrain_estimator.discovery.evidence.search import Progress, Study
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.locate.where import Disagreement, disagreements
+from terrain_estimator.discovery.next_drive.advice import advise
+from terrain_estimator.discovery.next_drive.next_drive import NextDrive, next_drives
+from terrain_estimator.discovery.report.finding import Finding
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Beside a Finding."""
+
+    where: tuple[Disagreement, ...]
+    isolability: Isolability
+    next_drives: tuple[NextDrive, ...]  # the best first; empty where nothing is in doubt
+
+    def separate_by(self, judgement: Judgement) -> str:
+        """What would tell confusable effects apart; empty where nothing is confusable."""
+        if judgement.verdict is not Verdict.CONFUSABLE:
+            return ""
+        return advise([name for each in judgement.named for name in each.names], self.next_drives)
+
+    def plain(self) -> dict[str, Any]:
+        """As parts of finding.json."""
+        nats = [[round(each, 1) for each in row] for row in self.isolability.nats.tolist()]
+        return {
+            "where": [asdict(each) for each in self.where],
+            "isolability": {"names": list(self.isolability.names), "nats": nats, "not_testable": self.isolability.not_testable},
+            "next_drives": [asdict(each) for each in self.next_drives],
+        }
+
+
+def diagnose(study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, say: Progress) -> Diagnosis:
+    """Look at the runs of ``study`` after the verdict."""
+    say(0.95, "where it disagrees")
+    found = tuple(disagreements(study))
+    say(0.96, "what these runs can tell apart")
+    around = study.nothing if finding.judgement.verdict is Verdict.NONE else finding.best
+    apart = isolability(study, hypotheses, around)
+    say(0.97, "what to drive next")
+    return Diagnosis(found, apart, tuple(next_drives(study, in_doubt(finding, hypotheses, apart), around)))
+
+
+def in_doubt(finding: Finding, hypotheses: Sequence[Hypothesis], apart: Isolability) -> list[Hypothesis]:
+    """The effects between which a next drive should decide.
+
+    Those that are confusable; a named effect and the one that it would be mistaken for; the two closest where it is unknown.
+    """
+    judgement = finding.judgement
+    close = judgement.named
+    if judgement.verdict is Verdict.UNKNOWN:
+        close = tuple(each.hypothesis for each in finding.candidates[:2])
+    elif judgement.verdict is Verdict.NAMED:
+        nearest = apart.nearest(judgement.named[0].label)
+        close += tuple(each for each in hypotheses if each.label == nearest)
+    shared = set.intersection(*(set(each.parts) for each in close)) if len(close) > 1 else set()
+    alone = [tuple(part for part in each.parts if part not in shared) for each in close]
+    return [Hypothesis(parts) for parts in dict.fromkeys(alone) if len(parts) == 1]

@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The whole investigation of some runs: fits, verdict, and what is confusable with what."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from terrain_estimator.discovery.evidence.search import Candidate, Progress, Study, search
+from terrain_estimator.discovery.evidence.verdict import (
+    Gains,
+    Judgement,
+    Leftover,
+    Thresholds,
+    Verdict,
+    gains_of,
+    is_pair,
+    judge,
+    leftovers,
+)
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, together
+from terrain_estimator.discovery.proof.proof import Proof
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What some runs say about what is missing."""
+
+    judgement: Judgement
+    gains: Gains
+    candidates: tuple[Candidate, ...]  # named hypotheses, the most probable first
+    nothing: Candidate
+    depends: tuple[Leftover, ...]  # where nothing is added: on what the residual depends, the strongest first
+    left: tuple[Leftover, ...]  # the same beside the best name
+
+    @property
+    def best(self) -> Candidate:
+        """The most probable named hypothesis."""
+        return self.candidates[0]
+
+    def candidate(self, hypothesis: Hypothesis) -> Candidate:
+        """The fit of that hypothesis."""
+        return next(each for each in self.candidates if each.hypothesis == hypothesis)
+
+
+def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, say: Progress) -> Finding:
+    """Fit all hypotheses, pairs with the best one where it leaves something, and judge."""
+    say(0.05, "nothing missing")
+    free = study.with_discrepancy(study.nothing)
+    found = search(study, hypotheses, lambda share, label: say(0.1 + 0.5 * share, label))
+    base = study.nothing.fit.log_evidence
+    # Where neither a name nor the discrepancy comes near to gaining anything, both together do not either.
+    clear = max(found[0].fit.log_evidence, free.fit.log_evidence) - base < 0.5 * thresholds.anything
+    best_with = found[0] if clear else study.with_discrepancy(found[0])
+    gains = gains_of(study.nothing, found, free, best_with)
+    if gains.explainable - gains.best >= thresholds.anything:
+        pairs = _beside(study, hypotheses, found[0], lambda share, label: say(0.6 + 0.35 * share, label))
+        if pairs:
+            pair_with = study.with_discrepancy(pairs[0])
+            paired = dataclasses.replace(gains_of(study.nothing, pairs, free, pair_with), single=gains.best)
+            if is_pair(gains, paired, thresholds):
+                found, gains, best_with = [*pairs, *found], paired, pair_with
+    judgement = judge(gains, thresholds)
+    # What one evaluation already showed to be far behind was not fitted.
+    unlikely = {name: 0.0 for hypothesis in hypotheses for name in hypothesis.names}
+    judgement = dataclasses.replace(judgement, probabilities=unlikely | judgement.probabilities)
+    return Finding(judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)))
+
+
+def _beside(study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, say: Progress) -> list[Candidate]:
+    """The most probable pairs of ``first`` and another effect."""
+    names = set(first.hypothesis.names)
+    others = [together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)]
+    return search(study, others, say, after=first) if others else []
+
+
+def settled(finding: Finding, proof: Proof | None) -> Finding:
+    """The finding after the held-out runs were asked: a name that did not prove itself there is not given as the answer.
+
+    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None) the verdict stands unproven.
+    """
+    judgement = finding.judgement
+    if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+        return finding
+    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
+    refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
+    refuted["unknown"] = 1.0 - sure["none"]
+    unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
+    return dataclasses.replace(finding, judgement=unknown)

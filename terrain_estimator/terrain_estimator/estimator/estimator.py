@@ -1,0 +1,296 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator: one observation in, one update out. No clock, no logging, no files: stamps decide everything."""
+
+import dataclasses
+import functools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.estimator.saved_state import Arrays, StateFileError, checked_state
+from terrain_estimator.estimator.screening import Screening, screen
+from terrain_estimator.estimator.summary import Beliefs, doubted, summarise
+from terrain_estimator.model.model_file import LoadedModel, running
+from terrain_estimator.model.packing import LONGEST_GAP, ground_torque, link, pack
+from terrain_estimator.model.palpaca import State
+from terrain_estimator.observation import Floats, Observation
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.update import NOTHING_PREDICTED, Decision, Estimate, NamedEffect, Prediction, Update
+
+_NAN = math.nan
+_PUBLISHED = ("moments", "expected", "covariance")  # parts of the state that all published numbers come from
+_GIVEN = ("prior", "log_soils")  # parts of the state that the parameters prior.* and drift are in
+_PATIENCE = 15
+"""Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
+ground while it crosses a border passes within that time."""
+_ROUNDING = 1.0  # [1] a squared distance below zero by more is the difference of huge terms, and its posterior is none
+
+
+class Estimator:
+    """Recursive estimate of cohesion and friction angle, and prediction of the velocity."""
+
+    def __init__(self, model: LoadedModel, config: CoreConfig) -> None:
+        """Take a checked model and the core's parameters."""
+        self._module = model.module
+        self._rover = model.rover
+        self._rows = model.rows
+        self._effects = model.effects
+        self._config = config
+        self._step_s = model.metadata.step_s
+        self._beliefs = Beliefs.of(model.metadata, config)
+        self._gate = _threshold(config.gate_probability, 1)
+        self._sequence = 0
+        self.reopened = 0  # times that the prior came back by itself
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the sequence number."""
+        self._reopen()
+        self._last_stamp: int | None = None  # the last one that came
+
+    def _reopen(self) -> None:
+        """Start over from the prior."""
+        beliefs = self._beliefs
+        soils = torch.tensor(beliefs.prior_soils, dtype=torch.float64)
+        prior = (torch.from_numpy(beliefs.prior_mean), torch.from_numpy(beliefs.prior_sd), soils)
+        with running():
+            self._state: State = self._module.initial_with_prior(*prior, self._config.drift)
+        self._last: Observation | None = None  # the last one that entered
+        self._used = 0
+        self._time_used_s = 0.0
+        self._contradictions = 0
+        self._change = 0.0  # probability that the ground changed, as of the last closed block
+        self._doubt = 0.0  # probability that the ground is one that no block fitted yet
+        self._forecast = (_NAN, _NAN)  # of the velocity at the next observation: mean and variance
+        self._estimate = self._summarise()
+
+    def update(self, observation: Observation) -> Update:
+        """Take one observation; never raises for its content, the decision says what was done with it."""
+        observation = self._without_unused(observation)
+        screening = screen(observation, self._last_stamp, self._rover.wheel_radius, self._config)
+        if screening.outcome not in (Outcome.TIME_BACKWARDS, Outcome.DUPLICATE):
+            self._last_stamp = observation.stamp_ns
+        if screening.outcome.used:
+            return self._learn(screening)
+        return self._answer(observation.stamp_ns, Decision(screening.outcome, (), _NAN, _NAN, 0, screening.detail))
+
+    def reject(self, stamp_ns: int, outcome: Outcome, detail: str) -> Update:
+        """Answer for an observation that could not even be formed."""
+        return self._answer(stamp_ns, Decision(outcome, (), _NAN, _NAN, 0, detail))
+
+    @property
+    def last_stamp_ns(self) -> int | None:
+        """Stamp of the last observation that came, None where none did."""
+        return self._last_stamp
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        """Everything that the next update depends on, as arrays; the sequence number is the run's and stays."""
+        last = {} if self._last is None else dataclasses.asdict(self._last)
+        return {
+            **{f"state.{name}": value.numpy() for name, value in self._state.items()},
+            **{f"last.{name}": np.asarray(value) for name, value in last.items()},
+            "counts": np.array([-1 if self._last_stamp is None else self._last_stamp, self._used, self._contradictions], dtype=np.int64),
+            "numbers": np.array([self._time_used_s, self._change, self._doubt, *self._forecast]),
+        }
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go on from what :meth:`save` gave, of an estimator with the same model.
+
+        Raises:
+            StateFileError: the arrays are not those of a state of this model, or of another prior; nothing is changed then.
+        """
+        state = checked_state(arrays, self._state, _PUBLISHED, _GIVEN)
+        values = {name.removeprefix("last."): value for name, value in arrays.items() if name.startswith("last.")}
+        last: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in values.items()}
+        try:
+            self._last = Observation(**last) if last else None
+        except TypeError as error:
+            raise StateFileError(f"the state's last observation is another version's: {error}") from error
+        stamp_ns, self._used, self._contradictions = arrays["counts"].tolist()
+        self._time_used_s, self._change, self._doubt, *forecast = arrays["numbers"].tolist()
+        self._forecast = (forecast[0], forecast[1])
+        self._last_stamp = None if stamp_ns < 0 else stamp_ns
+        self._state = state
+        self._estimate = self._summarise()
+
+    def unlink(self) -> None:
+        """Take what comes next whatever its stamp is, as after a pause of unknown length: all that is known of the ground stays."""
+        self._last = self._last_stamp = None
+        self._forecast = (_NAN, _NAN)
+
+    def _without_unused(self, observation: Observation) -> Observation:
+        changes: dict[str, Floats | float] = {}
+        if not self._config.use_torque:
+            changes["torque"] = np.full_like(observation.torque, np.nan)
+        if not self._config.use_imu:
+            changes["acceleration"] = math.nan
+        if not self._config.use_moments:
+            changes["bogie_angle"] = math.nan
+        return dataclasses.replace(observation, **changes) if changes else observation  # type: ignore[arg-type]
+
+    def _learn(self, screening: Screening) -> Update:
+        observation = screening.observation
+        step_s, linked = link(observation.stamp_ns, self._last, self._step_s)
+        torque = ground_torque(observation, self._last if linked else None, self._rover.wheel_inertia, step_s)
+        packed = pack(observation, torque, step_s, linked=linked, rates=bool(self._effects))
+        with running():
+            state: State = self._module.update(self._state, packed)
+        report = Report.of(state)
+        refusal = self._refuse(observation, state, report) or (self._refuse_block(report) if report.closed else None)
+        if refusal is not None:
+            return self._answer(observation.stamp_ns, refusal)
+        self._keep(observation, state)
+        if report.closed or self._used == 1:
+            self._estimate = self._summarise()
+        awaited = linked and round(step_s / self._step_s) == 1  # the forecast is for one step
+        prediction = self._predict(observation, report, awaited=awaited)
+        return self._answer(observation.stamp_ns, self._accepted(screening, torque, report), prediction)
+
+    def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
+        """Why the new state must not replace the old one; None where it may."""
+        if not _finite(state, report) or report.misfit < -_ROUNDING:
+            self._discard_block()
+            detail = "a number became infinite or NaN, or rounding ate the last second: the posterior is kept, that second is left out"
+            return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
+        if not all(report.usable):
+            outside = [axle for axle, usable in enumerate(report.usable) if not usable]
+            needed = ", or have no wheel rate, which this model needs" if self._effects else ""
+            return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, f"axles {outside} are outside the model's range{needed}")
+        if report.distance > self._gate:
+            detail = f"velocity {observation.velocity:.4g} m/s, expected {observation.velocity - report.innovation:.4g} m/s"
+            return Decision(Outcome.GATED, (), report.distance, self._gate, 1, detail)
+        return None
+
+    def _refuse_block(self, report: "Report") -> Decision | None:
+        """Why the block that was closed is left out; a contradiction that lasts is believed."""
+        self._change = min(report.changed, 1.0)  # rounding
+        degrees = int(report.degrees)
+        threshold = _threshold(self._config.gate_probability, degrees)
+        if report.misfit <= threshold:
+            self._contradictions, self._doubt = 0, 0.0
+            return None
+        self._contradictions += 1
+        self._discard_block()
+        self._doubt = self._change
+        detail = "the last second fits no ground that the model knows, and is left out"
+        if self._contradictions >= _PATIENCE:
+            self._reopen()
+            self.reopened += 1
+            detail += f"; after {_PATIENCE} of them the prior holds again"
+        self._estimate = self._summarise()
+        return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
+
+    def _discard_block(self) -> None:
+        with running():
+            self._state = self._module.discard(self._state)
+        self._last = None
+
+    def _keep(self, observation: Observation, state: State) -> None:
+        if self._last is not None:
+            self._time_used_s += min((observation.stamp_ns - self._last.stamp_ns) * 1e-9, LONGEST_GAP * self._step_s)
+        self._state, self._last = state, observation
+        self._used += 1
+
+    def _accepted(self, screening: Screening, torque: Floats, report: "Report") -> Decision:
+        distance, observation = report.distance, screening.observation
+        measured = np.isfinite(torque).tolist()  # less what turns the wheel, which nobody knows without its rate
+        rows = ["velocity", "load", *(f"torque_{axle}" for axle, known in enumerate(measured) if known)]
+        rows += ["acceleration"] if math.isfinite(observation.acceleration) else []
+        rows += ["moment", "bogie_moment"] if math.isfinite(observation.bogie_angle) else []
+        threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
+        return Decision(screening.outcome, tuple(rows), distance, threshold, 0 if math.isnan(distance) else 1, screening.detail)
+
+    def _predict(self, observation: Observation, report: "Report", *, awaited: bool) -> Prediction:
+        before, variance_before = self._forecast if awaited else (_NAN, _NAN)
+        velocity, variance = self._forecast = report.velocity, report.variance
+        return Prediction(
+            valid=math.isfinite(velocity),  # no acceleration is known right after a gap
+            horizon_s=self._step_s,
+            velocity=velocity,
+            variance=variance + observation.velocity_sd**2,
+            measured=observation.velocity,
+            innovation=observation.velocity - before,
+            innovation_variance=variance_before + observation.velocity_sd**2,
+        )
+
+    def _summarise(self) -> Estimate:
+        with running():
+            values = self._module.estimate(self._state).numpy()
+            sizes = self._module.effects(self._state).tolist() if self._effects else ()
+        mean, covariance = doubted(values[0], values[1:], self._beliefs, self._doubt)
+        self._condition = _condition(covariance)
+        soils = tuple(min(probability, 1.0) for probability in self._state["soils"].tolist())
+        estimate = summarise(mean, covariance, self._beliefs, soils)
+        effects = [
+            NamedEffect(effect.name, effect.unit, mean, math.sqrt(variance))
+            for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
+        ]
+        return dataclasses.replace(estimate, effects=tuple(effects))
+
+    def _answer(self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None) -> Update:
+        if prediction is None:
+            self._forecast = (_NAN, _NAN)
+        estimate = dataclasses.replace(
+            self._estimate, observations_used=self._used, time_used_s=self._time_used_s, change_probability=self._change
+        )
+        update = Update(
+            stamp_ns=stamp_ns,
+            sequence=self._sequence,
+            estimate=estimate,
+            prediction=prediction or NOTHING_PREDICTED,
+            decision=decision,
+            condition_number=self._condition,
+        )
+        self._sequence += 1
+        return update
+
+
+def _condition(covariance: Floats) -> float:
+    """Condition number of the 2 x 2 covariance scaled to unit diagonal, from its correlation."""
+    correlation = abs(covariance[0, 1]) / math.sqrt(covariance[0, 0] * covariance[1, 1])
+    return float((1.0 + correlation) / max(1.0 - correlation, np.finfo(np.float64).eps))
+
+
+class Report(NamedTuple):
+    """The state's ``report`` as numbers; NaN where there was no innovation or no closed block yet."""
+
+    velocity: float  # [m/s] forecast one step ahead
+    variance: float  # [m^2/s^2]
+    innovation: float  # [m/s]
+    innovation_variance: float  # [m^2/s^2]
+    misfit: float  # [1] squared Mahalanobis distance of the last closed block
+    degrees: float  # of freedom
+    closed: bool  # whether this observation closed a block
+    changed: float  # [1] probability that the ground changed within the last blocks
+    usable: list[bool]  # axles
+
+    @classmethod
+    def of(cls, state: State) -> "Report":
+        """Read it from the state."""
+        values = state["report"].tolist()
+        velocity, variance, innovation, innovation_variance, misfit, degrees, closed, changed = values[:8]
+        usable = [value > 0.0 for value in values[8:]]
+        return cls(velocity, variance, innovation, innovation_variance, misfit, degrees, closed > 0.0, changed, usable)
+
+    @property
+    def distance(self) -> float:
+        """Squared Mahalanobis distance of the velocity's innovation [1]."""
+        return self.innovation * self.innovation / self.innovation_variance  # a product overflows to infinity, a power raises
+
+
+def _finite(state: State, report: Report) -> bool:
+    """Whether all that is published is finite; the posterior moves with closed blocks only, a forecast is NaN where there is none."""
+    moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
+    return math.isfinite(state["velocity"].sum().item() + moved) and not math.isinf(report.velocity + report.variance)
+
+
+@functools.lru_cache
+def _threshold(probability: float, degrees: int) -> float:
+    """chi-square threshold that good data exceed with this probability; infinite where the gate is off."""
+    return float(chdtri(degrees, probability)) if probability > 0.0 else math.inf

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the posterior says about the ground: intervals, and whether the data or the prior set them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from rover_parameters.records import ConfigError
+from terrain_estimator.config import CoreConfig
+from terrain_estimator.intervals import credible_interval
+from terrain_estimator.model.model_file import Metadata
+from terrain_estimator.observation import Floats
+from terrain_estimator.update import Estimate
+
+IDENTIFIED_VARIANCE = 0.1
+"""[1] A parameter counts as identified when the data left this share of its prior variance, or less."""
+MOST_CORRELATED = 1.0 - 1e-9
+"""[1] What is published stays definite in double precision where two sharp hypotheses leave but a line between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beliefs:
+    """The prior of (c [Pa], tan phi), each of shape [2]: the user's where given, else the model's; and the soils that it knows."""
+
+    prior_mean: Floats
+    prior_sd: Floats
+    soils: tuple[str, ...]  # names that the model knows
+    prior_soils: tuple[float, ...]  # [1] their probabilities
+
+    @classmethod
+    def of(cls, metadata: Metadata, config: CoreConfig) -> "Beliefs":
+        """Site knowledge of the configuration over the model's own prior, for each parameter.
+
+        Raises ConfigError where the model does not know the soil.
+        """
+        soils = tuple(soil.name for soil in metadata.soils)
+        if config.prior_soil and config.prior_soil not in soils:
+            raise ConfigError(f"parameter prior.soil: {config.prior_soil!r} is unknown to {metadata.model_id}: give {', '.join(soils)}")
+        probable = [name == (config.prior_soil or name) for name in soils]
+        given_mean = (config.prior_cohesion_mean_pa, config.prior_tan_phi_mean)
+        given_sd = (config.prior_cohesion_sd_pa, config.prior_tan_phi_sd)
+        mean = np.where(np.array(given_sd) > 0.0, given_mean, metadata.prior_mean)
+        sd = np.where(np.array(given_sd) > 0.0, given_sd, metadata.prior_sd)
+        return cls(mean.astype(np.float64), sd.astype(np.float64), soils, tuple(p / sum(probable) for p in probable))
+
+
+def doubted(mean: Floats, covariance: Floats, beliefs: Beliefs, doubt: float) -> tuple[Floats, Floats]:
+    """Moments of (c, tan phi) where with probability ``doubt`` the ground is another, of which only the prior is known."""
+    shift = beliefs.prior_mean - mean
+    between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
+    return mean + doubt * shift, definite(between + doubt * (1.0 - doubt) * np.outer(shift, shift))
+
+
+def definite(covariance: Floats) -> Floats:
+    """``covariance`` [2, 2] of correlation MOST_CORRELATED at most, exactly symmetric, with the same variances."""
+    (cohesion, one), (other, friction) = covariance.tolist()
+    most = MOST_CORRELATED * math.sqrt(cohesion) * math.sqrt(friction)
+    shared = max(-most, min(0.5 * (one + other), most))
+    return np.array([[cohesion, shared], [shared, friction]])
+
+
+def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, soil_probability: tuple[float, ...]) -> Estimate:
+    """The record of a marginal posterior: ``mean`` [2] and ``covariance`` [2, 2] of (c [Pa], tan phi), and of the soils.
+
+    What a caller has counted is left for it to fill in.
+    """
+    sd = np.sqrt(np.diagonal(covariance))
+    lower, upper = credible_interval(mean, sd, 0.05)
+    cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
+    return Estimate(
+        mean=mean,
+        covariance=covariance,
+        lower_95=lower,
+        upper_95=upper,
+        identified=(cohesion_known, friction_known),
+        mass_below_zero=min(float(ndtr(-mean / sd).sum()), 1.0),
+        change_probability=0.0,
+        soils=beliefs.soils,
+        soil_probability=soil_probability,
+        effects=(),
+        observations_used=0,
+        time_used_s=0.0,
+    )

@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Samples as the estimator's input messages in a bag."""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from terrain_estimator.bags import BagWriter, Message, Topic
+from terrain_estimator.importing.mapping import Mapping
+from terrain_estimator.importing.samples import Measured, Sample
+from terrain_estimator.ros_types import INPUT_TYPES
+
+UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: there is no such measurement
+PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y
+PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
+
+BOGIE = "bogie"  # name of its joint: what the estimator looks for unless its parameter bogie_joint says otherwise
+
+
+@dataclass(slots=True)
+class SampleWriter:
+    """Writes each sample as the messages of one instant.
+
+    wheel_slip, wheel_sinkage and odom are always there, with NaN for what was not measured; joint_states and imu only
+    where one of their signals is mapped.
+    """
+
+    writer: BagWriter
+    mapping: Mapping
+    _topics: dict[str, Topic] = field(default_factory=dict)
+    _sequence: int = 0
+
+    def write_all(self, samples: Iterable[Sample]) -> int:
+        """Write all samples; return how many."""
+        builders: dict[str, Callable[[Sample], Message]] = {"wheel_slip": self._slip, "wheel_sinkage": self._sinkage, "odom": self._odom}
+        if any(self.mapping.measures(signal) for signal in ("wheel_rate", "torque", "bogie_angle")):
+            builders["joint_states"] = self._joints
+        if any(self.mapping.measures(signal) for signal in ("pitch", "acceleration")):
+            builders["imu"] = self._imu
+        self._topics = {name: self.writer.add_topic(f"/{name}", INPUT_TYPES[name]) for name in builders}
+        for sample in samples:
+            for name, build in builders.items():
+                self.writer.write_message(self._topics[name], build(sample), sample.stamp_ns)
+            self._sequence += 1
+        return self._sequence
+
+    def _header(self, sample: Sample, frame: str) -> Message:
+        sec, nanosec = divmod(sample.stamp_ns, 1_000_000_000)
+        stamp = self.writer.types.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return self.writer.types.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def _slip(self, sample: Sample) -> Message:
+        return self.writer.types.make(
+            INPUT_TYPES["wheel_slip"],
+            header=self._header(sample, self.mapping.frame),
+            sequence=self._sequence,
+            wheel=[wheel.name for wheel in self.mapping.wheels],
+            slip=_values(sample.slip),
+            slip_stddev=_deviations(sample.slip),
+        )
+
+    def _sinkage(self, sample: Sample) -> Message:
+        return self.writer.types.make(
+            INPUT_TYPES["wheel_sinkage"],
+            header=self._header(sample, self.mapping.frame),
+            sequence=self._sequence,
+            wheel=[wheel.name for wheel in self.mapping.wheels],
+            sinkage=_values(sample.sinkage),
+            sinkage_stddev=_deviations(sample.sinkage),
+            contact_angle=_values(sample.contact_angle),
+            contact_angle_stddev=_deviations(sample.contact_angle),
+        )
+
+    def _odom(self, sample: Sample) -> Message:
+        odom = self.writer.types.make(INPUT_TYPES["odom"], header=self._header(sample, "odom"), child_frame_id=self.mapping.frame)
+        odom.twist.twist.linear.x = sample.velocity.value
+        odom.twist.covariance[0] = _variance(sample.velocity)
+        odom.pose.covariance[PITCH_IN_POSE] = self._orient(odom.pose.pose.orientation, sample.pitch)
+        return odom
+
+    def _joints(self, sample: Sample) -> Message:
+        bogie = self.mapping.measures("bogie_angle")
+        unknown = [math.nan] * bogie
+        return self.writer.types.make(
+            INPUT_TYPES["joint_states"],
+            header=self._header(sample, ""),
+            name=[*(wheel.name for wheel in self.mapping.wheels), *[BOGIE] * bogie],
+            position=[*[math.nan] * len(self.mapping.wheels), sample.bogie_angle] if bogie else [],
+            velocity=[*sample.wheel_rate, *unknown] if self.mapping.measures("wheel_rate") else [],
+            effort=[*sample.torque, *unknown] if self.mapping.measures("torque") else [],
+        )
+
+    def _imu(self, sample: Sample) -> Message:
+        imu = self.writer.types.make(INPUT_TYPES["imu"], header=self._header(sample, self.mapping.frame))
+        imu.orientation_covariance[PITCH_IN_ORIENTATION] = self._orient(imu.orientation, sample.pitch)
+        if math.isnan(sample.pitch.value):
+            imu.orientation_covariance[0] = UNKNOWN
+        imu.angular_velocity_covariance[0] = UNKNOWN
+        imu.linear_acceleration.x = 0.0 if math.isnan(sample.acceleration.value) else sample.acceleration.value
+        imu.linear_acceleration_covariance[0] = UNKNOWN if math.isnan(sample.acceleration.value) else _variance(sample.acceleration)
+        return imu
+
+    @staticmethod
+    def _orient(orientation: Message, pitch: Measured) -> float:
+        """Set a quaternion (REP-103: rotation about y is nose down); return its variance. All zeros where there is no pitch."""
+        if math.isnan(pitch.value):
+            orientation.w = 0.0
+            return 0.0
+        orientation.y, orientation.w = math.sin(-pitch.value / 2.0), math.cos(pitch.value / 2.0)
+        return _variance(pitch)
+
+
+def _values(entries: list[Measured]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array([entry.value for entry in entries])
+
+
+def _deviations(entries: list[Measured]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array([entry.deviation for entry in entries])
+
+
+def _variance(entry: Measured) -> float:
+    """Return the variance, 0 (in ROS: unknown) where there is no measurement."""
+    return 0.0 if math.isnan(entry.deviation) else entry.deviation**2

@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rows of a CSV file as samples in SI units. Nothing is kept: a long run takes no more memory than a short one."""
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from terrain_estimator.importing.mapping import Mapping, Noise
+from terrain_estimator.importing.units import factor
+
+LATEST_NS = (2**31 - 1) * 1_000_000_000  # what builtin_interfaces/Time holds
+
+
+class CsvError(ValueError):
+    """A CSV file is wrong; the message names file, row, column and value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A value and its standard deviation, both NaN where nothing was measured."""
+
+    value: float
+    deviation: float
+
+
+NOTHING = Measured(math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One row, in SI units. Lists are in the order of the mapping's wheels."""
+
+    stamp_ns: int
+    slip: list[Measured]  # [1] 1 - v / (r w)
+    sinkage: list[Measured]  # [m]
+    contact_angle: list[Measured]  # [rad]
+    wheel_rate: list[float]  # [rad/s]
+    torque: list[float]  # [N m]
+    velocity: Measured  # [m/s]
+    pitch: Measured  # [rad] nose up
+    acceleration: Measured  # [m/s^2] specific force along body x
+    bogie_angle: float  # [rad] nose up, relative to the body
+
+
+def read_samples(path: Path, mapping: Mapping) -> Iterator[Sample]:
+    """Yield the rows of a file.
+
+    An empty cell is a value that was not measured, except in the column of time.
+
+    Raises:
+        CsvError: no rows, a missing column, a cell that is no finite number, time that does not increase.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, delimiter=mapping.delimiter, strict=True)
+            yield from _Rows(path, mapping, next(reader, [])).samples(reader)
+    except OSError as error:
+        msg = f"{path} cannot be read: {error.strerror}"
+        raise CsvError(msg) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        msg = f"{path} is not a CSV file in UTF-8 ({error}): save it again as CSV, UTF-8"
+        raise CsvError(msg) from error
+
+
+def slip_from_max_normalised(slip: Measured) -> Measured:
+    """Convert slip (r w - v) / max(r w, v) to 1 - v / (r w).
+
+    They agree where the wheel drives. Where it brakes, s = r w / v - 1, hence i = s / (1 + s) and di/ds = 1 / (1 + s)^2.
+    A locked wheel (s = -1) has no slip by our definition: NaN.
+    """
+    if slip.value >= 0.0 or math.isnan(slip.value):
+        return slip
+    if slip.value == -1.0:
+        return NOTHING
+    rest = 1.0 + slip.value
+    return Measured(slip.value / rest, slip.deviation / rest**2)
+
+
+class _Rows:
+    """Turns rows into samples; knows where it is, for error messages."""
+
+    def __init__(self, path: Path, mapping: Mapping, header: list[str]) -> None:
+        self._path, self._mapping = path, mapping
+        self._names = [name.strip() for name in header]
+        self._row: list[str] = []
+        self._number = 1
+        if not any(self._names):
+            msg = f"{path} is empty: the first row has to name the columns"
+            raise CsvError(msg)
+        needed = list(mapping.all_columns())
+        if missing := [name for name in needed if name not in self._names]:
+            msg = f"{path}, row 1: no column {missing[0]!r}; the file has {', '.join(self._names)}: correct the mapping or its delimiter"
+            raise CsvError(msg)
+        if twice := [name for name in needed if self._names.count(name) > 1]:
+            msg = f"{path}, row 1: column {twice[0]!r} is there twice: rename one of them"
+            raise CsvError(msg)
+        self._place = {name: self._names.index(name) for name in needed}
+
+    def samples(self, rows: Iterator[list[str]]) -> Iterator[Sample]:
+        before = -1
+        for self._number, self._row in enumerate(rows, start=2):
+            if not self._row:
+                continue
+            if len(self._row) != len(self._names):
+                msg = f"{self._path}, row {self._number}: {len(self._row)} cells, but {len(self._names)} columns are named in row 1"
+                raise CsvError(msg)
+            stamp = self._stamp()
+            if stamp <= before:
+                raise self._error(self._mapping.time.column, "is not later than the row before: sort the rows, remove repeated ones")
+            before = stamp
+            yield self._sample(stamp)
+        if before < 0:
+            msg = f"{self._path} has no rows of data below row 1"
+            raise CsvError(msg)
+
+    def _sample(self, stamp_ns: int) -> Sample:
+        mapping = self._mapping
+        slip = [self._slip(column) for column in mapping.columns("slip")]
+        angle = _known(mapping.constant_contact_angle.value, mapping.constant_contact_angle.unit, mapping.constant_contact_angle.noise)
+        angles = self._wheels("contact_angle", "angle") if mapping.measures("contact_angle") else [angle] * len(mapping.wheels)
+        return Sample(
+            stamp_ns,
+            slip,
+            self._wheels("sinkage", "length"),
+            angles,
+            [entry.value for entry in self._wheels("wheel_rate", "wheel rate")],
+            [entry.value for entry in self._wheels("torque", "torque")],
+            self._body("velocity", "velocity"),
+            self._pitch(),
+            self._body("acceleration", "acceleration"),
+            self._nose_up("bogie_angle").value,
+        )
+
+    def _stamp(self) -> int:
+        time = self._mapping.time
+        seconds = self._number_in(time.column) * factor("time", time.unit) + time.offset
+        if math.isnan(seconds):
+            raise self._error(time.column, "is empty: every row needs its time")
+        stamp = round(seconds * 1e9) if math.isfinite(seconds) else -1
+        if not 0 <= stamp <= LATEST_NS:
+            raise self._error(
+                time.column, f"with offset {time.offset:g} s is outside 0 to {LATEST_NS / 1e9:.0f} s: set time.unit or time.offset"
+            )
+        return stamp
+
+    def _wheels(self, signal: str, quantity: str) -> list[Measured]:
+        section = getattr(self._mapping, signal)
+        return [self._measured(column, section.unit, quantity, section.noise) for column in self._mapping.columns(signal)]
+
+    def _slip(self, column: str) -> Measured:
+        slip = self._measured(column, self._mapping.slip.unit, "ratio", self._mapping.slip.noise)
+        if self._mapping.slip_definition == "one_minus_v_over_rw":
+            return slip
+        if abs(slip.value) > 1.0:
+            raise self._error(column, "is outside -1 to 1, where max_normalised slip lies: correct slip.unit or slip_definition")
+        return slip_from_max_normalised(slip)
+
+    def _body(self, signal: str, quantity: str) -> Measured:
+        section = getattr(self._mapping, signal)
+        return self._measured(section.column, section.unit, quantity, section.noise)
+
+    def _pitch(self) -> Measured:
+        constant = self._mapping.constant_pitch
+        if not self._mapping.measures("pitch"):
+            return _known(constant.value, constant.unit, constant.noise)
+        return self._nose_up("pitch")
+
+    def _nose_up(self, signal: str) -> Measured:
+        angle = self._body(signal, "angle")
+        down = getattr(self._mapping, signal).positive == "nose_down"
+        return Measured(-angle.value, angle.deviation) if down else angle
+
+    def _measured(self, column: str, unit: str, quantity: str, noise: Noise) -> Measured:
+        if not column:
+            return NOTHING
+        return _in_si(self._number_in(column), factor(quantity, unit), noise)
+
+    def _number_in(self, column: str) -> float:
+        """Return the number in a cell, NaN where it is empty."""
+        text = self._row[self._place[column]].strip()
+        if not text:
+            return math.nan
+        try:
+            value = float(text)
+        except ValueError:
+            raise self._error(column, "is not a number: correct it, or leave the cell empty where nothing was measured") from None
+        if not math.isfinite(value):
+            raise self._error(column, "is not finite: leave the cell empty where nothing was measured")
+        return value
+
+    def _error(self, column: str, what: str) -> CsvError:
+        return CsvError(f"{self._path}, row {self._number}, column {column!r}: {self._row[self._place[column]]!r} {what}")
+
+
+def _known(value: float, unit: str, noise: Noise) -> Measured:
+    return _in_si(value, factor("angle", unit), noise) if unit else NOTHING
+
+
+def _in_si(value: float, size: float, noise: Noise) -> Measured:
+    si = value * size
+    return Measured(si, math.hypot(noise.relative * si, noise.absolute * size) if not math.isnan(si) else math.nan)

@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The model file that comes of a finding: the rover's model with the effect that was named."""
+
+import math
+from pathlib import Path
+
+from rover_parameters.records import ConfigError
+from terrain_estimator.discovery import Finding, Verdict
+from terrain_estimator.learning.adding import Sized, add_effects, restored
+from terrain_estimator.model.model_file import ModelFileError, load_model
+from terramechanics.vehicle.rover import Rover
+
+ELSEWHERE = 0.3
+"""[1] Relative deviation of a size from one day to the next, beside what the fit leaves open: no effect keeps to its named law."""
+
+
+def check_model(model: str, rover: Rover) -> None:
+    """That a model which is named can be extended, before anything is searched. Raises ModelFileError."""
+    known = load_model(model)
+    if known.rover != rover:
+        raise ModelFileError(f"model {model} was made for another rover than {rover.name}: give its rover by --rover, or another --model")
+    restored(known)
+
+
+def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path | str:
+    """Write the model with the named effect, its size as found for a prior; returns the file, or why there is none.
+
+    ``model`` is the name or file of the model to extend, that of the rover's name if empty.
+    """
+    if model and Path(model).resolve() == path.resolve():
+        return f"no model is written: {path} is the model to extend; give another --out"
+    for old in (path, path.with_suffix(".json")):
+        old.unlink(missing_ok=True)  # of an earlier finding
+    if finding.judgement.verdict is not Verdict.NAMED:
+        return "no model is written: no effect is named"
+    try:
+        known = load_model(model or rover.name)
+        if known.rover != rover:
+            return f"no model is written: {known.model_id} is for another rover than {rover.name}; give --model"
+        candidate = finding.candidate(finding.judgement.named[0])
+        sizes = [Sized(name, size, math.hypot(sd, ELSEWHERE * size)) for name, size, sd in candidate.sizes]
+        add_effects(known, sizes, path)
+    except (ConfigError, ModelFileError) as error:
+        return f"no model is written: {error}"
+    return path

@@ -1,0 +1,287 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Turns one set of messages into an observation: named wheels to axles, REP-103 frames to the core's conventions.
+
+Messages are duck-typed: rclpy's classes and those of rosbags have the same attribute names, so that live and replay
+run this very code. Sums are plain Python sums: their order, and so every bit of the result, is fixed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from terrain_estimator.config import ConversionConfig, CoreConfig
+from terrain_estimator.estimator.screening import NOISE_BOUND
+from terrain_estimator.observation import Observation
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.ros_types import Message
+from terramechanics.vehicle.rover import Rover
+
+PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance: rotation about y
+PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
+UNIT_QUATERNION_TOLERANCE = 0.1  # a norm further from 1 is no orientation (all zeros: "not set")
+
+Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """The observation, or why there is none; ``notes`` name single wheels and sensors that were left out."""
+
+    stamp_ns: int
+    observation: Observation | None
+    outcome: Outcome = Outcome.ACCEPTED
+    detail: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class _Notes:
+    """Collects what was left out while one set is converted."""
+
+    texts: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """Closed range of what a wheel can measure, without noise."""
+
+    low: float
+    high: float
+
+
+_ANY = _Bounds(-math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class _Signal:
+    """One measured quantity of all wheels, as a message carries it."""
+
+    topic: str
+    names: list[str]
+    values: Message
+    deviations: Message
+    bounds: _Bounds
+
+
+class WrongWheelsError(ValueError):
+    """Wheel names or array lengths of a message do not match the rover."""
+
+
+class Converter:
+    """Converts sets (wheel_slip, wheel_sinkage, odom, joint_states or None, imu or None) for one rover."""
+
+    def __init__(self, rover: Rover, config: ConversionConfig, core: CoreConfig) -> None:
+        """``core`` says which sensors are used and the range of slip."""
+        self._rover, self._config, self._core = rover, config, core
+        self._axles: dict[str, int] = dict(zip(rover.wheel_names, rover.wheel_axle, strict=True))
+        absolute = 0.01 * 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
+        self._torque_absolute = config.torque_absolute_sd or absolute
+        self._slip_bounds = _Bounds(core.slip_minimum, core.slip_maximum)
+        self._sinkage_bounds = _Bounds(0.0, rover.wheel_radius)
+        self._bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
+        self._joints_read = self._bogie_joints.union(self._axles)
+        self._groups: dict[str, tuple[list[str], Groups]] = {}  # by topic: the last names and their groups
+
+    def concerns(self, topic: str, message: Message) -> bool:
+        """Whether there is something to convert in a message: a mast or an arm may have its joints on joint_states, too."""
+        return topic != "joint_states" or not self._joints_read.isdisjoint(message.name)
+
+    def convert(self, stamp_ns: int, messages: tuple[Message, ...]) -> Conversion:
+        """One observation from one set; refusals are WRONG_FRAME and WRONG_WHEELS, with the names in ``detail``."""
+        slip, sinkage, odom, _, imu = (*messages, None)[:5]  # without an imu where it is not used
+        if not self._core.use_imu:
+            imu = None
+        wrong = self._wrong_frame(slip, sinkage, odom, imu)
+        if wrong:
+            return Conversion(stamp_ns, None, Outcome.WRONG_FRAME, wrong)
+        notes = _Notes()
+        try:
+            observation = self._observe(stamp_ns, messages[:4], imu, notes)
+        except WrongWheelsError as error:
+            return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, str(error))
+        return Conversion(stamp_ns, observation, notes=tuple(notes.texts))
+
+    def _wrong_frame(self, slip: Message, sinkage: Message, odom: Message, imu: Message) -> str:
+        """Name of the first message whose frame is not the body's; empty where all are right."""
+        expected = self._config.body_frame
+        if not expected:
+            return ""
+        frames = [("odom (child_frame_id)", odom.child_frame_id)]
+        frames += [
+            (name, message.header.frame_id) for name, message in (("wheel_slip", slip), ("wheel_sinkage", sinkage), ("imu", imu)) if message
+        ]
+        for name, frame in frames:
+            if frame != expected:
+                return f"{name} is in frame {frame!r}, expected {expected!r}"
+        return ""
+
+    def _observe(self, stamp_ns: int, messages: tuple[Message, ...], imu: Message, notes: _Notes) -> Observation:
+        slip, sinkage, odom, joints = messages
+        slips, slip_sds = self._axle_means(_Signal("wheel_slip", slip.wheel, slip.slip, slip.slip_stddev, self._slip_bounds), notes)
+        depth = _Signal("wheel_sinkage", sinkage.wheel, sinkage.sinkage, sinkage.sinkage_stddev, self._sinkage_bounds)
+        angle = _Signal("wheel_sinkage", sinkage.wheel, sinkage.contact_angle, sinkage.contact_angle_stddev, _ANY)
+        sinkages, sinkage_sds = self._axle_means(depth, notes)
+        angles, angle_sds = self._axle_means(angle, notes)
+        rates, torques, torque_sds = self._joints(joints, notes)
+        pitch, pitch_sd = self._pitch(odom, imu)
+        acceleration, acceleration_sd = self._acceleration(imu)
+        return Observation(
+            stamp_ns=stamp_ns,
+            slip=np.array(slips),
+            slip_sd=np.array(slip_sds),
+            sinkage=np.array(sinkages),
+            sinkage_sd=np.array(sinkage_sds),
+            contact_angle=np.array(angles),
+            contact_angle_sd=np.array(angle_sds),
+            wheel_rate=np.array(rates),
+            torque=np.array(torques),
+            torque_sd=np.array(torque_sds),
+            velocity=float(odom.twist.twist.linear.x),
+            velocity_sd=_deviation(odom.twist.covariance[0], self._config.default_velocity_sd),
+            pitch=pitch,
+            pitch_sd=pitch_sd,
+            acceleration=acceleration,
+            acceleration_sd=acceleration_sd,
+            bogie_angle=self._bogie_angle(joints),
+        )
+
+    def _axle_means(self, signal: _Signal, notes: _Notes) -> tuple[list[float], list[float]]:
+        """Mean over the wheels of each axle, and the standard deviation of that mean."""
+        topic, names = signal.topic, signal.names
+        groups = self._match(topic, names)
+        values, deviations = signal.values.tolist(), signal.deviations.tolist()
+        if not len(values) == len(deviations) == len(names):
+            raise WrongWheelsError(f"{topic}: {len(names)} wheels, but {len(values)} values and {len(deviations)} standard deviations")
+        means, sds = [], []
+        for group in groups:
+            picked = _usable(group, values, deviations, signal.bounds)
+            if len(picked) < len(group):
+                left_out = [at for at in group if at not in picked and not math.isnan(values[at])]
+                notes.texts += [f"{topic}: wheel {names[at]} with {values[at]:.3g} left out" for at in left_out]
+            means.append(sum(values[at] for at in picked) / len(picked))
+            sds.append(_mean_deviation([deviations[at] for at in picked]))
+        return means, sds
+
+    def _match(self, topic: str, names: list[str]) -> Groups:
+        """Positions of each axle's wheels in a message. The rover's wheels must be there, each once, no others."""
+        cached = self._groups.get(topic)
+        if cached is not None and cached[0] == names:
+            return cached[1]
+        missing, foreign = self._axles.keys() - set(names), set(names) - self._axles.keys()
+        if missing or foreign or len(names) != len(self._axles):
+            raise WrongWheelsError(f"{topic}: got wheels {list(names)}, the rover {self._rover.name} has {list(self._axles)}")
+        return self._remember(topic, names)
+
+    def _remember(self, topic: str, names: list[str]) -> Groups:
+        """Positions of each axle's wheels among ``names``, kept for the next message."""
+        axle_of = [self._axles.get(name) for name in names]
+        groups = tuple(tuple(at for at, axle in enumerate(axle_of) if axle == wanted) for wanted in range(self._rover.axles))
+        self._groups[topic] = (list(names), groups)
+        return groups
+
+    def _joints(self, joints: Message, notes: _Notes) -> tuple[list[float], list[float], list[float]]:
+        """Wheel rate [rad/s], torque of one wheel [N m] and its standard deviation, per axle; NaN where not measured."""
+        unknown = [math.nan] * self._rover.axles
+        if joints is None:
+            return unknown, unknown, unknown
+        names = joints.name
+        cached = self._groups.get("joint_states")
+        groups = cached[1] if cached is not None and cached[0] == names else self._remember("joint_states", names)
+        rates = self._joint_means(groups, "velocity", (names, joints.velocity.tolist()), notes)
+        if not self._core.use_torque:
+            return rates, unknown, unknown
+        efforts = joints.effort.tolist()
+        torques = self._joint_means(groups, "effort", (names, efforts), notes)
+        measured = zip(groups, torques, strict=True)
+        return rates, torques, [math.nan if math.isnan(torque) else self._torque_deviation(group, efforts) for group, torque in measured]
+
+    def _joint_means(self, groups: Groups, what: str, named: tuple[Sequence[str], list[float]], notes: _Notes) -> list[float]:
+        """Mean over the wheels of each axle; an empty array means not measured (as in sensor_msgs)."""
+        names, values = named
+        if len(values) != len(names):
+            if values:
+                notes.texts.append(f"joint_states: {what} has {len(values)} values for {len(names)} names, left out")
+            return [math.nan] * len(groups)
+        if math.inf in values or -math.inf in values:
+            notes.texts.append(f"joint_states: infinite {what} left out")
+        return [_finite_mean([values[at] for at in group]) for group in groups]
+
+    def _bogie_angle(self, joints: Message) -> float:
+        """Mean angle [rad] of the bogies' joints, nose up; NaN where it is not measured."""
+        if joints is None:
+            return math.nan
+        angles = [angle for name, angle in zip(joints.name, joints.position.tolist(), strict=False) if name in self._bogie_joints]
+        mean = sum(angles) / len(angles) if angles else math.nan
+        return -mean if self._config.bogie_nose_down else mean
+
+    def _torque_deviation(self, group: tuple[int, ...], efforts: list[float]) -> float:
+        relative, absolute = self._config.torque_relative_sd, self._torque_absolute
+        return _mean_deviation([math.hypot(relative * efforts[at], absolute) for at in group if math.isfinite(efforts[at])])
+
+    def _pitch(self, odom: Message, imu: Message) -> tuple[float, float]:
+        """Nose-up pitch [rad] and its standard deviation: of the imu where it has an orientation, else of odom."""
+        if imu is not None and imu.orientation_covariance[0] != -1.0:
+            orientation, variance = imu.orientation, imu.orientation_covariance[PITCH_IN_ORIENTATION]
+        else:
+            orientation, variance = odom.pose.pose.orientation, odom.pose.covariance[PITCH_IN_POSE]
+        return nose_up_pitch(orientation), _deviation(variance, self._config.default_pitch_sd)
+
+    def _acceleration(self, imu: Message) -> tuple[float, float]:
+        """Specific force along body x [m/s^2] and its standard deviation; NaN where not measured."""
+        if imu is None or imu.linear_acceleration_covariance[0] == -1.0:
+            return math.nan, math.nan
+        deviation = _deviation(imu.linear_acceleration_covariance[0], self._config.default_acceleration_sd)
+        if deviation == 0.0:
+            return math.nan, math.nan
+        return float(imu.linear_acceleration.x), deviation
+
+
+def nose_up_pitch(orientation: Message) -> float:
+    """Pitch [rad], positive nose up, of an orientation quaternion in REP-103 axes (x forward, y left, z up).
+
+    REP-103's rotation about y is positive nose DOWN, hence the sign. NaN for a quaternion that is none (all zeros).
+    """
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    norm = x * x + y * y + z * z + w * w
+    if not abs(norm - 1.0) < UNIT_QUATERNION_TOLERANCE:
+        return math.nan
+    sine = 2.0 * (w * y - z * x) / norm
+    return -math.asin(max(-1.0, min(1.0, sine)))
+
+
+def _deviation(variance: float, default: float) -> float:
+    """Standard deviation of a ROS covariance entry: 0 means unknown (the default is taken), below 0 is NaN."""
+    value = float(variance)
+    if value == 0.0:
+        return default
+    return math.sqrt(value) if value > 0.0 else math.nan
+
+
+def _usable(group: tuple[int, ...], values: list[float], deviations: list[float], bounds: _Bounds) -> list[int]:
+    """The wheels of an axle that count: finite ones; of those, where some are possible, not the impossible ones.
+
+    Impossible is what noise does not explain: an average would hide it. Where no wheel is left, all are returned, so
+    that the screening sees why.
+    """
+    finite = [at for at in group if math.isfinite(values[at])]
+    possible = []
+    for at in finite:
+        noise = NOISE_BOUND * deviations[at]
+        if bounds.low - noise <= values[at] <= bounds.high + noise:
+            possible.append(at)
+    return possible or finite or list(group)
+
+
+def _mean_deviation(deviations: list[float]) -> float:
+    """Standard deviation of the mean of independent values; a bad one is handed on, so that screening refuses it."""
+    if min(deviations) <= 0.0:
+        return min(deviations)
+    return math.hypot(*deviations) / len(deviations)
+
+
+def _finite_mean(values: list[float]) -> float:
+    finite = [value for value in values if math.isfinite(value)]
+    return sum(finite) / len(finite) if finite else math.nan

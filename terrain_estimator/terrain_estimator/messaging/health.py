@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator's state of health: counts since the start, statistics of the last period, and a level in words."""
+
+import math
+import statistics
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from terrain_estimator.messaging.diagnostics import (
+    CONDITION,
+    FAILURES,
+    INNOVATION,
+    LATENCY,
+    LOSSES,
+    NUMERICS,
+    OPTIONAL,
+    REFUSED,
+    REQUIRED,
+    Finding,
+    Level,
+    worst,
+)
+from terrain_estimator.messaging.pairing import Counters
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.ros_types import REQUIRED_INPUTS
+from terrain_estimator.update import Update
+
+REFERENCE = REQUIRED_INPUTS[0]
+FEWEST_INNOVATIONS = 5
+"""Below so many a mean of squares says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class InputHealth:
+    """Counters of one input topic since the start."""
+
+    topic: str
+    received: int
+    unpaired: int
+    out_of_order: int
+    lost: int
+    age_s: float  # since the last message, by the steady clock; NaN where none came
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """One report."""
+
+    sequence: int
+    level: Level
+    summary: str
+    accepted: int
+    rejected: int
+    outcomes: Mapping[Outcome, int]
+    inputs: tuple[InputHealth, ...]
+    normalized_innovation_squared: float  # mean over the last period, per degree of freedom
+    condition_number: float
+    latency_median_s: float
+    latency_max_s: float
+    resets: int
+    findings: tuple[Finding, ...]  # of which the level is the worst
+
+
+class HealthMonitor:
+    """Collects updates between two reports. Memory is bounded by the updates of one period."""
+
+    def __init__(self, reported_failures: int = 0) -> None:
+        """Start with nothing counted but the failures that were reported before, where a node is configured again."""
+        self.outcomes: Counter[Outcome] = Counter()
+        self.resets = 0
+        self.failures = self.reported_failures = reported_failures  # callbacks that raised, and as of the last report
+        self._sequence = 0
+        self._condition_number = math.nan
+        self._start_period()
+        self._previous: dict[str, InputHealth] = {}
+
+    def _start_period(self) -> None:
+        self._recent: Counter[Outcome] = Counter()
+        self._latencies: list[float] = []
+        self._innovations: list[float] = []
+
+    def observe(self, update: Update, latency_s: float) -> None:
+        """Count one update, which took ``latency_s`` of wall time."""
+        self.outcomes[update.decision.outcome] += 1
+        self._recent[update.decision.outcome] += 1
+        self._latencies.append(latency_s)
+        self._condition_number = update.condition_number
+        innovation = normalized_innovation(update)
+        if math.isfinite(innovation):
+            self._innovations.append(innovation)
+
+    def report(self, counters: Mapping[str, Counters], ages_s: Mapping[str, float]) -> Health:
+        """The health since the last report; starts a new period."""
+        inputs = tuple(
+            InputHealth(topic, count.received, count.unpaired, count.out_of_order, count.lost, ages_s.get(topic, math.nan))
+            for topic, count in counters.items()
+        )
+        findings = (*self._judge_inputs(inputs), *self._judge_updates())
+        level, summary = worst(findings)
+        accepted = sum(count for outcome, count in self.outcomes.items() if outcome.used)
+        health = Health(
+            sequence=self._sequence,
+            level=level,
+            summary=summary or self._doing(),
+            accepted=accepted,
+            rejected=self.outcomes.total() - accepted,
+            outcomes=dict(self.outcomes),
+            inputs=inputs,
+            normalized_innovation_squared=statistics.fmean(self._innovations) if self._innovations else math.nan,
+            condition_number=self._condition_number,
+            latency_median_s=statistics.median(self._latencies) if self._latencies else math.nan,
+            latency_max_s=max(self._latencies, default=math.nan),
+            resets=self.resets,
+            findings=findings,
+        )
+        self._sequence += 1
+        self._previous = {entry.topic: entry for entry in inputs}
+        self.reported_failures = self.failures
+        self._start_period()
+        return health
+
+    def _doing(self) -> str:
+        if self._recent[Outcome.STANDSTILL]:
+            return "standing still"
+        return "estimating" if self._recent else "waiting for complete observations"
+
+    def _judge_inputs(self, inputs: tuple[InputHealth, ...]) -> Iterator[Finding]:
+        incomplete = any(self._unpaired(entry) for entry in inputs if entry.topic == REFERENCE)
+        for entry in inputs:
+            age_s = entry.age_s
+            if entry.topic in REQUIRED_INPUTS:
+                words = f"no data on {entry.topic} " + ("since the start" if math.isnan(age_s) else f"for {age_s:.1f} s")
+                yield REQUIRED.judge(math.inf if math.isnan(age_s) else age_s, entry.topic, words)
+            else:
+                yield OPTIONAL.judge(age_s, entry.topic, f"no data on {entry.topic} for {age_s:.1f} s")
+            count, words = self._losses(entry, incomplete=incomplete)
+            yield LOSSES.judge(count, entry.topic, f"{entry.topic}: {words or 'none lost'}")
+
+    def _unpaired(self, entry: InputHealth) -> int:
+        """New messages without a partner."""
+        before = self._previous.get(entry.topic)
+        return entry.unpaired - (before.unpaired if before else 0)
+
+    def _losses(self, entry: InputHealth, *, incomplete: bool) -> tuple[int, str]:
+        """New losses of one input in words; ``incomplete`` where an instant lacked messages.
+
+        Unpaired is normal on an optional topic, and where no instant lacks anything: that topic is faster than the reference.
+        """
+        before = self._previous.get(entry.topic)
+        lost = max(0, entry.lost - (before.lost if before else 0))  # fewer where one that was missing then came late
+        backwards = entry.out_of_order - (before.out_of_order if before else 0)
+        unpaired = self._unpaired(entry) if incomplete and entry.topic in REQUIRED_INPUTS else 0
+        counts = (("lost", lost), ("out of order", backwards), ("without partner", unpaired))
+        return lost + backwards + unpaired, ", ".join(f"{count} {what}" for what, count in counts if count)
+
+    def _judge_updates(self) -> Iterator[Finding]:
+        refused = {outcome: count for outcome, count in self._recent.items() if not outcome.used and outcome is not Outcome.STANDSTILL}
+        words = "; ".join(f"{count} {outcome.name} ({outcome.advice})" for outcome, count in sorted(refused.items()))
+        share = sum(refused.values()) / self._recent.total() if self._recent else 0.0
+        yield REFUSED.judge(share, text=f"refused: {words or 'none'}")
+        yield NUMERICS.judge(self._recent[Outcome.NUMERICAL_FAILURE], text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE")
+        failures = self.failures - self.reported_failures
+        yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
+        yield INNOVATION.judge(statistics.fmean(self._innovations) if len(self._innovations) >= FEWEST_INNOVATIONS else math.nan)
+        yield CONDITION.judge(self._condition_number)
+        yield LATENCY.judge(max(self._latencies, default=math.nan))
+
+
+def normalized_innovation(update: Update) -> float:
+    """Squared innovation over its predicted variance, per degree of freedom; NaN where nothing was predicted."""
+    decision, prediction = update.decision, update.prediction
+    if math.isfinite(decision.mahalanobis_squared) and decision.degrees_of_freedom > 0:
+        return decision.mahalanobis_squared / decision.degrees_of_freedom
+    if not prediction.innovation_variance > 0.0:
+        return math.nan
+    return prediction.innovation * prediction.innovation / prediction.innovation_variance  # not **, which raises on overflow

@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run in bounded memory: what its updates said, summed up over spans of equally many observations."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, Self, TypeVar
+
+from terrain_estimator.intervals import HALF_WIDTH_95
+from terrain_estimator.messaging.health import normalized_innovation
+from terrain_estimator.outcome import Outcome
+from terrain_estimator.update import Estimate, Update
+
+
+@dataclass(slots=True)
+class Errors:
+    """Sums over predictions of the velocity that came with a measurement."""
+
+    count: int = 0
+    squared: float = 0.0  # [m^2/s^2] innovations
+    variance: float = 0.0  # [m^2/s^2] that was predicted for them
+    inside_68: int = 0  # innovations within one predicted deviation
+    inside_95: int = 0
+
+    def add(self, innovation: float, variance: float) -> None:
+        """Count one; a NaN says that nothing was predicted or measured."""
+        if not (math.isfinite(innovation) and variance > 0.0):
+            return
+        squared = innovation * innovation
+        self.count += 1
+        self.squared += squared
+        self.variance += variance
+        self.inside_68 += squared <= variance
+        self.inside_95 += squared <= HALF_WIDTH_95 * HALF_WIDTH_95 * variance
+
+    def __add__(self, other: "Errors") -> "Errors":
+        return Errors(
+            self.count + other.count,
+            self.squared + other.squared,
+            self.variance + other.variance,
+            self.inside_68 + other.inside_68,
+            self.inside_95 + other.inside_95,
+        )
+
+    @property
+    def rms(self) -> float:
+        """[m/s] Root mean square innovation; NaN without one."""
+        return math.sqrt(self.squared / self.count) if self.count else math.nan
+
+    @property
+    def predicted_rms(self) -> float:
+        """[m/s] What it should be by the predicted variances; NaN without one."""
+        return math.sqrt(self.variance / self.count) if self.count else math.nan
+
+
+@dataclass(slots=True)
+class Span:
+    """Consecutive observations: the estimate after the last of them, the rest summed up over all."""
+
+    stamp_ns: int
+    estimate: Estimate
+    change_probability: float = math.nan  # the largest
+    errors: Errors = field(default_factory=Errors)
+    outcomes: Counter[Outcome] = field(default_factory=Counter)
+    nis_sum: float = 0.0  # [1] normalised innovations squared
+    nis_count: int = 0
+
+    def add(self, update: Update) -> None:
+        """Go on with one more observation."""
+        self.stamp_ns, self.estimate = update.stamp_ns, update.estimate
+        self.change_probability = _larger(self.change_probability, update.estimate.change_probability)
+        self.errors.add(update.prediction.innovation, update.prediction.innovation_variance)
+        self.outcomes[update.decision.outcome] += 1
+        nis = normalized_innovation(update)
+        if math.isfinite(nis):
+            self.nis_sum += nis
+            self.nis_count += 1
+
+    def __add__(self, later: "Span") -> "Span":
+        return Span(
+            later.stamp_ns,
+            later.estimate,
+            _larger(self.change_probability, later.change_probability),
+            self.errors + later.errors,
+            self.outcomes + later.outcomes,
+            self.nis_sum + later.nis_sum,
+            self.nis_count + later.nis_count,
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of observations."""
+        return self.outcomes.total()
+
+    @property
+    def nis(self) -> float:
+        """[1] Mean normalised innovation squared, about 1 when honest; NaN without one."""
+        return self.nis_sum / self.nis_count if self.nis_count else math.nan
+
+
+class _Addable(Protocol):
+    """A span of any kind."""
+
+    @property
+    def count(self) -> int: ...
+
+    def __add__(self, later: Self) -> Self: ...
+
+
+SpanT = TypeVar("SpanT", bound=_Addable)
+
+
+class Spans(Generic[SpanT]):
+    """Spans, oldest first. When they are too many, each two become one, and later ones hold twice as much."""
+
+    def __init__(self, capacity: int = 400) -> None:
+        """``capacity`` is even."""
+        self._capacity, self._length = capacity, 1
+        self.spans: list[SpanT] = []
+
+    def room(self, make: Callable[[], SpanT]) -> SpanT:
+        """The span that takes what comes next: the last, or one that ``make`` made where that is full."""
+        if not self.spans or self.spans[-1].count == self._length:
+            if len(self.spans) == self._capacity:
+                self.spans = [one + other for one, other in zip(self.spans[::2], self.spans[1::2], strict=True)]
+                self._length *= 2
+            self.spans.append(make())
+        return self.spans[-1]
+
+
+class History(Spans[Span]):
+    """What a run's updates said."""
+
+    first_ns = 0
+
+    def add(self, update: Update) -> None:
+        """Take the next update."""
+        if not self.spans:
+            self.first_ns = update.stamp_ns
+        self.room(lambda: Span(update.stamp_ns, update.estimate)).add(update)
+
+
+@dataclass(slots=True)
+class WheelSpan:
+    """Consecutive messages about wheels, summed up by the wheel's name."""
+
+    stamp_ns: int = 0  # of the last
+    count: int = 0  # messages
+    sums: dict[str, float] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)  # finite values
+
+    def add(self, stamp_ns: int, measured: Sequence[tuple[str, float]]) -> None:
+        """Go on with one more message; a wheel whose value is NaN was not measured."""
+        self.stamp_ns, self.count = stamp_ns, self.count + 1
+        for wheel, value in measured:
+            if math.isfinite(value):
+                self.sums[wheel] = self.sums.get(wheel, 0.0) + float(value)
+                self.counts[wheel] += 1
+
+    def __add__(self, later: "WheelSpan") -> "WheelSpan":
+        sums = {wheel: self.sums.get(wheel, 0.0) + later.sums.get(wheel, 0.0) for wheel in {**self.sums, **later.sums}}
+        return WheelSpan(later.stamp_ns, self.count + later.count, sums, self.counts + later.counts)
+
+    def mean(self, wheel: str) -> float:
+        """Of the messages that know it; NaN where none does."""
+        return self.sums[wheel] / self.counts[wheel] if wheel in self.sums else math.nan
+
+
+class WheelHistory(Spans[WheelSpan]):
+    """One quantity of the wheels of a rover."""
+
+    def __init__(self, wheels: Sequence[str] = (), capacity: int = 120) -> None:
+        """``wheels`` are the names of those that are kept, ``capacity`` is even."""
+        super().__init__(capacity)
+        self.wheels = tuple(wheels)
+
+    def add(self, stamp_ns: int, wheels: Sequence[str], values: Sequence[float]) -> None:
+        """Take the next message; it may know other wheels, in any order."""
+        known = [pair for pair in zip(wheels, values, strict=False) if pair[0] in self.wheels]
+        self.room(WheelSpan).add(stamp_ns, known)
+
+
+def _larger(one: float, other: float) -> float:
+    """The larger of two, NaN where neither is known."""
+    return other if math.isnan(one) else one if math.isnan(other) else max(one, other)

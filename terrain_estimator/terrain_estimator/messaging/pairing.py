@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pairs the messages of several topics by their stamps. Nothing is dropped without being counted.
+
+The sets depend on the stamps alone, not on the order in which the topics' messages arrive, as long as one topic is
+not ahead of the others by more than the time-out (the messages of ONE topic arrive in order: DDS and bags keep it).
+There is no clock here: time-outs are measured in stamps, so a bag replayed at full speed gives the same sets as live.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from terrain_estimator.messaging.sequences import Sequence
+from terrain_estimator.ros_types import Message
+
+CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
+RESTART_AFTER = 10  # so many messages in a row before the last stamp: the publisher's clock was set back
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One input. The first topic of a synchronizer is the reference: its stamps are those of the sets."""
+
+    name: str
+    required: bool
+
+
+@dataclass(slots=True)
+class Counters:
+    """What happened to the messages of one topic since the start."""
+
+    received: int = 0
+    paired: int = 0
+    unpaired: int = 0  # no partner came, or they came for a set that was already released
+    out_of_order: int = 0  # stamp not after the predecessor's, duplicates among them
+    lost: int = 0  # gaps in the sequence numbers that nothing filled later
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSet:
+    """The messages of one instant, in the order of the topics; None where an optional one is missing."""
+
+    stamp_ns: int
+    messages: tuple[Message, ...]
+
+
+@dataclass(slots=True)
+class _Input:
+    """The waiting messages of one topic, by increasing stamp."""
+
+    topic: Topic
+    counters: Counters = field(default_factory=Counters)
+    waiting: deque[tuple[int, Message]] = field(default_factory=deque)
+    latest_ns: int = -1  # stamp of the last message taken
+    sequence: Sequence = field(default_factory=Sequence)
+    backwards: int = 0  # messages in a row that were not after latest_ns
+    backwards_ns: int = -1  # stamp of the last of them
+
+
+class Synchronizer:
+    """Pairs the messages of ``topics`` whose stamps agree within ``tolerance_ns``, the nearest first.
+
+    A set is released as soon as every topic has its message, or cannot have one any more: its stamps have passed the
+    set's, or those of two topics have passed it by ``timeout_ns`` (two, so that one wrong clock does not time out all).
+    Sets come in the order of their stamps. A set without a required message is not released.
+    """
+
+    def __init__(self, topics: tuple[Topic, ...], tolerance_ns: int = 0, timeout_ns: int = 500_000_000) -> None:
+        """``topics[0]`` is the reference and must be required. Raises ValueError where it is not."""
+        if not topics or not topics[0].required:
+            raise ValueError(f"the first of the topics {[topic.name for topic in topics]} is the reference: it must be required")
+        self._inputs = [_Input(topic) for topic in topics]
+        self._reference, self._others = self._inputs[0], self._inputs[1:]
+        self._tolerance_ns, self._timeout_ns = tolerance_ns, max(timeout_ns, 1)  # what is of one instant is not later than it
+
+    @property
+    def counters(self) -> dict[str, Counters]:
+        """The live counters, by topic."""
+        return {entry.topic.name: entry.counters for entry in self._inputs}
+
+    def add(self, index: int, stamp_ns: int, message: Message, sequence: int | None = None) -> list[MessageSet]:
+        """Take one message of ``topics[index]``; return the sets that it completes, usually none or one."""
+        entry = self._inputs[index]
+        entry.counters.received += 1
+        if stamp_ns <= entry.latest_ns and not self._restarted(entry, stamp_ns):
+            entry.counters.out_of_order += 1
+            if sequence is not None and entry.sequence.fill(sequence):
+                entry.counters.lost -= 1
+            return []
+        if sequence is not None:
+            entry.counters.lost += entry.sequence.note(sequence)
+        entry.latest_ns, entry.backwards = stamp_ns, 0
+        entry.waiting.append((stamp_ns, message))
+        if len(entry.waiting) > CAPACITY:
+            entry.waiting.popleft()
+            entry.counters.unpaired += 1
+        return self._release()
+
+    def flush(self) -> list[MessageSet]:
+        """At the end of the input, or before a pause: release what is complete, count the rest as unpaired.
+
+        What is published in a pause is not lost: the sequence numbers begin anew.
+        """
+        sets = self._release(ended=True)
+        for entry in self._inputs:
+            entry.counters.unpaired += len(entry.waiting)
+            entry.waiting.clear()
+            entry.sequence.restart()
+        return sets
+
+    def reset(self) -> None:
+        """Forget the waiting messages and the stamps (a bag loops, a clock was set back); the counters stay."""
+        for entry in self._inputs:
+            _forget(entry)
+
+    def _restarted(self, entry: _Input, stamp_ns: int) -> bool:
+        """Whether this topic's clock was set back for good: then its stamps are taken again.
+
+        Without this, one stamp from the far future would silence a topic for ever.
+        """
+        entry.backwards = entry.backwards + 1 if stamp_ns > entry.backwards_ns or entry.backwards == 0 else 1
+        entry.backwards_ns = stamp_ns
+        if entry.backwards < RESTART_AFTER:
+            return False
+        _forget(entry)
+        if entry is self._reference:
+            self._follow(stamp_ns)
+        return True
+
+    def _follow(self, stamp_ns: int) -> None:
+        """The sets' clock was set back: topics that are still in the time before it must not wait for that to come again."""
+        for other in self._others:
+            if other.latest_ns > stamp_ns + self._timeout_ns:
+                _forget(other)
+
+    def _release(self, *, ended: bool = False) -> list[MessageSet]:
+        sets: list[MessageSet] = []
+        waiting = self._reference.waiting
+        while waiting:
+            stamp_ns = waiting[0][0]
+            if not ended and not self._resolved(stamp_ns):
+                break
+            complete = self._take(stamp_ns)
+            if complete is not None:
+                sets.append(complete)
+        return sets
+
+    def _resolved(self, stamp_ns: int) -> bool:
+        for entry in self._others:
+            if entry.latest_ns < stamp_ns:
+                break
+        else:
+            return True
+        return sorted(entry.latest_ns for entry in self._inputs)[-2] >= stamp_ns + self._timeout_ns
+
+    def _take(self, stamp_ns: int) -> MessageSet | None:
+        """Take the head of the reference and its partners; None where a required one is missing."""
+        found = [self._nearest(entry, stamp_ns) for entry in self._others]
+        complete = all(at is not None or not entry.topic.required for at, entry in zip(found, self._others, strict=True))
+        messages = [self._reference.waiting.popleft()[1]]
+        if not complete:
+            self._reference.counters.unpaired += 1
+            return None
+        self._reference.counters.paired += 1
+        for at, entry in zip(found, self._others, strict=True):
+            messages.append(None if at is None else _consume(entry, at))
+        return MessageSet(stamp_ns, tuple(messages))
+
+    def _nearest(self, entry: _Input, stamp_ns: int) -> int | None:
+        """Position of the message nearest to ``stamp_ns`` within the tolerance; too old ones are dropped and counted."""
+        waiting, tolerance_ns = entry.waiting, self._tolerance_ns
+        while waiting and waiting[0][0] < stamp_ns - tolerance_ns:
+            waiting.popleft()
+            entry.counters.unpaired += 1
+        best, distance = None, tolerance_ns
+        for at, (candidate_ns, _) in enumerate(waiting):
+            gap = abs(candidate_ns - stamp_ns)
+            if gap < distance or (gap == distance and best is None):
+                best, distance = at, gap
+            if candidate_ns >= stamp_ns:
+                break
+        return best
+
+
+def _consume(entry: _Input, at: int) -> Message:
+    for _ in range(at):
+        entry.waiting.popleft()
+        entry.counters.unpaired += 1
+    entry.counters.paired += 1
+    return entry.waiting.popleft()[1]
+
+
+def _forget(entry: _Input) -> None:
+    entry.counters.unpaired += len(entry.waiting)
+    entry.waiting.clear()
+    entry.latest_ns, entry.backwards, entry.backwards_ns = -1, 0, -1
+    entry.sequence.restart()

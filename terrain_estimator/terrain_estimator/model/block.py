@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""One block of observations as a few rows, and the Gauss-Newton solution of its posterior. Scripted with the model."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.model.gaussian import cholesky, log_determinant, symmetrize
+from terrain_estimator.model.rows import Rows, row_names
+
+
+class Posterior(NamedTuple):
+    """A bank of H Gaussians over D parameters k.
+
+    k = [c (kPa), tan phi, net weights, soil constants, mass, centre of mass, acceleration bias, velocity]
+    """
+
+    mean: Tensor  # [H, D]
+    precision: Tensor  # [H, D, D]
+    log_weight: Tensor  # [H] not normalised
+
+
+class BlockRows(NamedTuple):
+    """Q = R + 1 rows of a block over D + 1 parameters: those of Posterior, then the velocity at the block's end.
+
+    Row 0 is the mean of the measured velocities, row 1 carries the velocity over the block (its target is zero), the
+    others are means of the observations' rows. With G_a [Q, S] the change of the rows for the S = n E sources of noise,
+    affine in theta = (c, tan phi, 1), their covariance is SUM_ab theta_a theta_b G_a G_b'. C as in Rows.
+    """
+
+    linear: Tensor  # [Q, D + 1]; zero for the soil constants, whose columns depend on theta
+    offset: Tensor  # [Q]
+    nuisance: Tensor  # [3, Q M] change of the columns of theta for one deviation of each of M soil constants
+    expansion: Tensor  # [M] soil constants, in deviations, at which the rows were evaluated
+    gram: Tensor  # [3, C 3 Q Q] G_a of each of C with the G_b' of the values, for b, then C, a
+    target: Tensor  # [Q]
+    variance: Tensor  # [Q] of the target
+    present: Tensor  # [Q] 1 where at least one observation holds the row
+
+
+LINK_VARIANCE = 1e-8
+"""[m^2/s^2] Of the velocity carried through a block, beside the noise of its features: (0.1 mm/s)^2."""
+
+
+FIXED = 5
+"""Parameters after the soil constants whose columns do not depend on the observation, in the order of fixed_columns."""
+
+
+def fixed_columns(axles: int, wheelbase: float) -> Tensor:
+    """Columns [R + 1, FIXED] of mass, centre of mass, acceleration bias, velocity before and velocity after the block.
+
+    Mass [1] relative to the rover file's and more, centre of mass [m] ahead of the rover file's: what they change in the
+    load and in the moment, with 1 for the cosine of the pitch. In the velocity row a wrong mass changes little.
+    """
+    names = ("mean_velocity", *row_names(axles))
+    columns = torch.zeros(len(names), FIXED, dtype=torch.float64)
+    columns[names.index("load"), 0] = -1.0
+    columns[names.index("moment"), 1] = -1.0 / wheelbase
+    columns[names.index("acceleration"), 2] = 1.0
+    columns[names.index("mean_velocity"), 3] = 1.0
+    columns[names.index("velocity"), 3], columns[names.index("velocity"), 4] = 1.0, -1.0
+    return columns
+
+
+def row_weights(used: Tensor, step: Tensor) -> Tensor:
+    """Weight [n, Q] of each of n observations in the rows of their block, from ``used`` [n, R] and ``step`` [n].
+
+    Both may have leading dimensions.
+    """
+    n = step.shape[-1]
+    remaining = torch.arange(n, 0, -1, dtype=step.dtype) / n
+    average = used[..., 1:] / used[..., 1:].sum(-2, keepdim=True).clamp(min=1.0)
+    return torch.cat([torch.stack([step * remaining, step], -1), average], -1)
+
+
+def block_rows(
+    rows: Rows, columns: Tensor, step: Tensor, velocity: Tensor, expansion: Tensor, fixed: Tensor, link_variance: float
+) -> BlockRows:
+    """Average the rows of n observations.
+
+    ``columns`` [n, R, net] are the learnt features; ``step`` [n] [s] the time that an observation covers, 0 where its
+    velocity is not linked to the one before; ``velocity`` [n, 2] measured [m/s] and its variance. With
+    v_j = v_start + SUM_(l <= j) step_l a_l the mean over j weights a_l by step_l (n - l) / n, l counted from 0.
+    """
+    n = step.shape[0]
+    weight = row_weights(rows.used, step)
+    wide = weight.unsqueeze(-1)
+    features = (velocity_twice(rows.features, 2) * wide).sum(1)  # [C, Q, 3]
+    learnt = (velocity_twice(columns, 1) * wide).sum(0)
+    noise = velocity_twice(rows.noise, 2) * wide.unsqueeze(-1)
+    measured = (velocity.sum(0) / n).unsqueeze(1)
+    there = (rows.used.sum(0) > 0.0).to(step.dtype)
+    present = torch.cat([torch.ones_like(there[:2]), there[1:]])
+    q = weight.shape[1]
+    target = (velocity_twice(rows.target, 1) * weight).sum(0) + nn.functional.pad(measured[0], [0, q - 1])
+    carried = torch.cat([measured[1] / n, torch.full_like(measured[1], link_variance)])
+    variance = (velocity_twice(rows.variance, 1) * weight**2).sum(0) + nn.functional.pad(carried, [0, q - 2])
+    sources = noise.permute(0, 4, 2, 1, 3).flatten(3)  # [C, 3, Q, n E]
+    gram = (sources.flatten(0, 2) @ sources[0].flatten(0, 1).T).view(-1, 3, q, 3, q).permute(3, 0, 1, 2, 4).flatten(1)
+    constants = torch.zeros(q, expansion.shape[0], dtype=step.dtype)
+    by_strength, offset = features[0].split_with_sizes([2, 1], 1)
+    return BlockRows(
+        linear=torch.cat([by_strength, learnt, constants, fixed * present.unsqueeze(-1)], 1),
+        offset=offset.squeeze(1),
+        nuisance=features[1:].permute(2, 1, 0).flatten(1),
+        expansion=expansion,
+        gram=gram,
+        target=target,
+        variance=variance + (1.0 - present),
+        present=present,
+    )
+
+
+def velocity_twice(values: Tensor, dim: int) -> Tensor:
+    """What belongs to R rows along ``dim``, with that of the velocity's row doubled: a block has two rows of it."""
+    return torch.cat([values.narrow(dim, 0, 1), values], dim)
+
+
+class Step(NamedTuple):
+    """One Gauss-Newton step of every hypothesis."""
+
+    mean: Tensor  # [H, D + 1] after the step
+    precision: Tensor  # [H, D + 1, D + 1]
+    factor: Tensor  # its Cholesky factor
+    noise: Tensor  # [H, Q, Q] Cholesky factor of the covariance of the rows
+    misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step foresees it
+    decrement: Tensor  # [] largest squared length of the step, in standard deviations of the posterior
+
+
+class Solution(NamedTuple):
+    """The posterior after a block, and how well it fits."""
+
+    posterior: Posterior  # over D + 1 parameters
+    misfit: Tensor  # [H] at the minimum
+    noise: Tensor  # [H] log det of the covariance of the rows there
+
+
+def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
+    """Covariance S(theta) [H, Q, Q] of the rows at ``theta`` [H, 3], and its halves G_a G(theta)' [H, C, 3, Q, Q]."""
+    q = rows.target.shape[0]
+    half = (theta @ rows.gram).view(theta.shape[0], -1, 3, q, q)
+    return half, (half[:, 0] * theta.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
+
+
+def nuisance_columns(rows: BlockRows, away: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+    """What the soil constants add to the rows, SUM_m away_m nuisance_m theta, ``away`` [H, M] from the expansion.
+
+    Returns its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
+    """
+    q, m = rows.target.shape[0], rows.expansion.shape[0]
+    by_theta = (rows.nuisance.narrow(0, 0, 2).reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
+    return by_theta, (theta @ rows.nuisance).view(theta.shape[0], q, m)
+
+
+def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor, fixed: int = FIXED) -> Step:
+    """One step from ``mean`` [H, D + 1] towards the minimum of (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r.
+
+    ``prior`` has D + 1 parameters, of the last it knows nothing. The sources of noise that explain the residual best
+    are e = G(theta)' S^-1 r. The features at the inputs so corrected are Phi + G_a e, and with them the gradient is
+    J' S^-1 r exactly, the dependence of S on theta included.
+    """
+    hypotheses, size, constants = mean.shape[0], mean.shape[1], rows.expansion.shape[0]
+    others = min(fixed, size - 2 - constants)
+    sizes = [2, size - 2 - constants - others, constants, others]
+    strength, _, known, _ = mean.split_with_sizes(sizes, 1)
+    theta, away = nn.functional.pad(strength, [0, 1], value=1.0), known - rows.expansion
+    half, covariance = row_noise(rows, theta)
+    factor = cholesky(covariance)
+    by_theta, by_constant = nuisance_columns(rows, away, theta)
+    residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(-1) - by_constant @ away.unsqueeze(-1)
+    weighted = torch.cholesky_solve(residual, factor)
+    moved = (half @ weighted.unsqueeze(1).unsqueeze(1)).squeeze(-1)  # [H, C, 3, Q] G_a e
+    values, changed = moved.split_with_sizes([1, constants], 1)
+    by_theta = by_theta + values.squeeze(1).narrow(1, 0, 2).transpose(1, 2)
+    by_constant = by_constant + (changed * theta.view(-1, 1, 3, 1)).sum(2).transpose(1, 2)
+    linear, learnt, _, unchanging = rows.linear.expand(hypotheses, -1, -1).split_with_sizes(sizes, 2)
+    jacobian = torch.cat([linear + by_theta, learnt, by_constant, unchanging], 2)
+    transposed = jacobian.transpose(1, 2)
+    pull = (prior.mean - mean).unsqueeze(-1)
+    restoring = prior.precision @ pull
+    precision = symmetrize(prior.precision + transposed @ torch.cholesky_solve(jacobian, factor))
+    gradient = restoring + transposed @ weighted
+    root = cholesky(precision)
+    step = torch.cholesky_solve(gradient, root)
+    longest = (step.narrow(1, 0, 2).squeeze(-1).abs() / longest_step).amax(1, keepdim=True)
+    gained = (gradient * step).sum(1)
+    misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - gained).squeeze(-1)
+    return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, factor, misfit, gained.amax())
+
+
+MOST_APPARENT = 0.5
+"""[1] Of the variance of (c, tan phi) after a block: what is taken for apparent is not more."""
+
+
+def without_apparent(step: Step, rows: BlockRows, most: float = MOST_APPARENT) -> Step:
+    """Take off what noise in the columns of (c, tan phi) looks like information about them.
+
+    Of the noise G_a in a column the residual tells the part G_a G' S^-1 r, which the columns are corrected by. What is left adds
+    N_ab = tr S^-1 (G_a G_b' - G_a G' S^-1 G G_b') to J' S^-1 J on average, also where the columns are nothing but noise: the second
+    derivative of the sum has it with the other sign, Gauss and Newton's approximation leaves it out (Nakamura 1990, corrected scores).
+    """
+    hypotheses, size, q = step.mean.shape[0], step.mean.shape[1], rows.target.shape[0]
+    theta = nn.functional.pad(step.mean.narrow(1, 0, 2), [0, 1], value=1.0)
+    half = row_noise(rows, theta)[0].select(1, 0).narrow(1, 0, 2)  # [H, 2, Q, Q] G_a G'
+    both = rows.gram.view(3, -1, 3, q, q).select(1, 0).narrow(0, 0, 2).narrow(1, 0, 2)  # [2, 2, Q, Q] G_b G_a'
+    inverse = torch.cholesky_solve(torch.eye(q, dtype=theta.dtype).expand(hypotheses, q, q), step.noise).unsqueeze(1)
+    told = inverse @ half @ inverse
+    whole = (inverse.unsqueeze(1) * both).sum((-1, -2))
+    apparent = symmetrize(whole - (told.unsqueeze(2) * half.unsqueeze(1)).sum((-1, -2)))
+    directions = torch.eye(size, 2, dtype=theta.dtype).expand(hypotheses, size, 2)
+    covariance = torch.cholesky_solve(directions, step.factor).narrow(1, 0, 2)
+    share = (covariance * apparent).sum((-1, -2))  # at least the largest part of the variance that it takes off in any direction
+    apparent = apparent * (most / share.clamp(min=most)).view(-1, 1, 1)
+    precision = step.precision - nn.functional.pad(apparent, [0, size - 2, 0, size - 2])
+    return Step(step.mean, precision, cholesky(precision), step.noise, step.misfit, step.decrement)
+
+
+MOST_STEPS = 8
+CONVERGED = 1e-3
+"""[1] Squared length of a step, in standard deviations, after which no other is made."""
+
+
+def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = MOST_STEPS, converged: float = CONVERGED) -> Solution:
+    """Gauss-Newton from the prior mean until every hypothesis moved by less than 3 % of a standard deviation.
+
+    The step after that would be an order of magnitude shorter. None is longer than ``longest_step`` [2] in (c, tan phi).
+    """
+    start = torch.cat([prior.mean, prior.mean[:, -1:]], 1)
+    padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
+    step = gauss_newton(padded, start, rows, longest_step)
+    for _ in range(most - 1):
+        if bool(step.decrement < converged):
+            break
+        step = gauss_newton(padded, step.mean, rows, longest_step)
+    return solution_of(prior, without_apparent(step, rows))
+
+
+def solution_of(prior: Posterior, step: Step) -> Solution:
+    """The posteriors after the last ``step`` from ``prior`` over D parameters; all may have leading dimensions."""
+    before = log_determinant(cholesky(prior.precision))
+    last = step.precision.select(-1, -1).select(-1, -1)
+    log_weight = prior.log_weight - 0.5 * (step.misfit + log_determinant(step.factor) - torch.log(last) - before)
+    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit, log_determinant(step.noise))

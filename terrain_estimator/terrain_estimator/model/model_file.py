@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The model file: a TorchScript module and, beside it, a JSON file that says what it is.
+
+``NAME.pt`` holds the whole model; ``NAME.json`` holds rover, soil, rows, versions, how it was trained, and the size and
+sha256 of the module. The two are checked against each other before torch reads a byte of the module, and the module's
+methods and shapes after.
+"""
+
+import dataclasses
+import hashlib
+import io
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+import terrain_estimator
+from rover_parameters.records import ConfigError, build, number
+from terrain_estimator.model.packing import AXLE_FIELDS, packed_size, scalar_fields
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
+
+FORMAT = 2
+"""Version of the interface: the state's fields, the packed observation, the methods."""
+MODELS = Path(terrain_estimator.__file__).parent / "models"
+DEFAULT_MODEL = "mars_rover"
+_METHODS = {
+    "initial": "",
+    "initial_with_prior": "Tensor mean, Tensor sd, Tensor soils, float drift",
+    "update": "Dict(str, Tensor) state, Tensor observation",
+    "discard": "Dict(str, Tensor) state",
+    "predict": "Dict(str, Tensor) state, Tensor observation",
+    "forecast": "Dict(str, Tensor) state, float horizon_s",
+    "estimate": "Dict(str, Tensor) state",
+}
+"""Methods that the module must have, with their arguments in TorchScript's words."""
+_LARGEST_FILE = 64 << 20
+
+
+class ModelFileError(ValueError):
+    """A model file is missing, damaged, foreign or of another version; the message says which and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """How the learnt part came about."""
+
+    seed: int
+    iterations: int
+    loss: float = number("final training loss: mean negative log predictive density of a row", "nat")
+    torch_version: str = ""
+    options: tuple[str, ...] = ()  # effective ones of ``train``, in its own words; a file that is older has none
+
+
+@dataclass(frozen=True, slots=True)
+class AddedEffect:
+    """A named effect that the model estimates beside c and tan phi."""
+
+    name: str  # of terramechanics.effects
+    unit: str  # of its size
+    mean: float = number("prior mean of its size", "unit of the effect")
+    sd: float = number("prior standard deviation of its size", "unit of the effect", 0.0, exclusive=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """What stands in the JSON file beside the module."""
+
+    format: int
+    model_id: str
+    sha256: str
+    size: int
+    observation_axle_fields: tuple[str, ...]
+    observation_scalar_fields: tuple[str, ...]
+    rows: tuple[str, ...]
+    parameters: tuple[str, ...]  # of the posterior, in their order
+    block: int  # observations that are averaged into one
+    rover: Rover
+    soils: tuple[Soil, ...]  # that the model knows; their order is that of the state's probabilities
+    training: Training
+    step_s: float = number("time between observations that the model was trained for", "s", 0.0, exclusive=True)
+    prior_mean: tuple[float, float] = number("prior mean of c [Pa] and tan phi", "Pa, 1")
+    prior_sd: tuple[float, float] = number("prior standard deviation of c [Pa] and tan phi", "Pa, 1", 0.0, exclusive=True)
+    effects: tuple[AddedEffect, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedModel:
+    """A model that passed every check."""
+
+    module: torch.jit.ScriptModule
+    metadata: Metadata
+
+    @property
+    def rover(self) -> Rover:
+        """The rover that the model is for."""
+        return self.metadata.rover
+
+    @property
+    def model_id(self) -> str:
+        """Name and version."""
+        return self.metadata.model_id
+
+    @property
+    def sha256(self) -> str:
+        """Of the module file."""
+        return self.metadata.sha256
+
+    @property
+    def effects(self) -> tuple[AddedEffect, ...]:
+        """Named effects that the model estimates."""
+        return self.metadata.effects
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """All regression rows that the model can use."""
+        return self.metadata.rows
+
+
+@contextmanager
+def running() -> Iterator[None]:
+    """How the methods of a module are called: without gradients, and as they are written.
+
+    What torch's optimiser makes of their graphs is a tenth faster, but making it takes every process 3 s and 80 MB.
+    """
+    with torch.inference_mode(), torch.jit.optimized_execution(should_optimize=False):  # type: ignore[attr-defined]
+        yield
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of the models that come with the package."""
+    return tuple(sorted(path.stem for path in MODELS.glob("*.pt")))
+
+
+def model_path(name: str) -> Path:
+    """The module file of an installed model's name, of a path, or of '' (the default model)."""
+    installed = MODELS / f"{name or DEFAULT_MODEL}.pt"
+    path = installed if installed.is_file() else Path(name)
+    if not path.is_file():
+        names = ", ".join(model_names()) or "there is none"
+        raise ModelFileError(f"model {name!r}: no such file; give the path of a .pt file, or an installed model: {names}")
+    return path
+
+
+def load_model(name: str = "") -> LoadedModel:
+    """Check and load a model by installed name or path. Raises ModelFileError."""
+    path = model_path(name)
+    metadata = read_metadata(path.with_suffix(".json"))
+    content = _checked_bytes(path, metadata)
+    try:
+        module = torch.jit.load(io.BytesIO(content), map_location="cpu")  # type: ignore[no-untyped-call]
+    except (RuntimeError, ValueError) as error:
+        raise ModelFileError(f"{path}: not a TorchScript module: {str(error).splitlines()[0]}") from error
+    model = LoadedModel(module, metadata)
+    with running():
+        _check_interface(path, model)
+    return model
+
+
+def read_metadata(path: Path) -> Metadata:
+    """The JSON file beside a module. Raises ModelFileError that names file, key and value."""
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelFileError(f"{path}: cannot be read ({error.strerror}): a model is a .pt file with its .json beside it") from error
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path}: not valid JSON: {error}") from error
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != FORMAT:
+        raise ModelFileError(f"{path}: format is {found!r}, this version reads {FORMAT}: train the model again (make train)")
+    try:
+        return build(Metadata, content, str(path))
+    except ConfigError as error:
+        raise ModelFileError(str(error)) from error
+
+
+def write_metadata(path: Path, metadata: Metadata) -> None:
+    """Write the JSON file beside a module."""
+    path.write_text(json.dumps(dataclasses.asdict(metadata), indent=2) + "\n", encoding="utf-8")
+
+
+def fingerprint(path: Path) -> tuple[str, int]:
+    """sha256 and size of a file."""
+    content = path.read_bytes()
+    return hashlib.sha256(content).hexdigest(), len(content)
+
+
+def _checked_bytes(path: Path, metadata: Metadata) -> bytes:
+    """The file's content, read once: what was checked is what is loaded, even where the file is replaced meanwhile."""
+    size = path.stat().st_size
+    if size != metadata.size or size > _LARGEST_FILE:
+        raise ModelFileError(f"{path}: has {size} bytes, {path.with_suffix('.json').name} says {metadata.size}: copy both files again")
+    content = path.read_bytes()
+    sha256 = hashlib.sha256(content).hexdigest()
+    if sha256 != metadata.sha256:
+        raise ModelFileError(f"{path}: sha256 is {sha256}, {path.with_suffix('.json').name} says {metadata.sha256}: the file is damaged")
+    return content
+
+
+def _check_interface(path: Path, model: LoadedModel) -> None:
+    """Methods and shapes are those of this version."""
+    missing = [name for name in _METHODS if not hasattr(model.module, name)]
+    if missing:
+        raise ModelFileError(f"{path}: has no method {missing[0]!r}, so it is not a model of this package")
+    for name, wanted in _METHODS.items():
+        _, _, taken = str(getattr(model.module, name).schema).partition("(")[2].partition(" self")
+        if (found := taken.rpartition(") -> ")[0].removeprefix(", ")) != wanted:
+            raise ModelFileError(f"{path}: method {name} takes ({found}), this version needs ({wanted}): train it again (make train)")
+    axles, rates = len(model.rover.axle_x), bool(model.effects)
+    fields = (model.metadata.observation_axle_fields, model.metadata.observation_scalar_fields)
+    if fields != (AXLE_FIELDS, scalar_fields(axles, rates=rates)):
+        raise ModelFileError(f"{path}: was trained for other fields of an observation, train it again (make train)")
+    state = model.module.initial()
+    effects = model.module.effects(state).shape[0] if hasattr(model.module, "effects") else 0
+    if effects != len(model.effects):
+        raise ModelFileError(f"{path}: estimates {effects} named effects, its .json names {len(model.effects)}")
+    length, parameters = state["block"].shape[-1], state["expected"].shape[0]
+    if length != packed_size(axles, rates=rates):
+        raise ModelFileError(f"{path}: takes observations of {length} numbers, {axles} axles need {packed_size(axles, rates=rates)}")
+    if tuple(model.module.estimate(state).shape) != (3, 2):
+        raise ModelFileError(f"{path}: estimates numbers of shape {tuple(model.module.estimate(state).shape)}, expected (3, 2)")
+    if parameters != len(model.metadata.parameters):
+        raise ModelFileError(f"{path}: has {parameters} parameters, its .json names {len(model.metadata.parameters)}")

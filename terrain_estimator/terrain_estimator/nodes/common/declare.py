@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Declare a node's parameters beside the quality of service that a user may override."""
+
+from collections.abc import Iterable
+from typing import TypeVar
+
+from rclpy.node import Node
+
+from rover_parameters import declare as strict
+from rover_parameters.files import OVERRIDES
+from terrain_estimator.nodes.common.quality import check_overrides
+
+Config = TypeVar("Config")
+
+
+def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Config:
+    """Read and declare all parameters of ``config``, see :func:`rover_parameters.declare.declare`.
+
+    Args:
+        node: made with ``automatically_declare_parameters_from_overrides=True``.
+        config: made of fields by ``rover_parameters.records``.
+        topics: whose subscriptions' quality of service a user may override.
+
+    Raises:
+        ConfigError: as there, or an override that no subscription has.
+        SystemExit: with code 0 after ``--dump-config``.
+    """
+    overrides = {key: value for key, value in strict.given(node).items() if key.startswith(OVERRIDES)}
+    check_overrides(overrides, map(node.resolve_topic_name, topics))
+    return strict.declare(node, config, overrides)

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the runs of a discovery from bags, by the estimator's own pairing and conversion; here, or each on a worker that keeps it."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+from terrain_estimator.bags import BagError, BagReader
+from terrain_estimator.discovery import Blocks, Contributions, Nominal, Run, RunError, cut, here
+from terrain_estimator.discovery.proof.held_out import long_enough
+from terrain_estimator.discovery.runs import Refusals, run_of
+from terrain_estimator.messaging.conversion import Converter
+from terrain_estimator.messaging.pairing import MessageSet, Synchronizer, Topic
+from terrain_estimator.observation import Observation
+from terrain_estimator.offline.cluster import Cluster, Held, Item, Result, cluster
+from terrain_estimator.offline.reading import Reading
+from terrain_estimator.offline.topics import TopicError, check_inputs
+from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
+from terramechanics.vehicle.rover import Rover
+
+FEW = 16
+"""Bags up to which this process works alone where no cluster is asked for: with ten of 30 s two workers gained nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """The runs that can be used, who computes what they contribute, and why others are left out."""
+
+    blocks: list[Blocks]
+    contributions: Contributions
+    left_out: list[str]
+
+
+Progress = Callable[[float, str], None]
+
+
+class Workplace:
+    """Where bags are read and looked into: this process, or a cluster whose workers keep what they have read."""
+
+    def __init__(self, on: Cluster | None) -> None:
+        """On a cluster, or here."""
+        self._cluster = on
+
+    def spread(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """A function of every item, in order."""
+        return (self._cluster or map)(function, items)
+
+    def read(self, bags: Sequence[Path], nominal: Nominal, reading: Reading, say: Progress, *, held_out: bool = False) -> Runs:
+        """The runs of these bags in their order; for ``held_out`` ones those that can be halved."""
+        read = partial(read_blocks, nominal, reading=reading, held_out=held_out)
+        files = [bag.absolute() for bag in bags]  # a worker may have another working directory
+        if self._cluster is None:
+            blocks, _, left_out = _sorted_out(map(read, files), bags, say)
+            return Runs(blocks, here(blocks), left_out)
+        held = self._cluster.hold(read, files)
+        blocks, numbers, left_out = _sorted_out(held.fetch(), bags, say)
+        return Runs(blocks, cast("Held[Blocks]", held.chosen(numbers)), left_out)
+
+
+@contextmanager
+def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
+    """A place for so many bags: the cluster of a ``scheduler``, else so many ``workers`` of this machine, 0 for as many as are worth it.
+
+    Raises ClusterError where the scheduler does not answer.
+    """
+    if not scheduler and (workers == 1 or (not workers and bags <= FEW)):
+        yield Workplace(None)
+        return
+    with cluster(scheduler, workers or None) as spread:
+        yield Workplace(spread)
+
+
+def _sorted_out(found: Iterable[Blocks | str], bags: Sequence[Path], say: Progress) -> tuple[list[Blocks], list[int], list[str]]:
+    """Runs, their numbers, and why the others are left out."""
+    blocks, numbers, left_out = [], [], []
+    for number, (each, bag) in enumerate(zip(found, bags, strict=True)):
+        say(number / len(bags), f"reading {bag}")
+        if isinstance(each, str):
+            left_out.append(f"{bag} is left out: {each}")
+        else:
+            blocks.append(each)
+            numbers.append(number)
+    return blocks, numbers, left_out
+
+
+def read_blocks(nominal: Nominal, bag: Path, *, reading: Reading | None = None, held_out: bool = False) -> Blocks | str:
+    """The blocks of a run, or why it cannot be used; by the estimator's own topics and parameters where there is no ``reading``."""
+    try:
+        blocks = cut(read_run(bag, nominal.rover, reading or Reading()), nominal.contact)
+        return long_enough(blocks) if held_out else blocks
+    except (BagError, TopicError, RunError, OSError) as error:
+        return str(error)
+
+
+def read_run(bag: Path, rover: Rover, reading: Reading) -> Run:
+    """The run that ``bag`` holds.
+
+    Raises:
+        BagError: it cannot be read.
+        TopicError: a required topic is missing.
+        RunError: no observation can be used, and why.
+    """
+    names = reading.names
+    with BagReader(bag) as reader:
+        check_inputs(str(bag), reader.topics, names)
+        reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
+        refusals = Refusals()
+        return run_of(bag.name, _observations(reader, rover, reading, refusals), rover, reading.config.core, refusals)
+
+
+def _observations(reader: BagReader, rover: Rover, reading: Reading, refusals: Refusals) -> Iterator[Observation]:
+    """Raises RunError where no messages are of one instant."""
+    used = reading.config.core
+    converter = Converter(rover, reading.config.conversion, used)
+    none = True
+    for complete in _paired(reader, reading, converter):
+        none = False
+        converted = converter.convert(complete.stamp_ns, complete.messages)
+        if converted.observation is None:
+            refusals.add(converted.outcome, converted.detail)
+        else:
+            yield converted.observation if used.use_moments else replace(converted.observation, bogie_angle=math.nan)
+    if none:
+        raise RunError(
+            f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance, "
+            f"{reading.config.pairing.tolerance_s:g} s: give the one that the estimator has (-p or --params-file)"
+        )
+
+
+def _paired(reader: BagReader, reading: Reading, converter: Converter) -> Iterator[MessageSet]:
+    topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
+    pairing = reading.config.pairing
+    synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
+    index = {reading.names[name]: (number, name) for number, name in enumerate(INPUT_TYPES)}
+    for raw in reader.messages(index):
+        (number, name), message = index[raw.topic], reader.decode(raw)
+        if converter.concerns(name, message):  # else a mast or an arm would take the partners of the wheels
+            yield from synchronizer.add(number, stamp_ns(message), message, getattr(message, "sequence", None))
+    yield from synchronizer.flush()

@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what find_missing_effect found: finding.json for programs, report.html for people, and from what they were made."""
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from rover_parameters.parameters import effective
+from terrain_estimator.offline.origin import bag_sha256, versions
+from terrain_estimator.offline.reading import Reading
+from terrain_estimator.pages.finding import finding_page
+from terrain_estimator.ros_types import INPUT_TYPES
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
+
+
+def known(value: Any) -> Any:  # noqa: ANN401 (whatever JSON holds)
+    """The same with null for a number that is not finite: one figure that does not exist must not cost all others."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: known(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [known(each) for each in value]
+    return value
+
+
+def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
+    """Write finding.json and report.html to ``folder``, which is made; the same content gives the same bytes. Returns their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {
+        "finding.json": json.dumps(known(content), indent=1, allow_nan=False) + "\n",
+        "report.html": finding_page(content),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+def asked(rover: str, soil: str, seed: int, reading: Reading) -> dict[str, Any]:
+    """What the command line said beside the runs; nothing that the answer does not depend on."""
+    usual = Reading()
+    topics = {name: reading.names[name] for name in INPUT_TYPES if reading.names[name] != usual.names[name]}
+    before = effective(usual.config)
+    parameters = {name: value for name, value in effective(reading.config).items() if value != before[name]}
+    return {"rover": rover, "soil": soil, "seed": seed, "topics": topics, "parameters": parameters}
+
+
+def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]:
+    """Versions, and SHA-256 of everything that went in."""
+    thresholds = (files("terrain_estimator.discovery.evidence") / "thresholds.json").read_bytes()
+    return {
+        "versions": versions(),
+        "sha256": {"rover": _of_record(rover), "soil": _of_record(soil), "thresholds": hashlib.sha256(thresholds).hexdigest()},
+        "runs_sha256": [[bag.name, bag_sha256(bag)] for bag in bags],
+    }
+
+
+def _of_record(record: Rover | Soil) -> str:
+    """Of the values in force, not of the text of their file."""
+    return hashlib.sha256(json.dumps(dataclasses.asdict(record), sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the report of a replay: one HTML file about all its runs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rover_parameters.parameters import effective, parameters
+from terrain_estimator.bags import Message
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.messaging.messages import Status, status_text
+from terrain_estimator.messaging.pipeline import configuration_sha256, rover_of
+from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.offline.origin import bag_sha256, versions
+from terrain_estimator.offline.replaying import Replay
+from terrain_estimator.offline.summary import remarks
+from terrain_estimator.pages.citations import citations
+from terrain_estimator.pages.run import Origin, Run, Truth, run_page
+from terrain_estimator.ros_types import stamp_ns
+
+
+def write_report(path: Path, replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> None:
+    """Write the page about runs whose history was kept. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(run_page([_run(each, model) for each in replays], _origin(model, config)), encoding="utf-8")
+
+
+def _run(replay: Replay, model: LoadedModel) -> Run:
+    last = replay.last
+    return Run(
+        name=replay.name,
+        bag=str(replay.bag),
+        bag_sha256=bag_sha256(replay.bag),
+        state_sha256=replay.state_sha256,
+        span_s=replay.span_s,
+        status=replay.status.lower().replace("_", " "),
+        status_text=status_text(last.update, Status[replay.status], model.rows, last.notes) if last else "",
+        remarks=remarks(replay),
+        history=replay.history,
+        slip=replay.slip,
+        sinkage=replay.sinkage,
+        truths=[_truth(each) for each in replay.truths],
+        inputs=replay.inputs,
+    )
+
+
+def _truth(message: Message) -> Truth:
+    sizes = zip(message.effect, message.effect_value, message.effect_unit, strict=True)
+    effects = [f"{name} {size:.4g}" + ("" if unit == "1" else f" {unit}") for name, size, unit in sizes]
+    return Truth(stamp_ns(message), (message.cohesion, message.tan_phi), " with ".join([message.soil, *effects]))
+
+
+def _origin(model: LoadedModel, config: EstimatorConfig) -> Origin:
+    identity = [
+        ("model", model.model_id),
+        ("model, SHA-256", model.sha256),
+        ("configuration, SHA-256", configuration_sha256(model, config)),
+    ]
+    values = effective(config)
+    return Origin(
+        rover=rover_of(model, config.rover).name,
+        identity=[*identity, *((f"{name}, version", number) for name, number in versions().items())],
+        parameters=[(each.name, _plain(values[each.name]), _plain(each.default), each.meaning) for each in parameters(EstimatorConfig)],
+        citations=list(citations(model.rows, model.metadata.parameters, [each.name for each in model.effects])),
+    )
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a replay found, as a table for people and as JSON for programs."""
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from rover_parameters.parameters import effective
+from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.messaging.pipeline import configuration_sha256
+from terrain_estimator.model.model_file import LoadedModel
+from terrain_estimator.offline.replaying import Replay
+from terrain_estimator.outcome import Outcome
+
+WIDTH = 150
+"""[characters] of the table where stdout is no terminal."""
+NARROW = 120
+"""[characters] of a terminal: on less an interval takes lines of its own."""
+_HEAD = ("bag", "time", "esti|mates", "re|fused", "c in kPa~(95 %)", "tan phi~(95 %)", "status", "x real~time")
+"""With the places where a word and a line may be broken."""
+SUSPICIOUS_SHARE = 0.1
+"""[1] of the observations: more that contradict the estimate come from a wrong model rather than from the ground."""
+
+
+def summary(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> dict[str, Any]:
+    """Everything about the runs: plain types, no NaN (null instead), so that any JSON reader takes it."""
+    return {
+        "model_id": model.model_id,
+        "model_sha256": model.sha256,
+        "configuration": effective(config),
+        "configuration_sha256": configuration_sha256(model, config),
+        "bags": [_run_summary(each) for each in replays],
+    }
+
+
+def _run_summary(replay: Replay) -> dict[str, Any]:
+    return {
+        "bag": str(replay.bag),
+        "estimates_bag": str(replay.estimates_bag),
+        "span_s": replay.span_s,
+        "missing_s": replay.missing_s,
+        "notes": replay.notes,
+        "estimates": replay.estimates,
+        "outcomes": {outcome.name: count for outcome, count in sorted(replay.outcomes.items())},
+        "inputs": {topic: dataclasses.asdict(counters) for topic, counters in replay.inputs.items()},
+        "lost": dict(sorted((+replay.sequences.lost).items())),
+        "late": dict(sorted((+replay.sequences.late).items())),
+        "status": replay.status,
+        "estimate": estimate_summary(replay),
+        "wall_s": replay.wall_s,
+        "times_real_time": _finite(replay.times_real_time),
+        "identical_to_live": None if replay.differences is None else not any(replay.differences.values()),
+        "differences": replay.differences,
+    }
+
+
+def estimate_summary(replay: Replay) -> dict[str, Any]:
+    """The last estimate beside the truth, where the bag has it."""
+    if replay.last is None:
+        return {}
+    estimate, truth = replay.last.update.estimate, replay.truth
+    result = {}
+    for index, (name, attribute) in enumerate((("cohesion_pa", "cohesion"), ("tan_phi", "tan_phi"))):
+        result[name] = {
+            "mean": _finite(float(estimate.mean[index])),
+            "sd": _finite(math.sqrt(float(estimate.covariance[index, index]))),
+            "lower_95": _finite(float(estimate.lower_95[index])),
+            "upper_95": _finite(float(estimate.upper_95[index])),
+            "identified": bool(estimate.identified[index]),
+            "truth": None if truth is None else float(getattr(truth, attribute)),
+        }
+    return result
+
+
+def print_table(replays: Sequence[Replay]) -> None:
+    """One line a bag, then what a user should know about it."""
+    console = Console(highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
+    narrow = console.width < NARROW
+    head = [each.replace("|", "-\n").replace("~", "\n") if narrow else each.replace("|", "").replace("~", " ") for each in _HEAD]
+    table = Table(*head)
+    if narrow:
+        table.box, table.collapse_padding, table.pad_edge = SIMPLE_HEAD, True, False
+        for column in table.columns[1:]:
+            column.no_wrap = True
+    for each in replays:
+        refused = sum(count for outcome, count in each.outcomes.items() if not outcome.used)
+        values = estimate_summary(each)
+        table.add_row(
+            each.name,
+            f"{each.span_s:.1f} s",
+            str(each.estimates),
+            str(refused),
+            _interval(values.get("cohesion_pa"), 1e-3, narrow=narrow),
+            _interval(values.get("tan_phi"), 1.0, narrow=narrow),
+            each.status,
+            f"{each.times_real_time:.0f}",
+        )
+    console.print(table)
+    for line in (line for each in replays for line in remarks(each)):
+        console.print(line)
+
+
+def write_summary(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON, atomically: a reader never sees half of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.new")
+    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    temporary.replace(path)
+
+
+def _interval(value: dict[str, Any] | None, scale: float, *, narrow: bool) -> str:
+    if not value or value["mean"] is None:
+        return "-"
+    mean, lower, upper = (value[key] * scale for key in ("mean", "lower_95", "upper_95"))
+    truth = "" if value["truth"] is None else f"truth {value['truth'] * scale:.3g}"
+    if narrow:
+        return f"{mean:.3g}\n{lower:.3g} to {upper:.3g}\n{truth}".rstrip()
+    return f"{mean:.3g} ({lower:.3g} to {upper:.3g}{truth and ', '}{truth})"
+
+
+def remarks(replay: Replay) -> list[str]:
+    """What a user should know about a run, line by line."""
+    lines = list(replay.notes)
+    if replay.missing_s:
+        lines.append(f"{replay.bag}: {replay.missing_s:.1f} s are missing at the end")
+    lines += [
+        f"{replay.name}: {count} x {outcome.name}: {outcome.advice}" for outcome, count in sorted(replay.outcomes.items()) if outcome.advice
+    ]
+    if (gated := replay.outcomes[Outcome.GATED]) > SUSPICIOUS_SHARE * replay.estimates:
+        lines.append(f"{replay.name}: {gated / replay.estimates:.0%} are GATED: is the model (--model) that of this rover and soil?")
+    for topic, counters in replay.inputs.items():
+        troubles = {"unpaired": counters.unpaired, "out of order": counters.out_of_order, "lost": counters.lost}
+        if any(troubles.values()):
+            lines.append(f"{replay.name}: {topic}: {', '.join(f'{count} {what}' for what, count in troubles.items() if count)}")
+    lost, late = +replay.sequences.lost, +replay.sequences.late
+    for topic in sorted(lost | late):
+        counts = [f"{count[topic]} {what}" for what, count in (("out of order", late), ("lost", lost)) if count[topic]]
+        lines.append(f"{replay.name}: {topic}: {', '.join(counts)}, by the sequence numbers in the messages")
+    for topic, difference in (replay.differences or {}).items():
+        lines.append(f"{replay.name}: {topic} {f'differs from live: {difference}' if difference else 'is identical to live'}")
+    return lines
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Quasi-static equilibria of single wheels: sinkage under a load, slip under a torque, and what they allow."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, quadrature
+from terramechanics.numerics.roots import bracketed_root
+from terramechanics.simulation.plant import Contact, Plant, Situation
+from terramechanics.vehicle.rover import Rover
+
+SHALLOWEST = 1e-7
+"""[1] Smallest sinkage that is looked for, in wheel radii."""
+DEEPEST = 0.95
+"""[1] Deepest sinkage that is looked for, in wheel radii."""
+Excess = Callable[[Tensor], Tensor]
+FEW = 200
+"""Number of wheels below which it does not pay to treat braked wheels apart."""
+ITERATIONS = 60
+"""Bisections of a safeguarded search: more than float64 can tell apart."""
+_nodes = cache(quadrature)
+"""Nobody writes into these; to find them anew took a tenth of a step of one rover."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelGround:
+    """A rover's wheels and the ground below each of them: all that its forces depend on besides slip and sinkage."""
+
+    radius: float
+    width: float
+    constants: Tensor  # [..., 6] in the order of CONSTANTS
+    strength: Tensor  # [..., 2] c [Pa] and tan(phi) [1]
+    nodes: Tensor  # quadrature(points)
+    plant: Plant | None = None  # what acts besides the nominal model
+    where: Situation | None = None  # what that depends on; there if a plant is
+    slip_angle: Tensor | None = None  # [...] [rad] see Contact; None: the wheels move along their heading
+
+    @classmethod
+    def of(
+        cls, rover: Rover, constants: Tensor, strength: Tensor, points: int, plant: Plant | None = None, where: Situation | None = None
+    ) -> "WheelGround":
+        """The wheels of ``rover``, forces by quadrature with ``points`` nodes a side."""
+        return cls(rover.wheel_radius, rover.wheel_width, constants, strength, _nodes(points), plant, where)
+
+    def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
+        """N, T [N] and M [N m] of one wheel, shape [..., 3]; at a slip angle [..., 4] with the lateral force [N]."""
+        contact = Contact(slip, sinkage, self.constants, self.strength, slip_angle=self.slip_angle)
+        if self.plant is None or self.where is None:
+            return self._integrated(contact)
+        contact = self.plant.contact(self.where, contact)
+        return self.plant.push(self.where, contact, self._integrated(contact))
+
+    def _integrated(self, contact: Contact) -> Tensor:
+        braked = contact.slip < 0.0
+        if braked.numel() < FEW or not bool(braked.any()):
+            return contact.forces(self.radius, self.width, self.nodes)
+        # Braked wheels need twice the nodes: do not let a few of them make all the others pay.
+        contact = contact.expanded()
+        forces = contact.slip.new_empty(*contact.slip.shape, 3 if contact.slip_angle is None else 4)
+        braked = contact.slip < 0.0
+        for part in (braked, ~braked):
+            forces[part] = contact.part(part).forces(self.radius, self.width, self.nodes)
+        return forces
+
+    def rows(self, index: Tensor) -> "WheelGround":
+        """The same for some of the episodes."""
+        where = None if self.where is None else self.where.rows(index)
+        angle = None if self.slip_angle is None else self.slip_angle[index]
+        return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes, self.plant, where, angle)
+
+
+def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: Tensor | None = None) -> Tensor:
+    """Sinkage [m] at which one wheel carries ``load`` [N] at ``slip``; all of the same shape [...].
+
+    N rises with z nearly like a power of z, so this is Newton in logarithms, kept in a bracket by bisection. A load that
+    is not positive gives the shallowest, one that no depth carries the deepest sinkage of the search. ``start`` [m] is
+    where the search begins.
+    """
+    low = torch.full_like(load, SHALLOWEST * wheel.radius).log()
+    high = torch.full_like(load, DEEPEST * wheel.radius).log()
+    depth = torch.full_like(load, 0.03 * wheel.radius).log() if start is None else start.log().clamp(low, high)
+    ends = wheel.forces(slip.expand(2, *slip.shape), torch.stack([low, high]).exp())[..., 0]
+    floats, drowns = load <= ends[0], load >= ends[1]
+    depth = torch.where(floats, low, torch.where(drowns, high, depth))
+    target = load.clamp(min=1e-9).log()
+    small = 1e-6
+    for _ in range(ITERATIONS):
+        pair = torch.stack([depth, depth + small])
+        normal = wheel.forces(slip.expand_as(pair), pair.exp())[..., 0].clamp(min=1e-12).log()
+        gap = normal[0] - target
+        low, high = torch.where(gap < 0.0, depth, low), torch.where(gap < 0.0, high, depth)
+        newton = depth - gap * small / (normal[1] - normal[0])
+        done = (gap.abs() < 1e-12) | (high - low < 1e-13) | floats | drowns
+        if bool(done.all()):
+            break
+        inside = (newton > low) & (newton < high)
+        depth = torch.where(done, depth, torch.where(inside, newton, (low + high) / 2.0))
+    return depth.exp()
+
+
+def slip_under_torque(wheel: WheelGround, torque: Tensor, load: Tensor, start: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Slip [1] and sinkage [m] at which one wheel carries ``load`` [N] and takes ``torque`` [N m]; shapes [...].
+
+    M rises with slip at constant load. A torque beyond what the ground can take ends at MAX_SLIP, one below at MIN_SLIP.
+    """
+    return _slip_search(wheel, load, start, lambda forces: forces[..., 2] - torque)
+
+
+def free_rolling(wheel: WheelGround, load: Tensor) -> tuple[Tensor, Tensor]:
+    """Slip [1] and sinkage [m] at which a wheel under ``load`` [N] neither pulls nor holds back (T = 0)."""
+    return _slip_search(wheel, load, None, lambda forces: forces[..., 1])
+
+
+def drawbar_capability(rover: Rover, constants: Tensor, strength: Tensor) -> Tensor:
+    """Largest T / N [1] that an evenly loaded wheel on level ground reaches below 60 % slip; [batch, 6], [batch, 2] -> [batch]."""
+    wheel = WheelGround.of(rover, constants.unsqueeze(-2), strength.unsqueeze(-2), points=8)
+    slip = torch.linspace(0.1, 0.6, 6, dtype=torch.float64).expand(strength.shape[0], -1)
+    load = torch.full_like(slip, rover.weight / len(rover.wheels))
+    forces = wheel.forces(slip, equilibrium_sinkage(wheel, slip, load))
+    return (forces[..., 1] / forces[..., 0]).amax(-1)
+
+
+def _slip_search(wheel: WheelGround, load: Tensor, start: Tensor | None, excess: Excess) -> tuple[Tensor, Tensor]:
+    """The slip at which ``excess``, which rises with slip, is zero while the wheel carries its load."""
+    depth = start
+
+    def trial(slip: Tensor) -> Tensor:
+        nonlocal depth
+        depth = equilibrium_sinkage(wheel, slip, load, depth)
+        return excess(wheel.forces(slip, depth))
+
+    slip = bracketed_root(trial, torch.full_like(load, MIN_SLIP), torch.full_like(load, MAX_SLIP), tolerance=1e-11)
+    return slip, equilibrium_sinkage(wheel, slip, load, depth)

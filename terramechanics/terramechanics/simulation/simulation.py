@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Longitudinal dynamics of a planar rocker-bogie rover on deformable ground, in steps of 0.1 s, batched over episodes."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact.sinkage import DEEPEST, WheelGround, equilibrium_sinkage
+from terramechanics.contact.stresses import in_range
+from terramechanics.simulation.plant import Plant, Situation
+from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.schedules import Command, Schedule, make_profile, make_schedule
+from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.profile import Profile
+from terramechanics.vehicle.equilibrium import Contacts, Step, solve_rates, solve_torques
+from terramechanics.vehicle.rover import Rover
+from terramechanics.vehicle.suspension import Body, Pose, balance_target, level_pose, solve_pose, wheel_loads
+
+TIME_STEP = 0.1
+"""[s] Step of the simulation, the period of the samples, unless another is asked for."""
+POINTS = 12
+"""Quadrature points of the simulated forces: 2e-8 of the largest force."""
+COARSE_POINTS = 3
+"""Quadrature points of the Jacobian."""
+STUCK_SLIP = 0.9
+"""[1] Mean slip above which a rover is stuck, when it stays there."""
+STUCK_TIME = 1.0
+"""[s] Time after which it counts as stuck."""
+SLOWEST = 1e-3
+"""[m/s] Circumferential speed below which a wheel stands."""
+LONG_STEP = 1e3
+"""[s] Step that lets a drive start in its steady state."""
+
+
+class Simulation:
+    """Steps a batch of rovers. The same inputs give the same samples; nothing here is random."""
+
+    def __init__(
+        self,
+        rover: Rover,
+        ground: Ground,
+        profile: Profile,
+        start_velocity: Tensor,
+        time_step: float = TIME_STEP,
+        plant: Plant | None = None,
+    ) -> None:
+        """Rovers at x = 0 with ``start_velocity`` [batch] [m/s], wheels rolling without slip; steps of ``time_step`` [s].
+
+        ``plant`` holds the effects that act besides the nominal model.
+        """
+        batch = start_velocity.shape[0]
+        self.rover, self.ground, self.profile, self.time_step, self.plant = rover, ground, profile, time_step, plant
+        if plant is not None:
+            plant.begin(rover, batch)
+        self.steps = 0
+        self.velocity = start_velocity.clone()
+        self.position = torch.zeros(batch, dtype=torch.float64)
+        self.rate = (self.velocity / rover.wheel_radius).unsqueeze(-1).expand(batch, rover.axles).clone()
+        self._pose = solve_pose(rover, profile, self.position, level_pose(rover, self.position))
+        self._slip = torch.full_like(self.rate, 0.1)
+        self._sinkage = self._carried(self._pose, self._situation(self._pose, self.rate), self._slip)
+        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self._struggling = torch.zeros(batch, dtype=torch.float64)
+        self._stuck = torch.zeros(batch, dtype=torch.bool)
+
+    def settle(self, command: Tensor) -> None:
+        """Start in the steady state that belongs to the wheel rates ``command`` [batch, axles] [rad/s]."""
+        contacts = self._contacts(self._pose, Command.RATE, command.clamp(min=SLOWEST / self.rover.wheel_radius), LONG_STEP)
+        self.velocity, self._sinkage, self._slip = contacts.velocity.clamp(min=0.0), contacts.sinkage, contacts.slip
+        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self.rate = command.clone()
+
+    def step(self, kind: Command, command: Tensor) -> Sample:
+        """One step under ``command`` [batch, axles], wheel rates or torques by ``kind``."""
+        self.position = self.position + self.time_step * self.velocity * torch.cos(self._pose.pitch)
+        self._pose = pose = solve_pose(self.rover, self.profile, self.position, self._pose)
+        lowest = SLOWEST / self.rover.wheel_radius
+        contacts = self._contacts(pose, kind, command.clamp(min=lowest) if kind is Command.RATE else command, self.time_step)
+        velocity = contacts.velocity
+        rate = command
+        if kind is Command.TORQUE:
+            rate = velocity.clamp(min=0.0).unsqueeze(-1) / (self.rover.wheel_radius * (1.0 - contacts.slip))
+        standing = (rate <= lowest).all(-1)
+        where = self._situation(pose, rate)
+        contacts = self._standing(pose, where, contacts, standing)
+        # A rover that would roll back digs in and stands: backwards is outside the model.
+        velocity = torch.where(standing, 0.0, velocity.clamp(min=0.0))
+        self._count_struggle(contacts, velocity, standing & (kind is Command.RATE))
+        sample = self._sample(pose, contacts, velocity, rate, standing)
+        if self.plant is not None and where is not None:
+            sample = dataclasses.replace(sample, torque=sample.torque + self.plant.friction(where))
+            self.plant.remember(sample)
+        self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
+        self.velocity, self.rate, self._slip, self._sinkage = velocity, rate, contacts.slip, contacts.sinkage
+        return sample
+
+    def sensed(self, sample: Sample) -> Sample:
+        """What the sensors are given of the latest sample, before noise; to be called once a step."""
+        return sample if self.plant is None else self.plant.sensed(sample)
+
+    def _situation(self, pose: Pose, rate: Tensor) -> Situation | None:
+        if self.plant is None:
+            return None
+        time = (self.steps + 1) * self.time_step
+        return Situation(self.rover, time, torch.arange(rate.shape[0]), pose.contact, rate, self.velocity)
+
+    def _wheel(self, pose: Pose, where: Situation | None, points: int) -> WheelGround:
+        return WheelGround.of(self.rover, *self.ground.at(pose.contact), points, self.plant, where)
+
+    def _body(self, where: Situation | None) -> Body:
+        return Body.of(self.rover) if self.plant is None or where is None else self.plant.body(where)
+
+    def _contacts(self, pose: Pose, kind: Command, command: Tensor, duration: float) -> Contacts:
+        where = self._situation(pose, command if kind is Command.RATE else self.rate)
+        fine, coarse = (self._wheel(pose, where, points) for points in (POINTS, COARSE_POINTS))
+        step = Step.of(self.rover, pose, fine, coarse, self.velocity, duration, self._body(where))
+        # Extrapolated, so that the first imbalance is of the order of the step squared.
+        sinkage = self._sinkage * (self._sinkage / self._last_sinkage).clamp(0.5, 2.0)
+        if kind is Command.TORQUE:
+            to_ground = command if self.plant is None or where is None else command - self.plant.friction(where)
+            return solve_torques(step, to_ground, sinkage, self._slip)
+        return solve_rates(step, command, sinkage, 2.0 * self.velocity - self._last_velocity)
+
+    def _carried(self, pose: Pose, where: Situation | None, slip: Tensor) -> Tensor:
+        """Sinkages at ``slip`` under the loads of a rover without traction."""
+        zero = torch.zeros_like(slip)
+        load = wheel_loads(self.rover, pose, zero, zero, self._body(where))
+        return equilibrium_sinkage(self._wheel(pose, where, POINTS), slip, load)
+
+    def _standing(self, pose: Pose, where: Situation | None, contacts: Contacts, standing: Tensor) -> Contacts:
+        """Replace the contacts of rovers that stand: the wheels hold the slope in equal parts, without slip."""
+        if not bool(standing.any()):
+            return contacts
+        body = self._body(where)
+        share = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 0] / len(self.rover.wheels)
+        traction = share.unsqueeze(-1).expand_as(contacts.slip)
+        torque = self.rover.wheel_radius * traction
+        load = wheel_loads(self.rover, pose, traction, torque, body)
+        wheel = self._wheel(pose, where, POINTS)
+        zero = torch.zeros_like(load)
+        held = torch.stack([load, traction, torque], dim=-1)
+        here = standing.unsqueeze(-1)
+        return Contacts(
+            torch.where(here, zero, contacts.slip),
+            torch.where(here, equilibrium_sinkage(wheel, zero, load), contacts.sinkage),
+            torch.where(here.unsqueeze(-1), held, contacts.forces),
+            contacts.velocity,
+            contacts.solved | standing,
+            contacts.obeyed & ~here,
+        )
+
+    def _count_struggle(self, contacts: Contacts, velocity: Tensor, parked: Tensor) -> None:
+        slipping = contacts.slip.mean(-1) > STUCK_SLIP
+        buried = (contacts.sinkage > 0.99 * DEEPEST * self.rover.wheel_radius).any(-1)
+        struggles = (slipping | buried | ~contacts.solved | (velocity <= 0.0)) & ~parked
+        self._struggling = torch.where(struggles, self._struggling + self.time_step, 0.0)
+        self._stuck = self._stuck | (self._struggling > STUCK_TIME - self.time_step / 2.0)
+
+    def _sample(self, pose: Pose, contacts: Contacts, velocity: Tensor, rate: Tensor, standing: Tensor) -> Sample:
+        self.steps += 1
+        wheel_constants, strength = self.ground.at(pose.contact)
+        normal, traction, ground_torque = contacts.forces.unbind(-1)
+        undefined = standing.unsqueeze(-1)
+        reach = in_range(contacts.slip, contacts.sinkage, wheel_constants, self.rover.wheel_radius)
+        true_slip = 1.0 - velocity.unsqueeze(-1) / (self.rover.wheel_radius * rate)
+        return Sample(
+            time=torch.full_like(velocity, self.steps * self.time_step),
+            position=self.position,
+            height=pose.height,
+            velocity=velocity,
+            acceleration=(velocity - self.velocity) / self.time_step,
+            pitch=pose.pitch,
+            bogie_angle=pose.bogie_angle,
+            stuck=self._stuck,
+            standing=standing,
+            slip=torch.where(undefined, math.nan, true_slip),
+            sinkage=contacts.sinkage,
+            contact=pose.contact,
+            contact_angle=pose.contact_angle,
+            wheel_rate=rate,
+            torque=ground_torque + self.rover.wheel_inertia * (rate - self.rate) / self.time_step,
+            normal=normal,
+            traction=traction,
+            ground_torque=ground_torque,
+            valid=reach & contacts.obeyed & contacts.solved.unsqueeze(-1),
+            constants=wheel_constants,
+            strength=strength,
+        )
+
+
+def start(
+    rover: Rover,
+    ground: Ground,
+    schedule: str | Schedule,
+    generator: torch.Generator,
+    batch: int,
+    profile: str | Profile = "",
+    time_step: float = TIME_STEP,
+    plant: Plant | None = None,
+) -> tuple[Simulation, Schedule]:
+    """A simulation that is ready for its first step, and the schedule that drives it.
+
+    ``schedule`` and ``profile`` are names or objects; without a profile the schedule's own is drawn. Named schedules of
+    wheel rates start in their steady state, those of torques with wheels rolling at the start velocity.
+    """
+    if isinstance(profile, str):
+        profile = make_profile(profile, schedule if isinstance(schedule, str) else "", rover, ground, batch, generator)
+    named = isinstance(schedule, str)
+    if isinstance(schedule, str):
+        schedule = make_schedule(schedule, rover, ground, batch, generator)
+    simulation = Simulation(rover, ground, profile, schedule.start_velocity, time_step, plant)
+    if named and schedule.kind is Command.RATE:
+        simulation.settle(schedule.command(0.0))
+    return simulation, schedule
+
+
+def simulate(
+    rover: Rover,
+    ground: Ground,
+    schedule: str | Schedule,
+    duration_s: float,
+    generator: torch.Generator,
+    batch: int,
+    profile: str | Profile = "",
+    plant: Plant | None = None,
+) -> Drive:
+    """A batch of drives of ``duration_s``, begun as by :func:`start`; the same state of the generator gives the same drives."""
+    simulation, schedule = start(rover, ground, schedule, generator, batch, profile, TIME_STEP, plant)
+    start_velocity = simulation.velocity
+    samples, seen = [], []
+    for j in range(round(duration_s / TIME_STEP)):
+        samples.append(simulation.step(schedule.kind, schedule.command((j + 1) * TIME_STEP)))
+        seen.append(simulation.sensed(samples[-1]))
+    series = _series(samples)
+    return Drive(rover, series, start_velocity, series if plant is None else _series(seen))
+
+
+def _series(samples: Sequence[Sample]) -> Sample:
+    """Samples in order, with a time axis behind the batch axis."""
+    return Sample(*(torch.stack([getattr(sample, item.name) for sample in samples], dim=1) for item in fields(Sample)))

@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Soil: the constants of the pressure-sinkage and shear laws, and its strength."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from rover_parameters.records import load, number
+from terramechanics.contact.stresses import CONSTANTS
+from terramechanics.presets import preset_names, preset_path
+
+
+@dataclass(frozen=True, slots=True)
+class Soil:
+    """One soil in SI units (Bekker's k_c and k_phi, Wong and Reece 1967). The moduli depend on n: depths are in metres."""
+
+    name: str
+    n: float = number("sinkage exponent", "1", 0.0, 3.0, exclusive=True)
+    k_c: float = number("cohesive modulus of sinkage", "Pa/m^(n-1)", 0.0)
+    k_phi: float = number("frictional modulus of sinkage", "Pa/m^n", 0.0, exclusive=True)
+    shear_modulus: float = number("shear deformation modulus K", "m", 0.0, 1.0, exclusive=True)
+    c1: float = number("place of the largest normal stress, theta_m = (c1 + c2 i) theta_1", "1", 0.0, 1.0, exclusive=True)
+    c2: float = number("change of that place with slip", "1", -1.0, 1.0)
+    cohesion: float = number("cohesion c, a typical value", "Pa", 0.0)
+    tan_phi: float = number("tangent of the internal friction angle, a typical value", "1", 0.0, 2.0)
+
+    def constants(self) -> Tensor:
+        """The soil constants in the order of CONSTANTS, shape [6], float64."""
+        return torch.tensor([getattr(self, name) for name in CONSTANTS], dtype=torch.float64)
+
+    def strength(self) -> Tensor:
+        """Cohesion [Pa] and tan(phi) [1], shape [2], float64."""
+        return torch.tensor([self.cohesion, self.tan_phi], dtype=torch.float64)
+
+    def with_values(self, **values: float) -> "Soil":
+        """A copy with some of its numbers replaced."""
+        return dataclasses.replace(self, **values)  # type: ignore[arg-type]
+
+
+def load_soil(name: str | Path) -> Soil:
+    """The preset of that name, or the soil in that YAML file. Raises ConfigError that names what is wrong."""
+    return load(Soil, preset_path("soils", name))
+
+
+def soil_names() -> tuple[str, ...]:
+    """Names of the soils that come with the package."""
+    return preset_names("soils")

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rovers and soils from presets and YAML files: every mistake is named."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rover_parameters.records import ConfigError
+from terramechanics.contact.stresses import CONSTANTS
+from terramechanics.presets import PRESETS
+from terramechanics.terrain.soil import load_soil, soil_names
+from terramechanics.vehicle.rover import load_rover, rover_names
+
+MARS = (PRESETS / "rovers" / "mars_rover.yaml").read_text(encoding="utf-8")
+LOOSE = (PRESETS / "soils" / "loose_sand.yaml").read_text(encoding="utf-8")
+
+
+def written(folder: Path, text: str, **changes: object) -> Path:
+    """A file with that content, some of its keys changed; a change to None leaves the key out."""
+    content = yaml.safe_load(text) | changes
+    path = folder / "given.yaml"
+    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}), encoding="utf-8")
+    return path
+
+
+def test_the_presets_are_those_of_the_literature() -> None:
+    assert soil_names() == ("compact_sand", "loose_sand", "regolith")
+    assert rover_names() == ("mars_rover", "paper_rover")
+    loose, compact = load_soil("loose_sand"), load_soil("compact_sand")
+    assert loose.constants().tolist() == [1.1, 900.0, 1523400.0, 0.025, 0.18, 0.32]
+    assert compact.constants().tolist() == [0.47, 900.0, 1523400.0, 0.038, 0.43, 0.32]
+    assert [getattr(loose, name) for name in CONSTANTS] == loose.constants().tolist()
+    paper, mars = load_rover("paper_rover"), load_rover("mars_rover")
+    assert (paper.mass, paper.wheel_radius, paper.wheel_width, paper.gravity) == (10.0, 0.4, 0.1, 9.81)
+    assert (mars.mass, mars.wheel_radius, mars.wheel_width, mars.gravity) == (185.0, 0.13, 0.16, 3.72)
+    assert paper.wheels_per_axle == mars.wheels_per_axle == 2
+    assert mars.wheel_names[0] == "front_left"
+    assert mars.wheel_axle == (0, 0, 1, 1, 2, 2)
+
+
+def test_every_preset_of_a_soil_and_a_rover_carries_its_own_name() -> None:
+    assert [load_soil(name).name for name in soil_names()] == list(soil_names())
+    assert [load_rover(name).name for name in rover_names()] == list(rover_names())
+
+
+def test_a_file_of_the_users_is_read_by_its_path(tmp_path: Path) -> None:
+    assert load_soil(written(tmp_path, LOOSE, name="mine", n=1)).n == 1.0
+    assert isinstance(load_soil(written(tmp_path, LOOSE, n=1)).n, float)
+    assert load_rover(written(tmp_path, MARS, mass=200)).weight == 200 * 3.72
+
+
+def test_a_number_with_an_exponent_is_a_number(tmp_path: Path) -> None:
+    path = tmp_path / "given.yaml"
+    path.write_text(LOOSE.replace("1523400.0", "1.5e6"), encoding="utf-8")
+    assert load_soil(path).k_phi == 1.5e6
+
+
+def test_an_unknown_name_lists_what_there_is() -> None:
+    with pytest.raises(ConfigError, match=r"mud: neither one of the soils .*compact_sand, loose_sand, regolith"):
+        load_soil("mud")
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: neither one of the rovers"):
+        load_rover("nowhere.yaml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"k_psi": 1.0}, r"given\.yaml: unknown key 'k_psi': did you mean k_phi"),
+        ({"n": None}, r"given\.yaml: missing key 'n'"),
+        ({"n": "1.1"}, r"given\.yaml: n: expected a number, got '1\.1' \(str\)"),
+        ({"n": True}, r"n: expected a number, got True"),
+        ({"k_phi": 0}, r"k_phi: 0 is outside its range: a finite number above 0"),
+        ({"k_phi": float("nan")}, r"k_phi: nan is outside its range"),
+        ({"cohesion": -1.0}, r"cohesion: -1 is outside its range: a finite number at least 0 \[Pa\]"),
+        ({"n": 4.0}, r"n: 4 is outside its range: .* at most 3"),
+        ({"name": 3}, r"name: expected a text"),
+    ],
+)
+def test_a_wrong_soil_is_refused_by_name(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_soil(written(tmp_path, LOOSE, **changes))
+
+
+WHEELS = yaml.safe_load(MARS)["wheels"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"wheel_radios": 0.1}, r"unknown key 'wheel_radios'"),
+        ({"mass": -185.0}, r"mass: -185 is outside its range: a finite number above 0 \[kg\]"),
+        ({"axle_x": [0.7, 0.0]}, r"axle_x: expected a list of 3 values, got 2"),
+        ({"axle_x": [0.7, 0.0, "x"]}, r"axle_x\[2\]: expected a number, got 'x'"),
+        ({"axle_x": 0.7}, r"axle_x: expected a list, got 0\.7"),
+        ({"axle_x": [-0.7, 0.0, 0.7]}, r"axle_x .* must fall from front to rear"),
+        ({"bogie_pivot_x": 0.2}, r"bogie_pivot_x 0\.2 must lie between the middle and the rear axle"),
+        ({"cruise_speed": [0.3, 0.1]}, r"cruise_speed .* must not fall"),
+        ({"wheels": []}, r"wheels: expected a list of at least 1 values"),
+        ({"wheels": [*WHEELS[:5], WHEELS[0]]}, r"wheels: the names .* are not all different"),
+        ({"wheels": WHEELS[:5]}, r"wheels: every one of the 3 axles needs the same number of wheels, got \[2, 2, 1\]"),
+        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 3}]}, r"wheels: every one of the 3 axles"),
+        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 2, "sight": "left"}]}, r"wheels\[5\]: unknown key 'sight'"),
+        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 2, "side": "up"}]}, r"wheels\[5\]: wheel x: side 'up'"),
+        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 2.0}]}, r"wheels\[5\]: axle: expected a whole number"),
+        ({"wheels": [*WHEELS[:5], "rear"]}, r"wheels\[5\]: expected a mapping"),
+    ],
+)
+def test_a_wrong_rover_is_refused_by_name(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_rover(written(tmp_path, MARS, **changes))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LOOSE + "n: 1.0\n", r"not valid YAML: key 'n' is given twice"),
+        ("n: [1", r"given\.yaml: not valid YAML"),
+        ("", r"given\.yaml: expected a mapping of keys to values, got None"),
+        ("- 1\n", r"expected a mapping"),
+    ],
+)
+def test_a_file_that_is_no_mapping_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "given.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=message):
+        load_soil(path)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "given.yaml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not valid YAML"):
+        load_soil(path)

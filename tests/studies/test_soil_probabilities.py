@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Soil probabilities and what is published of their mixture, against a posterior over the whole drive on each soil, by its evidence.
+
+The reference knows no change of the ground. What hypotheses that were born on the way weigh is bounded, so that both mean the same.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from studies.accuracy.scores import row_mask
+from terrain_estimator.learning.restore import restore
+from terrain_estimator.learning.tasks import CONSTANTS_SPREAD, draw_tasks
+from terrain_estimator.learning.training import build_model
+from terrain_estimator.model.gaussian import mixture
+from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.palpaca import PAlpaca, State
+from terramechanics.terrain.soil import Soil, load_soil
+from terramechanics.vehicle.rover import load_rover
+from tests.studies.whole_drive import WholeDrive, in_one_chain
+
+BLOCKS = 10
+
+
+class Compared(NamedTuple):
+    """The recursion beside the reference after one drive."""
+
+    log_probability: Tensor  # [L, 2] log probability of each soil that the recursion has left: its own, the reference's
+    shift: Tensor  # [2] of the published mean of (c, tan phi), in deviations of the reference
+    ratio: Tensor  # [2] of the published deviation to the reference's
+
+
+class Seen(NamedTuple):
+    """The recursion's last state, and where it evaluated the rows of each block on each soil [B, K, 2 + M]."""
+
+    state: State
+    expanded: Tensor
+
+
+def seen(model: PAlpaca, packed: Tensor) -> Seen:
+    """Run the model over one drive."""
+    expanded, state = [], model.initial()
+    for first in range(0, packed.shape[0], model.block_size):
+        expanded.append(state["expansion"])
+        for observation in packed[first : first + model.block_size]:
+            state = model.update(state, observation)
+    assert float((state["weight"] * (state["age"] < len(expanded))).sum()) < 0.01, "what was born on the way"
+    return Seen(state, torch.stack(expanded))
+
+
+def compared(model: PAlpaca, packed: Tensor, found: Seen, *, shared: bool) -> Compared:
+    """``shared``: the reference takes its rows where the recursion took them."""
+    state, mean, covariance = found.state, found.state["moments"][0], found.state["moments"][1:]
+    left = torch.nonzero(state["soils"] > 0.0).squeeze(1).tolist()
+    beliefs = [
+        WholeDrive(model, packed, soil=soil).belief(state["expansion"][soil], covariance, found.expanded[:, soil] if shared else None)
+        for soil in left
+    ]
+    evidence, means, covariances = (torch.stack(field) for field in zip(*beliefs, strict=True))
+    centre, spread = mixture(evidence, means, covariances)
+    deviation = spread.diagonal().sqrt()
+    log_probability = torch.stack([state["soils"][left].log(), torch.log_softmax(evidence, 0)], 1)
+    return Compared(log_probability, (mean - centre) / deviation, covariance.diagonal().sqrt() / deviation)
+
+
+def alike() -> PAlpaca:
+    """A model of three soils that a drive does not tell apart at once: two differ from the first by 10 % in stiffness or shear modulus."""
+    loose = load_soil("loose_sand")
+    stiffer = loose.with_values(k_c=1.1 * loose.k_c, k_phi=1.1 * loose.k_phi)
+    model = build_model(load_rover("mars_rover"), [loose, stiffer, loose.with_values(shear_modulus=1.1 * loose.shear_modulus)], 1, 1)
+    model.net_log_weight.copy_(torch.tensor([0.0, -torch.inf]))
+    return model.requires_grad_(requires_grad=False)
+
+
+def drives(model: PAlpaca, soil: Soil, count: int) -> Tensor:
+    """Drives whose velocities are all linked, with soil constants within 5 % of ``soil``'s [N, 10 B, size]."""
+    generator = torch.Generator().manual_seed(31)
+    packed = draw_tasks(load_rover("mars_rover"), soil, "S1", float(BLOCKS), count, generator, CONSTANTS_SPREAD).measured
+    chained = in_one_chain(model, packed)
+    assert bool(chained.any())
+    return packed[chained]
+
+
+def test_soils_that_are_alike_have_the_probabilities_of_their_evidence() -> None:
+    """3 drives of 10 s, every row; all three soils stay.
+
+    Given the recursion's rows: log odds within half a nat, means within a quarter of a deviation, deviations within 10 %. With rows at
+    the reference's own place its odds are farther away, up to 3.2 nat (4 other drives), as the recursion never returns to rows that it
+    took early: asserted is half of what would drop a soil, means within half a deviation, deviations within 20 %.
+    """
+    model = alike()
+    for packed in drives(model, load_soil("loose_sand"), 3):
+        found = seen(model, packed)
+        same, own = (compared(model, packed, found, shared=shared) for shared in (True, False))
+        assert same.log_probability.shape[0] == 3
+        check(same, 0.5, 0.25, 0.1)
+        check(own, 0.5 * model.negligible, 0.5, 0.2)
+
+
+def test_the_shipped_soils_have_the_probabilities_of_their_evidence() -> None:
+    """2 drives of 10 s on each soil, without the net, of velocity and load rows alone: all rows tell the soils apart in two seconds.
+
+    What the recursion dropped is left out. Given its rows the bounds are those of soils that are alike. Given the reference's
+    own, means and deviations are bounded as there, odds not at all: they were up to 9 nat away where a soil has to move its constants
+    by several deviations.
+    """
+    loaded = load_model()
+    model = restore(loaded, trust=0.0)
+    model.every_row.copy_(row_mask("v+L", model.axles))
+    several = 0
+    for soil in loaded.metadata.soils:
+        for packed in drives(model, soil, 2):
+            found = seen(model, packed)
+            same, own = (compared(model, packed, found, shared=shared) for shared in (True, False))
+            several += int(same.log_probability.shape[0] > 1)
+            check(same, 0.5, 0.25, 0.1)
+            check(own, float("inf"), 0.5, 0.2)
+    assert several >= 1
+
+
+def check(found: Compared, odds: float, shift: float, ratio: float) -> None:
+    """The largest differences: of log odds of two soils [nat], of means and of deviations, in deviations."""
+    difference = found.log_probability[:, 0] - found.log_probability[:, 1]
+    assert float(difference.max() - difference.min()) <= odds
+    assert float(found.shift.abs().max()) < shift
+    assert float((found.ratio - 1.0).abs().max()) < ratio

@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Slip from wheel rates and a velocity, with the deviation that follows from theirs."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rover_parameters.parameters import configure
+from rover_parameters.records import ConfigError
+from terrain_estimator.bags import Types
+from terrain_estimator.config import ConversionConfig, CoreConfig, SlipSourceConfig
+from terrain_estimator.messaging.conversion import Converter
+from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource, SlipSourceError
+from terrain_estimator.ros_types import Message
+from terramechanics.vehicle.rover import load_rover
+from tests.drives import drive_messages
+
+ROVER = load_rover("mars_rover")
+RADIUS = ROVER.wheel_radius
+TYPES = Types()
+RATES = [1.0, 1.2, 0.9, 1.1, 0.8, 1.0]
+
+
+def header(stamp_ns: int, frame: str = "") -> Message:
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return TYPES.make("std_msgs/msg/Header", stamp=TYPES.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id=frame)
+
+
+def joints(rates: list[float], stamp_ns: int = 0, names: tuple[str, ...] = ROVER.wheel_names) -> Message:
+    fields = {"name": ["rocker", *names], "velocity": np.array([0.0, *rates]), "position": np.zeros(0), "effort": np.zeros(0)}
+    return TYPES.make("sensor_msgs/msg/JointState", header=header(stamp_ns), **fields)
+
+
+def velocity(speed: float, variance: float, stamp_ns: int = 0, frame: str = "base_link", *, stamped: bool = False) -> Message:
+    """An odometry, or a stamped twist; both with the velocity's frame where it belongs."""
+    covariance = np.zeros(36)
+    covariance[0] = variance
+    twist = TYPES.make("geometry_msgs/msg/Twist", linear=TYPES.make("geometry_msgs/msg/Vector3", x=speed))
+    both = TYPES.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance)
+    if stamped:
+        return TYPES.make("geometry_msgs/msg/TwistWithCovarianceStamped", header=header(stamp_ns, frame), twist=both)
+    return TYPES.make("nav_msgs/msg/Odometry", header=header(stamp_ns, "odom"), child_frame_id=frame, twist=both)
+
+
+def published(rates: list[float], speed: float, variance: float = 1e-4, late_ns: int = 0, **values: Any) -> list[Message]:
+    frame = values.get("body_frame", "base_link")
+    return published_of(rates, velocity(speed, variance, late_ns, frame), **values)
+
+
+def published_of(rates: list[float], given: Message, **values: Any) -> list[Message]:
+    source = SlipSource(ROVER, configure(SlipSourceConfig, values))
+    pair = ((JOINTS, joints(rates)), (VELOCITY, given), (JOINTS, joints(rates, 10**9)))
+    return [source.slip_message(found, TYPES.make) for topic, given in pair for found in source.pair(topic, given)]
+
+
+def axle_means(message: Message) -> tuple[list[float], list[float]]:
+    """What the estimator makes of the slips: mean and deviation of each axle."""
+    others = {topic: given for topic, _, given in drive_messages(TYPES.make, 0.2)}
+    convert = Converter(ROVER, ConversionConfig(), CoreConfig()).convert
+    observation = convert(0, (message, others["wheel_sinkage"], others["odom"], None, None)).observation
+    assert observation is not None
+    return observation.slip.tolist(), observation.slip_sd.tolist()
+
+
+def test_the_deviation_of_an_axle_is_the_spread_of_its_mean_though_its_wheels_have_the_velocity_and_the_radius_in_common() -> None:
+    rates, speed, draws = np.array([1.2, 1.0, 1.1, 1.1, math.nan, 1.2]), 0.11, 20_000
+    sds: dict[str, Any] = {"radius_deviation": 0.02, "rate_deviation": 0.03}
+    (message,) = published(rates.tolist(), speed, 0.01**2, **sds)
+    noise = np.random.default_rng(1)
+    speeds, radii = speed + 0.01 * noise.normal(size=(draws, 1)), RADIUS * (1.0 + 0.02 * noise.normal(size=(draws, 1)))
+    slips = 1.0 - speeds / (radii * (rates + 0.03 * noise.normal(size=(draws, 6))))
+    means, deviations = axle_means(message)
+    for axle, (mean, deviation) in enumerate(zip(means, deviations, strict=True)):
+        drawn = np.nanmean(slips[:, np.array(ROVER.wheel_axle) == axle], axis=1)
+        assert mean == pytest.approx(np.nanmean((1.0 - speed / (RADIUS * rates))[np.array(ROVER.wheel_axle) == axle]))
+        assert deviation == pytest.approx(drawn.std(), rel=0.03)  # 20000 draws: within 2 % with 99.99 %
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_velocity_of_another_frame_is_refused_and_both_frames_are_named(*, stamped: bool) -> None:
+    kind, field = ("twist", "header.frame_id") if stamped else ("odometry", "child_frame_id")
+    for frame in ("camera", ""):
+        given = velocity(0.1, 1e-4, frame=frame, stamped=stamped)
+        with pytest.raises(SlipSourceError, match=rf"{field}.* is in frame '{frame}', expected 'base_link'"):
+            published_of(RATES, given, velocity_type=kind)
+        (message,) = published_of(RATES, given, velocity_type=kind, body_frame="")
+        assert message.header.frame_id == ConversionConfig().body_frame, "the estimator refused a slip without a frame"
+    assert published_of(RATES, velocity(0.1, 1e-4, stamped=stamped), velocity_type=kind)
+
+
+def test_every_wheel_has_its_slip_in_the_order_of_the_rover_file() -> None:
+    (message,) = published(RATES, 0.1)
+    assert tuple(message.wheel) == ROVER.wheel_names
+    assert message.slip.tolist() == pytest.approx([1.0 - 0.1 / (RADIUS * rate) for rate in RATES])
+    assert (message.slip_stddev > 0.0).all()
+
+
+def test_a_wheel_that_stands_has_no_slip_and_one_that_turns_on_the_spot_slips_by_one() -> None:
+    (message,) = published([0.0, math.nan, 1.0, 1.0, 1.0, -1.0], 0.0)
+    assert np.isnan(message.slip).tolist() == np.isnan(message.slip_stddev).tolist() == [True, True, False, False, False, False]
+    assert message.slip[2] == 1.0
+    (message,) = published([0.0, math.inf, *RATES[2:]], 0.1, standstill_speed=0.0)
+    assert np.isnan(message.slip).tolist() == np.isnan(message.slip_stddev).tolist() == [True, True, False, False, False, False]
+
+
+def test_each_parameter_changes_what_is_published() -> None:
+    assert published(RATES, 0.1, body_frame="chassis")[0].header.frame_id == "chassis"
+    assert np.isnan(published(RATES, 0.1, standstill_speed=1.0)[0].slip).all()
+    plain = published(RATES, 0.1)[0].slip_stddev[0]
+    assert published(RATES, 0.1, radius_deviation=0.1)[0].slip_stddev[0] > plain
+    assert published(RATES, 0.1, rate_deviation=0.1)[0].slip_stddev[0] > plain
+    filled: dict[str, Any] = {"default_sd.velocity": 0.01}
+    assert published(RATES, 0.1, 0.0, **filled)[0].slip_stddev[0] > 0.0
+    assert len(published(RATES, 0.1, late_ns=50_000_000, pairing_tolerance=0.06)) == 1
+    assert published(RATES, 0.1, late_ns=50_000_000) == []
+    with pytest.raises(ConfigError, match=r"velocity_type.*'radar'.*odometry, twist"):
+        published(RATES, 0.1, velocity_type="radar")
+
+
+@pytest.mark.parametrize(("speed", "variance"), [(0.1, 0.0), (0.1, -1.0), (0.1, math.inf), (math.nan, 1e-4), (0.1, math.nan)])
+def test_a_velocity_that_cannot_be_used_is_refused(speed: float, variance: float) -> None:
+    with pytest.raises(SlipSourceError, match="variance"):
+        published(RATES, speed, variance)
+
+
+def test_a_missing_wheel_is_named_with_the_joints_that_are_there() -> None:
+    source = SlipSource(ROVER, SlipSourceConfig())
+    source.pair(JOINTS, joints(RATES, names=("a", *ROVER.wheel_names[1:])))
+    [pair] = source.pair(VELOCITY, velocity(0.1, 1e-4))
+    with pytest.raises(SlipSourceError, match=r"front_left.*rocker, a"):
+        source.slip_message(pair, TYPES.make)
+
+
+@pytest.mark.parametrize(("speed", "variance"), [(0.1, 1e308), (1e308, 1e-4), (1e308, 1e308), (0.1, 5e-324)])
+def test_no_velocity_gives_an_infinite_slip_or_deviation(speed: float, variance: float) -> None:
+    (message,) = published(RATES, speed, variance)
+    assert not np.isinf([*message.slip, *message.slip_stddev]).any()
+    assert np.isfinite(message.slip_stddev).all() == (speed < 1.0)
+
+
+def test_a_pair_that_cannot_be_used_does_not_take_the_next_one_with_it() -> None:
+    source = SlipSource(ROVER, SlipSourceConfig())
+    for topic, given in (
+        (VELOCITY, velocity(math.nan, 1e-4, 5_000_000)),
+        (JOINTS, joints(RATES, 10_000_000)),
+        (JOINTS, joints(RATES, 30_000_000)),
+    ):
+        assert source.pair(topic, given) == []
+    first, second = source.pair(VELOCITY, velocity(0.1, 1e-4, 30_000_000))
+    with pytest.raises(SlipSourceError, match="velocity nan m/s"):
+        source.slip_message(first, TYPES.make)
+    assert source.slip_message(second, TYPES.make).sequence == 0

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""find_missing_effect reads a rover's bags as its estimator does: topics, stamps, joints and sensors; what it cannot use it names."""
+
+import dataclasses
+from argparse import ArgumentParser
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from terrain_estimator.bags import Types
+from terrain_estimator.discovery import Run, RunError
+from terrain_estimator.model.packing import AXLE_FIELDS
+from terrain_estimator.offline.discovery_runs import read_run
+from terrain_estimator.offline.finding_file import asked
+from terrain_estimator.offline.reading import Reading, add_options, reading_of
+from terrain_estimator.offline.topics import TopicError
+from tests.drives import ROVER, Event, drive_messages, write_bag
+
+TYPES = Types()
+SECONDS = 3.0
+LATER_NS = 3_000_000
+
+
+def reading(*options: str) -> Reading:
+    parser = ArgumentParser()
+    add_options(parser)
+    return reading_of(parser.parse_args(options))
+
+
+def of_another_rover() -> Iterator[Event]:
+    """An odometry of later stamps than the rest, and a mast that speaks on joint_states before the wheels."""
+    for topic, stamp_ns, message in drive_messages(TYPES.make, SECONDS):
+        if topic == "odom":
+            message.header.stamp.nanosec += LATER_NS
+        if topic == "joint_states":
+            still = dict.fromkeys(("position", "velocity", "effort"), np.zeros(1))
+            yield topic, stamp_ns, TYPES.make("sensor_msgs/msg/JointState", header=message.header, name=["mast_pan"], **still)
+        yield topic, stamp_ns, message
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("plain") / "bag", drive_messages(TYPES.make, SECONDS), TYPES)
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("other") / "bag", of_another_rover(), TYPES, "/rover1")
+
+
+def torque(run: Run) -> torch.Tensor:
+    return run.packed[:, : 8 * ROVER.axles].view(-1, 8, ROVER.axles)[:, AXLE_FIELDS.index("torque")]
+
+
+def test_topics_and_stamps_of_another_rover_are_told_and_joints_of_a_mast_cost_nothing(plain: Path, other: Path) -> None:
+    expected = read_run(plain, ROVER, Reading())
+    found = read_run(other, ROVER, reading("--namespace", "rover1", "-p", "pairing_tolerance:=0.02"))
+    torch.testing.assert_close(found.packed, expected.packed, rtol=0.0, atol=0.0, equal_nan=True)
+    assert torch.isfinite(torque(found)).all()
+
+
+def test_sensors_that_the_estimator_leaves_out_are_left_out(plain: Path) -> None:
+    run = read_run(plain, ROVER, reading("-p", "use_torque:=false", "-p", "use_moments:=false", "-p", "use_imu:=false"))
+    assert torch.isnan(torque(run)).all()
+    assert torch.isnan(run.packed[:, 8 * ROVER.axles + 4 : 8 * ROVER.axles + 7]).all()  # acceleration, its deviation, bogie's angle
+
+
+def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(plain: Path, other: Path) -> None:
+    renamed = tuple(dataclasses.replace(wheel, name=f"{wheel.name}_wheel") for wheel in ROVER.wheels)
+    with pytest.raises(RunError, match=r"30 WRONG_WHEELS \(wheel_slip: got wheels .*front_left_wheel.*publish the wheel names"):
+        read_run(plain, dataclasses.replace(ROVER, wheels=renamed), Reading())
+    with pytest.raises(RunError, match=r"30 STANDSTILL .*: drive: slip is undefined"):
+        read_run(plain, ROVER, reading("-p", "standstill_speed:=1.0"))
+    with pytest.raises(RunError, match=r"have stamps within the parameter pairing_tolerance, 0 s"):
+        read_run(other, ROVER, reading("--namespace", "rover1"))
+    with pytest.raises(TopicError, match=r"/rover1/odom.*: give --namespace or --remap"):
+        read_run(other, ROVER, Reading())
+
+
+def test_a_finding_says_with_which_topics_and_parameters_the_bags_were_read() -> None:
+    told = asked("my_rover", "sand", 0, reading("--remap", "odom:=/inertial", "-p", "torque_noise.relative:=0.1"))
+    assert told == {
+        "rover": "my_rover",
+        "soil": "sand",
+        "seed": 0,
+        "topics": {"odom": "/inertial"},
+        "parameters": {"torque_noise.relative": 0.1},
+    }

@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The catalogue of effects in the documentation is the registry's."""
+
+from pathlib import Path
+
+import pytest
+
+from rover_parameters.records import ConfigError
+from terramechanics.effects import EFFECTS, Description, describe
+
+PAGE = Path(__file__).parents[3] / "docs" / "effects.md"
+
+
+def row(effect: Description) -> str:
+    """One line of the table, from the registry."""
+    unit = "" if effect.unit == "1" else effect.unit
+    limits = f"{effect.low:g} to {effect.high:g}"
+    rows = ", ".join(effect.rows)
+    return f"| `{effect.name}` | {effect.sentence} | `{effect.coefficient}` | {unit} | {limits} | {rows} | {effect.source} |"
+
+
+def test_the_table_is_that_of_the_registry() -> None:
+    table = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    expected = [row(effect) for effect in EFFECTS.values()]
+    assert table == expected, "\n".join(["the table has to be:", *expected])
+
+
+def test_every_effect_says_what_it_is_in_one_sentence_with_a_unit_a_source_and_a_range_around_nothing() -> None:
+    for name, effect in EFFECTS.items():
+        assert effect.name == name
+        assert effect.sentence.endswith(".")
+        assert effect.sentence.count(". ") == 0
+        assert effect.source
+        assert effect.rows
+        assert effect.low <= 0.0 < effect.high
+
+
+def test_an_unknown_name_is_refused_with_the_list() -> None:
+    with pytest.raises(ConfigError, match=r"unknown effect 'mud'; known effects are slope_bias, bulldozing, .*lateral_bulldozing"):
+        describe("mud")
