@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """make bench: every speed that has a bar, beside a reference that is measured in the same run.
 
-Writes out/bench.json, and after a whole run at full scale docs/benchmarks.md. Exit code 1 where a bar is missed; all lines are measured
-and written all the same.
+Writes out/bench.json, and after a whole run at full scale docs/benchmarks.md. Exit code 1 where a
+bar is missed; all lines are measured and written all the same.
 """
 
 import argparse
@@ -25,10 +25,24 @@ PAGE = Path("docs/benchmarks.md")
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, print and write; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="make bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=NAMES, default=NAMES, help="what to measure (default: all)")
-    parser.add_argument("--scale", type=float, default=1.0, help="of lengths and repetitions; below 1 nothing is published (default: 1)")
-    parser.add_argument("--out", type=Path, default=Path("out/bench.json"), help="file of the results (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="make bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=NAMES, default=NAMES, help="what to measure (default: all)"
+    )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        help="of lengths and repetitions; below 1 nothing is published (default: 1)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/bench.json"),
+        help="file of the results (default: %(default)s)",
+    )
     options = parser.parse_args(arguments)
     where = machine()
     lines = [line for name in options.only for line in measured(name, Effort(options.scale))]
@@ -38,7 +52,11 @@ def main(arguments: list[str] | None = None) -> int:
     if options.scale == 1.0 and set(options.only) == set(NAMES):
         PAGE.write_text(page(lines, where, NAMES), encoding="utf-8")
     missed = [line for line in lines if not line.met]
-    print(f"{len(missed)} of {len(lines)} bars missed; {options.out}" if missed else f"no bar missed; {options.out}")
+    print(
+        f"{len(missed)} of {len(lines)} bars missed; {options.out}"
+        if missed
+        else f"no bar missed; {options.out}"
+    )
     return 1 if missed else 0
 
 
@@ -51,7 +69,15 @@ def measured(name: str, effort: Effort) -> Sequence[Line]:
             found.append(line)
     except Exception as error:  # noqa: BLE001 - whatever it is, the other lines are measured
         reason = (str(error).splitlines() or [""])[0]
-        line = Line(name, math.nan, "", math.nan, reference="none", against=math.nan, note=f"failed: {type(error).__name__}: {reason}")
+        line = Line(
+            name,
+            math.nan,
+            "",
+            math.nan,
+            reference="none",
+            against=math.nan,
+            note=f"failed: {type(error).__name__}: {reason}",
+        )
         show(line)
         found.append(line)
     return found
@@ -62,10 +88,16 @@ def show(line: Line) -> None:
     bar = (
         ""
         if line.bar is None
-        else f" (bar: {'at least' if line.least else 'at most'} {number(line.bar)}, {'met' if line.met else 'MISSED'})"
+        else (
+            f" (bar: {'at least' if line.least else 'at most'} {number(line.bar)},"
+            f" {'met' if line.met else 'MISSED'})"
+        )
     )
     note = f"; {line.note}" if line.note else ""
-    print(f"{line.what}: {quantity(line)}{bar}, {number(line.ratio)} of {line.reference}{note}", flush=True)
+    print(
+        f"{line.what}: {quantity(line)}{bar}, {number(line.ratio)} of {line.reference}{note}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

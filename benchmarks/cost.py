@@ -56,8 +56,13 @@ def lines(effort: Effort) -> Iterator[Line]:
         draw(found, PICTURE)
     for growth in found:
         what = f"time ~ ({growth.what})^p: p"
-        note = f"{growth.sizes[0]:g} to {growth.sizes[-1]:g}, {growth.seconds[0]:.3g} to {growth.seconds[-1]:.3g} s"
-        yield Line(what, growth.exponent, "1", STEEPEST, reference="linear cost", against=1.0, note=note)
+        note = (
+            f"{growth.sizes[0]:g} to {growth.sizes[-1]:g}, {growth.seconds[0]:.3g} to"
+            f" {growth.seconds[-1]:.3g} s"
+        )
+        yield Line(
+            what, growth.exponent, "1", STEEPEST, reference="linear cost", against=1.0, note=note
+        )
 
 
 def by_features(effort: Effort) -> Growth:
@@ -67,7 +72,12 @@ def by_features(effort: Effort) -> Growth:
     sizes = [17, 20, 26, 38, 62][: effort.count(5, least=2)]
     with tempfile.TemporaryDirectory() as folder:
         models = [widened(model, size, Path(folder)) for size in sizes]
-    return Growth("parameters of the model", "", sizes, [float(np.mean(microseconds(each, seen))) / 1e6 for each in models])
+    return Growth(
+        "parameters of the model",
+        "",
+        sizes,
+        [float(np.mean(microseconds(each, seen))) / 1e6 for each in models],
+    )
 
 
 def by_wheels(effort: Effort) -> Growth:
@@ -79,12 +89,16 @@ def by_wheels(effort: Effort) -> Growth:
 def by_bags(effort: Effort) -> Growth:
     """Replay of more and more bags, each of a drive of its own, in one command."""
     sizes = [1, 2, 4, 8][: effort.count(4, least=2)]
-    return Growth("bags", "", sizes, [_replayed_s(effort.seconds(60.0, least=5.0), size) for size in sizes])
+    return Growth(
+        "bags", "", sizes, [_replayed_s(effort.seconds(60.0, least=5.0), size) for size in sizes]
+    )
 
 
 def by_length(effort: Effort) -> Growth:
     """Replay of longer and longer runs."""
-    spans = [effort.seconds(60.0, least=5.0) * 4**power for power in range(effort.count(4, least=2))]
+    spans = [
+        effort.seconds(60.0, least=5.0) * 4**power for power in range(effort.count(4, least=2))
+    ]
     return Growth("run length", "s", spans, [_replayed_s(span, 1) for span in spans])
 
 
@@ -95,7 +109,9 @@ def draw(found: Sequence[Growth], path: Path) -> None:
         for axes, growth in zip(np.atleast_1d(figure.subplots(1, len(found))), found, strict=True):
             sizes, seconds = np.array(growth.sizes, dtype=float), np.array(growth.seconds)
             axes.loglog(sizes, seconds, "o-", label=f"measured, p = {growth.exponent:.2f}")
-            axes.loglog(sizes, seconds[-1] * sizes / sizes[-1], "k--", linewidth=0.8, label="linear")
+            axes.loglog(
+                sizes, seconds[-1] * sizes / sizes[-1], "k--", linewidth=0.8, label="linear"
+            )
             axes.set_xticks(sizes, [f"{size:g}" for size in sizes], fontsize=7)
             axes.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
             axes.set_xlabel(f"{growth.what} [{growth.unit}]" if growth.unit else growth.what)
@@ -122,7 +138,10 @@ def _sinkage_s(wheels: int) -> float:
 def _replayed_s(span_s: float, bags: int) -> float:
     types = Types()
     with tempfile.TemporaryDirectory() as name:
-        drives = [write_bag(Path(name) / f"drive_{seed}", long_drive(types.make, span_s, seed), types) for seed in range(1, bags + 1)]
+        drives = [
+            write_bag(Path(name) / f"drive_{seed}", long_drive(types.make, span_s, seed), types)
+            for seed in range(1, bags + 1)
+        ]
         begun_s = time.perf_counter()
         with contextlib.redirect_stdout(io.StringIO()):  # its table
             code = replay.main([*map(str, drives), "--out", str(Path(name) / "estimates")])

@@ -42,6 +42,10 @@ def _moved(make: Make, message: Message, stamp_ns: int, steps: int) -> Message:
 def observations(model: LoadedModel, seconds: float, seed: int = 1) -> list[Observation]:
     """What the estimator makes of such a drive; the model is warm after it."""
     pipeline = Pipeline(model, EstimatorConfig())
-    sets = (complete for topic, _, message in long_drive(Types().make, seconds, seed) for complete in pipeline.pair(topic, message))
+    sets = (
+        complete
+        for topic, _, message in long_drive(Types().make, seconds, seed)
+        for complete in pipeline.pair(topic, message)
+    )
     converted = (pipeline.convert(complete).observation for complete in sets)
     return [observation for observation in converted if observation is not None]

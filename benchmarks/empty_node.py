@@ -23,11 +23,15 @@ class EmptyNode(Node):
     def __init__(self) -> None:
         """Subscribe to the inputs; the imu's message is the last of a set."""
         super().__init__("empty")
-        self._output = self.create_publisher(factory.message_class(ESTIMATE), "terrain_estimate", QOS)
+        self._output = self.create_publisher(
+            factory.message_class(ESTIMATE), "terrain_estimate", QOS
+        )
         self._health = self.create_publisher(factory.message_class(HEALTH), "estimator_health", QOS)
         self._received = dict.fromkeys(INPUT_TYPES, 0)
         for name, type_name in INPUT_TYPES.items():
-            self.create_subscription(factory.message_class(type_name), name, partial(self._take, name), QOS)
+            self.create_subscription(
+                factory.message_class(type_name), name, partial(self._take, name), QOS
+            )
         self.create_timer(PERIOD_S, self._report)
         self.get_logger().info("ready")
 
@@ -37,7 +41,13 @@ class EmptyNode(Node):
             self._output.publish(factory.make(ESTIMATE, header=message.header))
 
     def _report(self) -> None:
-        self._health.publish(factory.make(HEALTH, input_topic=list(self._received), input_received=list(self._received.values())))
+        self._health.publish(
+            factory.make(
+                HEALTH,
+                input_topic=list(self._received),
+                input_received=list(self._received.values()),
+            )
+        )
 
 
 def main() -> None:

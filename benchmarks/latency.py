@@ -23,10 +23,34 @@ def lines(effort: Effort) -> Iterator[Line]:
     bare, bare_share, bare_memory, _ = observed(EMPTY, seconds)
     note = f"{len(latencies) - lost} estimates, {lost} lost, which count as infinitely late"
     for what, at, bar in (("99th percentile", 0.99, HIGH_MS), ("median", 0.5, None)):
-        value, against = (float(np.quantile(each, at, method="higher")) for each in (latencies, bare))
-        yield Line(f"topic in to estimate out at 10 Hz: {what}", value, "ms", bar, reference=EMPTY, against=against, note=note)
-    yield Line("estimator node at 10 Hz: processor", share, "% of a core", SHARE, reference=EMPTY, against=bare_share)
-    yield Line("estimator node at 10 Hz: resident memory", memory, "MB", MEMORY_MB, reference=EMPTY, against=bare_memory)
+        value, against = (
+            float(np.quantile(each, at, method="higher")) for each in (latencies, bare)
+        )
+        yield Line(
+            f"topic in to estimate out at 10 Hz: {what}",
+            value,
+            "ms",
+            bar,
+            reference=EMPTY,
+            against=against,
+            note=note,
+        )
+    yield Line(
+        "estimator node at 10 Hz: processor",
+        share,
+        "% of a core",
+        SHARE,
+        reference=EMPTY,
+        against=bare_share,
+    )
+    yield Line(
+        "estimator node at 10 Hz: resident memory",
+        memory,
+        "MB",
+        MEMORY_MB,
+        reference=EMPTY,
+        against=bare_memory,
+    )
 
 
 def observed(node: str, seconds: float) -> tuple[list[float], float, float, int]:
@@ -40,4 +64,9 @@ def observed(node: str, seconds: float) -> tuple[list[float], float, float, int]
         sent = rover.drive(instants, steps, RATE_HZ)
         after, spent_s = found.cpu_times(), time.perf_counter() - begun_s
         share = 100.0 * (after.user + after.system - before.user - before.system) / spent_s
-        return [1e3 * sent.latency_s.get(stamp_ns, math.inf) for stamp_ns in sent.sent_s], share, found.memory_info().rss / 1e6, sent.lost
+        return (
+            [1e3 * sent.latency_s.get(stamp_ns, math.inf) for stamp_ns in sent.sent_s],
+            share,
+            found.memory_info().rss / 1e6,
+            sent.lost,
+        )

@@ -34,7 +34,12 @@ class Line:
 
     def record(self) -> dict[str, object]:
         """For a JSON file; null for what is not finite."""
-        numbers = {"value": self.value, "bar": self.bar, "against": self.against, "ratio": self.ratio}
+        numbers = {
+            "value": self.value,
+            "bar": self.bar,
+            "against": self.against,
+            "ratio": self.ratio,
+        }
         return {
             "what": self.what,
             "unit": self.unit,
@@ -42,7 +47,10 @@ class Line:
             "reference": self.reference,
             "met": self.met,
             "note": self.note,
-            **{name: value if value is not None and math.isfinite(value) else None for name, value in numbers.items()},
+            **{
+                name: value if value is not None and math.isfinite(value) else None
+                for name, value in numbers.items()
+            },
         }
 
 

@@ -44,8 +44,12 @@ WARM_UP = 50
 class Sent:
     """One exchange."""
 
-    sent_s: dict[int, float] = field(default_factory=dict)  # by stamp [ns], when the last message of the set went out
-    latency_s: dict[int, float] = field(default_factory=dict)  # by stamp, until the estimate was here
+    sent_s: dict[int, float] = field(
+        default_factory=dict
+    )  # by stamp [ns], when the last message of the set went out
+    latency_s: dict[int, float] = field(
+        default_factory=dict
+    )  # by stamp, until the estimate was here
     late_s: float = 0.0  # behind its own schedule at the end
     missed: int = 0  # messages that the node has not received, by its own count: a set without an optional one is answered all the same
 
@@ -66,17 +70,27 @@ class Rover:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._outputs = {
-            name: self._node.create_publisher(factory.message_class(type_name), name, DEEP) for name, type_name in INPUT_TYPES.items()
+            name: self._node.create_publisher(factory.message_class(type_name), name, DEEP)
+            for name, type_name in INPUT_TYPES.items()
         }
-        self._answers = self._node.create_subscription(factory.message_class(ESTIMATE), "terrain_estimate", self._take, DEEP, raw=True)
-        self._node.create_subscription(factory.message_class(HEALTH), "estimator_health", self._count, DEEP)
+        self._answers = self._node.create_subscription(
+            factory.message_class(ESTIMATE), "terrain_estimate", self._take, DEEP, raw=True
+        )
+        self._node.create_subscription(
+            factory.message_class(HEALTH), "estimator_health", self._count, DEEP
+        )
         self._now, self._received = Sent(), 0
 
     def __enter__(self) -> Self:
         """Nothing is sent yet."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Leave the domain."""
         self._executor.shutdown()
         self._node.destroy_node()
@@ -85,7 +99,11 @@ class Rover:
     def meet(self) -> None:
         """Wait until both sides have found each other."""
         ends = [output.get_subscription_count for output in self._outputs.values()]
-        wait_until(lambda: self._answers.get_publisher_count() and all(end() for end in ends), "all topics are matched", START_S)
+        wait_until(
+            lambda: self._answers.get_publisher_count() and all(end() for end in ends),
+            "all topics are matched",
+            START_S,
+        )
 
     def drive(self, sets: Iterator[Set], count: int, rate_hz: float) -> Sent:
         """Send so many sets, and wait for the last answers and for the count of what was received."""
@@ -123,7 +141,11 @@ class Rover:
 @contextmanager
 def facing(node: str) -> Iterator[tuple[Rover, Process]]:
     """A rover and a started ESTIMATOR, or EMPTY, that know each other."""
-    with tempfile.TemporaryDirectory() as folder, reserve_domain_id() as domain_id, Starter(Path(folder), domain_id) as start:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        reserve_domain_id() as domain_id,
+        Starter(Path(folder), domain_id) as start,
+    ):
         if node == ESTIMATOR:
             process = start("terrain_estimator", "estimator")
         else:

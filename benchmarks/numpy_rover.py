@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated rover once more, as plain NumPy loops over rovers, steps and wheels with SciPy's solvers.
 
-Written from the equations alone, apart from terramechanics: the reference of its speed and a second opinion on its numbers.
+Written from the equations alone, apart from terramechanics: the reference of its speed and a second
+opinion on its numbers.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +44,9 @@ class Track:
 
     def angle(self, x: Floats) -> Floats:
         """Of the slope [rad] at the places ``x`` [n] [m]."""
-        return np.arctan(self.mean + np.cos(np.outer(x, self.wavenumber) + self.phase) @ self.amplitude)
+        return np.arctan(
+            self.mean + np.cos(np.outer(x, self.wavenumber) + self.phase) @ self.amplitude
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +86,11 @@ def wheel_forces(rover: Rover, track: Track, slip: float, sinkage: float) -> Flo
             u = low + (high - low) * (_NODES + 1.0) / 2.0
             theta, moved = theta_of(u), displacement(u)
             stress = (k_c / width + k_phi) * (radius * (np.cos(front(u)) - np.cos(entry))) ** n
-            shear = (cohesion + stress * tan_phi) * np.sign(moved) * (1.0 - np.exp(-np.abs(moved) / shear_modulus))
+            shear = (
+                (cohesion + stress * tan_phi)
+                * np.sign(moved)
+                * (1.0 - np.exp(-np.abs(moved) / shear_modulus))
+            )
             step = radius * width * length * (high - low) * u * _WEIGHTS
             forces[0] += step @ (stress * np.cos(theta) + shear * np.sin(theta))
             forces[1] += step @ (shear * np.cos(theta) - stress * np.sin(theta))
@@ -112,12 +119,19 @@ def stand(rover: Rover, track: Track, x: float, start: Pose | None = None) -> Po
         along = x + place[:, 0] * np.cos(pitch) - place[:, 1] * np.sin(pitch)
         up = height + place[:, 0] * np.sin(pitch) + place[:, 1] * np.cos(pitch)
         angle = track.angle(contact)
-        return np.concatenate([contact - radius * np.sin(angle) - along, track.height(contact) + radius * np.cos(angle) - up])
+        return np.concatenate(
+            [
+                contact - radius * np.sin(angle) - along,
+                track.height(contact) + radius * np.cos(angle) - up,
+            ]
+        )
 
     known = np.array([start.height, start.pitch, start.bogie])
     found = _solve(gap, np.concatenate([known, start.contact]))
     height, pitch, bogie = found[:3]
-    return Pose(height, pitch, bogie, found[3:], track.angle(found[3:]) - pitch, axles(rover, bogie))
+    return Pose(
+        height, pitch, bogie, found[3:], track.angle(found[3:]) - pitch, axles(rover, bogie)
+    )
 
 
 def axles(rover: Rover, bogie: float) -> Floats:
@@ -133,12 +147,16 @@ def imbalance(rover: Rover, pose: Pose, forces: Floats, acceleration: float) -> 
     centre = np.array([rover.centre_of_mass_x, rover.centre_of_mass_height])
     pivot = np.array([rover.bogie_pivot_x, rover.bogie_pivot_height])
     total = np.array([0.0, 0.0, 0.0, 0.0])
-    for axle, ((normal, traction, torque), angle, place) in enumerate(zip(forces, pose.angle, pose.axle, strict=True)):
+    for axle, ((normal, traction, torque), angle, place) in enumerate(
+        zip(forces, pose.angle, pose.axle, strict=True)
+    ):
         along = traction * np.cos(angle) - normal * np.sin(angle)
         up = normal * np.cos(angle) + traction * np.sin(angle)
         arm, lever = place - centre, place - pivot
         bogie = lever[0] * up - lever[1] * along + torque if axle > 0 else 0.0
-        total += rover.wheels_per_axle * np.array([along, up, arm[0] * up - arm[1] * along + torque, bogie])
+        total += rover.wheels_per_axle * np.array(
+            [along, up, arm[0] * up - arm[1] * along + torque, bogie]
+        )
     weight = rover.mass * rover.gravity
     total[0] -= rover.mass * acceleration + weight * np.sin(pose.pitch)
     total[1] -= weight * np.cos(pose.pitch)
@@ -156,29 +174,49 @@ class State:
     pose: Pose
 
 
-def move(rover: Rover, track: Track, state: State, rate: Floats, duration: float) -> tuple[Floats, Floats, float, Floats]:
+def move(
+    rover: Rover, track: Track, state: State, rate: Floats, duration: float
+) -> tuple[Floats, Floats, float, Floats]:
     """Slips, sinkages [3], end velocity and forces [3, 3] of an implicit step under the wheel rates ``rate`` [3]."""
     unit = rover.wheel_radius * float(np.mean(rate))
 
     def contacts(unknown: Floats) -> tuple[Floats, Floats, Floats]:
         slip = np.clip(1.0 - unknown[3] * unit / (rover.wheel_radius * rate), *RANGE)
         sinkage = np.clip(np.exp(unknown[:3]), 0.0, 0.95 * rover.wheel_radius)
-        return slip, sinkage, np.array([wheel_forces(rover, track, *each) for each in zip(slip, sinkage, strict=True)])
+        return (
+            slip,
+            sinkage,
+            np.array(
+                [wheel_forces(rover, track, *each) for each in zip(slip, sinkage, strict=True)]
+            ),
+        )
 
     def residual(unknown: Floats) -> Floats:
         acceleration = (unknown[3] * unit - state.velocity) / duration
-        return imbalance(rover, state.pose, contacts(unknown)[2], acceleration) / (rover.mass * rover.gravity)
+        return imbalance(rover, state.pose, contacts(unknown)[2], acceleration) / (
+            rover.mass * rover.gravity
+        )
 
     found = _solve(residual, np.append(np.log(state.sinkage), state.velocity / unit))
     slip, sinkage, forces = contacts(found)
     return slip, sinkage, max(float(found[3]) * unit, 0.0), forces
 
 
-def drive(rover: Rover, track: Track, start_velocity: float, commands: Floats, time_step: float) -> dict[str, Floats]:
+def drive(
+    rover: Rover, track: Track, start_velocity: float, commands: Floats, time_step: float
+) -> dict[str, Floats]:
     """One drive under the wheel rates ``commands`` [1 + steps, 3], from the steady state of the first; series by name [steps, ...]."""
-    state = State(0.0, start_velocity, commands[0], np.full(3, 0.05 * rover.wheel_radius), stand(rover, track, 0.0))
+    state = State(
+        0.0,
+        start_velocity,
+        commands[0],
+        np.full(3, 0.05 * rover.wheel_radius),
+        stand(rover, track, 0.0),
+    )
     _, state.sinkage, state.velocity, _ = move(rover, track, state, commands[0], LONG_STEP)
-    series: dict[str, list[Floats | float]] = {name: [] for name in ("position", "velocity", "pitch", "slip", "sinkage", "torque")}
+    series: dict[str, list[Floats | float]] = {
+        name: [] for name in ("position", "velocity", "pitch", "slip", "sinkage", "torque")
+    }
     for rate in commands[1:]:
         state.position += time_step * state.velocity * np.cos(state.pose.pitch)
         state.pose = stand(rover, track, state.position, state.pose)
@@ -198,6 +236,15 @@ def _solve(function: Callable[[Floats], Floats], start: Floats) -> Floats:
     return found.x
 
 
-def fleet(rover: Rover, tracks: Sequence[Track], start_velocity: Floats, commands: Floats, time_step: float) -> list[dict[str, Floats]]:
+def fleet(
+    rover: Rover,
+    tracks: Sequence[Track],
+    start_velocity: Floats,
+    commands: Floats,
+    time_step: float,
+) -> list[dict[str, Floats]]:
     """Every rover by itself; ``start_velocity`` [rovers] [m/s], ``commands`` [rovers, 1 + steps, 3] [rad/s]."""
-    return [drive(rover, *each, time_step) for each in zip(tracks, start_velocity.tolist(), commands, strict=True)]
+    return [
+        drive(rover, *each, time_step)
+        for each in zip(tracks, start_velocity.tolist(), commands, strict=True)
+    ]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A step of the training once more, as plain NumPy loops over tasks and blocks with gradients by hand.
 
-Written from the equations alone (Banerjee et al. eqs. 20 to 23; Bishop 2006, sections 3.3 and 5.3): the reference of its speed,
-and a second opinion on its gradients. Without the penalties.
+Written from the equations alone (Banerjee et al. eqs. 20 to 23; Bishop 2006, sections 3.3 and 5.3):
+the reference of its speed, and a second opinion on its gradients. Without the penalties.
 """
 
 from dataclasses import dataclass
@@ -41,15 +41,21 @@ class Block:
     activations: tuple[Floats, Floats, Floats]  # inputs and the two hidden layers
 
 
-def loss_and_gradients(weights: list[Floats], tasks: Tasks, context: NDArray[np.int64]) -> tuple[float, list[Floats]]:
+def loss_and_gradients(
+    weights: list[Floats], tasks: Tasks, context: NDArray[np.int64]
+) -> tuple[float, list[Floats]]:
     """Mean negative log predictive density of the rows behind the context [nat], and its gradients.
 
-    ``weights``: of the three layers of the net a matrix and a vector each, then log prior precision [K] and log noise [Q].
+    ``weights``: of the three layers of the net a matrix and a vector each, then log prior precision
+    [K] and log noise [Q].
     """
     gradients = [np.zeros_like(each) for each in weights]
     total, rows = 0.0, 0
     for task, given in enumerate(context):
-        blocks = {place: _forward(weights, tasks, task, place) for place in np.flatnonzero(tasks.valid[task]).tolist()}
+        blocks = {
+            place: _forward(weights, tasks, task, place)
+            for place in np.flatnonzero(tasks.valid[task]).tolist()
+        }
         before = [block for place, block in blocks.items() if place < given]
         for sign, chosen in ((-1.0, list(blocks.values())), (1.0, before)):
             total += sign * _log_marginal(weights, tasks, chosen, sign, gradients)
@@ -65,14 +71,18 @@ def _forward(weights: list[Floats], tasks: Tasks, task: int, place: int) -> Bloc
     inputs = tasks.inputs[task, place]
     hidden = np.tanh(first @ inputs + first_bias)
     deeper = np.tanh(second @ hidden + second_bias)
-    columns = (last @ deeper + last_bias).reshape(len(tasks.row_scale), -1) * tasks.row_scale[:, None]
+    columns = (last @ deeper + last_bias).reshape(len(tasks.row_scale), -1) * tasks.row_scale[
+        :, None
+    ]
     noise = np.diag((np.exp(log_noise) * tasks.row_scale) ** 2)
     inverse = np.linalg.inv(tasks.covariance[task, place] + noise)
     features = np.hstack([tasks.nominal[task, place], columns])
     return Block(features, tasks.target[task, place], inverse, (inputs, hidden, deeper))
 
 
-def _log_marginal(weights: list[Floats], tasks: Tasks, blocks: list[Block], sign: float, gradients: list[Floats]) -> float:
+def _log_marginal(
+    weights: list[Floats], tasks: Tasks, blocks: list[Block], sign: float, gradients: list[Floats]
+) -> float:
     """Log density of the blocks' targets; adds ``sign`` times its gradients."""
     prior = np.concatenate([tasks.precision, np.exp(weights[-2])])
     precision, pull = np.diag(prior), prior * tasks.mean
@@ -81,7 +91,9 @@ def _log_marginal(weights: list[Floats], tasks: Tasks, blocks: list[Block], sign
         precision = precision + block.features.T @ block.inverse @ block.features
         pull = pull + block.features.T @ block.inverse @ block.target
         value -= 0.5 * block.target @ block.inverse @ block.target
-        value += 0.5 * (np.linalg.slogdet(block.inverse)[1] - len(block.target) * np.log(2.0 * np.pi))
+        value += 0.5 * (
+            np.linalg.slogdet(block.inverse)[1] - len(block.target) * np.log(2.0 * np.pi)
+        )
     covariance = np.linalg.inv(precision)
     posterior = covariance @ pull
     learnt = len(tasks.precision)
@@ -93,13 +105,23 @@ def _log_marginal(weights: list[Floats], tasks: Tasks, blocks: list[Block], sign
 
 
 def _backward(
-    weights: list[Floats], tasks: Tasks, block: Block, posterior: Floats, covariance: Floats, sign: float, gradients: list[Floats]
+    weights: list[Floats],
+    tasks: Tasks,
+    block: Block,
+    posterior: Floats,
+    covariance: Floats,
+    sign: float,
+    gradients: list[Floats],
 ) -> None:
     """Gradients of the log density by one block's noise and features, and by the net's weights behind them."""
     residual = block.inverse @ (block.target - block.features @ posterior)
     seen = block.inverse @ block.features
-    by_covariance = 0.5 * (np.outer(residual, residual) - block.inverse + seen @ covariance @ seen.T)
-    gradients[-1] += sign * 2.0 * np.diag(by_covariance) * (np.exp(weights[-1]) * tasks.row_scale) ** 2
+    by_covariance = 0.5 * (
+        np.outer(residual, residual) - block.inverse + seen @ covariance @ seen.T
+    )
+    gradients[-1] += (
+        sign * 2.0 * np.diag(by_covariance) * (np.exp(weights[-1]) * tasks.row_scale) ** 2
+    )
     by_features = np.outer(residual, posterior) - seen @ covariance
     inputs, hidden, deeper = block.activations
     back = sign * (by_features[:, len(tasks.precision) :] * tasks.row_scale[:, None]).ravel()
@@ -125,5 +147,8 @@ class Adam:
         for place, (weight, gradient) in enumerate(zip(weights, gradients, strict=True)):
             self.mean[place] = slow * self.mean[place] + (1.0 - slow) * gradient
             self.square[place] = slower * self.square[place] + (1.0 - slower) * gradient**2
-            mean, square = self.mean[place] / (1.0 - slow**self.steps), self.square[place] / (1.0 - slower**self.steps)
+            mean, square = (
+                self.mean[place] / (1.0 - slow**self.steps),
+                self.square[place] / (1.0 - slower**self.steps),
+            )
             np.subtract(weight, self.rates[place] * mean / (np.sqrt(square) + tiny), out=weight)

@@ -39,7 +39,9 @@ def lines(effort: Effort) -> Iterator[Line]:
         spent, closes = microseconds(model, seen), closing(model, seen)
         update = numpy_update(size, len(model.rows))
         name = "one information-form update of as many parameters in NumPy"
-        note = f"processor time; {np.count_nonzero(closes)} of {len(seen)} observations close a block"
+        note = (
+            f"processor time; {np.count_nonzero(closes)} of {len(seen)} observations close a block"
+        )
         for what, value, bar in (
             ("median", np.median(spent), MEDIAN_US),
             ("median of those that close a block", np.median(spent[closes]), CLOSING_US),
@@ -82,24 +84,39 @@ def closing(model: LoadedModel, seen: list[Observation]) -> NDArray[np.bool_]:
         waiting.append(len(estimator.save()["state.block"]))
     closes = np.diff(waiting) < 0
     if not closes.any():
-        raise ArithmeticError(f"none of {len(seen)} observations closes a block of the model {model.model_id}")
+        raise ArithmeticError(
+            f"none of {len(seen)} observations closes a block of the model {model.model_id}"
+        )
     return closes
 
 
 def widened(model: LoadedModel, parameters: int, folder: Path) -> LoadedModel:
     """A model of the same rover and soils whose net has so many columns more or less; untrained, which costs the same time."""
     metadata = model.metadata
-    columns = parameters - len(metadata.parameters) + sum(name.startswith("net_") for name in metadata.parameters)
+    columns = (
+        parameters
+        - len(metadata.parameters)
+        + sum(name.startswith("net_") for name in metadata.parameters)
+    )
     built = build_model(metadata.rover, metadata.soils, columns, hidden=128)
     path = folder / f"of_{parameters}.pt"
-    export(built.requires_grad_(requires_grad=False), metadata.rover, metadata.soils, Training(0, 0, 0.0), path)
+    export(
+        built.requires_grad_(requires_grad=False),
+        metadata.rover,
+        metadata.soils,
+        Training(0, 0, 0.0),
+        path,
+    )
     return load_model(str(path))
 
 
 def numpy_update(parameters: int, rows: int, runs: int = 300) -> float:
     """Median time [us] of precision += A' A, pull += A' y and one solve."""
     generator = np.random.default_rng(0)
-    features, target = generator.standard_normal((rows, parameters)), generator.standard_normal(rows)
+    features, target = (
+        generator.standard_normal((rows, parameters)),
+        generator.standard_normal(rows),
+    )
     precision, pull, spent = np.eye(parameters), np.zeros(parameters), []
     for _ in range(runs):
         begun_s = time.thread_time()

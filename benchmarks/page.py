@@ -47,20 +47,37 @@ used: in this release an exception in one of rclpy's own callbacks, as at a /clo
 def page(lines: Sequence[Line], machine: Mapping[str, object], names: Sequence[str]) -> str:
     """The whole page."""
     versions = machine["versions"]
-    words = ", ".join(f"{name} {version}" for name, version in versions.items()) if isinstance(versions, Mapping) else ""
+    words = (
+        ", ".join(f"{name} {version}" for name, version in versions.items())
+        if isinstance(versions, Mapping)
+        else ""
+    )
     listed = ", ".join(f"`{name}`" for name in names)
     head = _HEAD.format(**{**machine, "versions": words, "names": listed})
     rows = [table_row(line) for line in lines]
-    titles = "| what | measured | bar | met | reference | of the reference | ratio |\n|---|---|---|---|---|---|---|\n"
+    titles = (
+        "| what | measured | bar | met | reference | of the reference | ratio"
+        " |\n|---|---|---|---|---|---|---|\n"
+    )
     return head + titles + "\n".join(rows) + "\n" + _AFTER
 
 
 def table_row(line: Line) -> str:
     """One line of the table."""
-    bar = "" if line.bar is None else f"{'at least' if line.least else 'at most'} {number(line.bar)}"
+    bar = (
+        "" if line.bar is None else f"{'at least' if line.least else 'at most'} {number(line.bar)}"
+    )
     met = "" if line.bar is None else "yes" if line.met else "**no**"
     what = f"{line.what} ({line.note})" if line.note else line.what
-    cells = (what, quantity(line), bar, met, line.reference, number(line.against), number(line.ratio))
+    cells = (
+        what,
+        quantity(line),
+        bar,
+        met,
+        line.reference,
+        number(line.against),
+        number(line.ratio),
+    )
     return "| " + " | ".join(cells) + " |"
 
 

@@ -18,7 +18,16 @@ def lines(effort: Effort) -> Iterator[Line]:
     """Beside a node that answers without estimating."""
     seconds = effort.seconds(SECONDS, least=1.0)
     (found, why), (bare, _) = (highest(node, seconds) for node in (ESTIMATOR, EMPTY))
-    yield Line("highest rate without a drop", found, "Hz", BAR_HZ, least=True, reference=EMPTY, against=bare, note=why)
+    yield Line(
+        "highest rate without a drop",
+        found,
+        "Hz",
+        BAR_HZ,
+        least=True,
+        reference=EMPTY,
+        against=bare,
+        note=why,
+    )
 
 
 def highest(node: str, seconds: float) -> tuple[float, str]:
@@ -34,7 +43,10 @@ def highest(node: str, seconds: float) -> tuple[float, str]:
             if sent.lost or sent.missed:
                 return (
                     best,
-                    f"at {rate:g} Hz {sent.lost} of {len(sent.sent_s)} sets were not answered, {sent.missed} messages not received",
+                    (
+                        f"at {rate:g} Hz {sent.lost} of {len(sent.sent_s)} sets were not answered,"
+                        f" {sent.missed} messages not received"
+                    ),
                 )
             best = rate
     return best, "the highest rate that is tried"

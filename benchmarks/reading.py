@@ -24,11 +24,22 @@ def lines(effort: Effort) -> Iterator[Line]:
     """Time of a message, beside both libraries."""
     with tempfile.TemporaryDirectory() as folder:
         types = Types()
-        bag = write_bag(Path(folder) / "drive", long_drive(types.make, effort.seconds(SECONDS, least=5.0)), types)
+        bag = write_bag(
+            Path(folder) / "drive",
+            long_drive(types.make, effort.seconds(SECONDS, least=5.0)),
+            types,
+        )
         readers = {"ours": ours, "rosbags": by_rosbags, "mcap-ros2-support": by_mcap}
         spent = {name: min(times) for name, times in _in_turn(bag, readers).items()}
     for name in ("rosbags", "mcap-ros2-support"):
-        yield Line(f"reading a bag, beside {name}", spent["ours"], "us/message", spent[name], reference=name, against=spent[name])
+        yield Line(
+            f"reading a bag, beside {name}",
+            spent["ours"],
+            "us/message",
+            spent[name],
+            reference=name,
+            against=spent[name],
+        )
 
 
 def _in_turn(bag: Path, readers: Mapping[str, Callable[[Path], int]]) -> dict[str, list[float]]:
@@ -53,7 +64,10 @@ def ours(bag: Path) -> int:
 def by_rosbags(bag: Path) -> int:
     """See ours."""
     with AnyReader([bag]) as reader:
-        return sum(reader.deserialize(data, connection.msgtype) is not None for connection, _, data in reader.messages())
+        return sum(
+            reader.deserialize(data, connection.msgtype) is not None
+            for connection, _, data in reader.messages()
+        )
 
 
 def by_mcap(bag: Path) -> int:

@@ -49,10 +49,26 @@ def lines(effort: Effort) -> Iterator[Line]:
             alone = span_s / (time.perf_counter() - begun_s)
             speed, memory[span_s] = replayed(bag, folder / f"estimates_{span_s:g}")
             what = f"replay of {span_s / 60.0:g} min"
-            yield Line(what, speed, "x real time", BAR, least=True, reference="rosbags decoding the same bag", against=alone, note=note)
+            yield Line(
+                what,
+                speed,
+                "x real time",
+                BAR,
+                least=True,
+                reference="rosbags decoding the same bag",
+                against=alone,
+                note=note,
+            )
     short, long = (memory[span_s] for span_s in spans)
     what = f"largest memory of replaying {spans[1] / 60.0:g} min"
-    yield Line(what, long, "MB", GROWTH * short, reference=f"a replay of {spans[0] / 60.0:g} min", against=short)
+    yield Line(
+        what,
+        long,
+        "MB",
+        GROWTH * short,
+        reference=f"a replay of {spans[0] / 60.0:g} min",
+        against=short,
+    )
 
 
 def replayed(bag: Path, output: Path) -> tuple[float, float]:
@@ -69,7 +85,13 @@ def main(bag: str, output: str) -> None:
     """Replay as the command does."""
     torch.set_num_threads(1)
     done = replay(Path(bag), Path(output), load_model(), EstimatorConfig(), bag_topics([], ""))
-    memory = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024.0
+    memory = (
+        max(
+            resource.getrusage(who).ru_maxrss
+            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        )
+        / 1024.0
+    )
     print(json.dumps([done.times_real_time, memory]))
 
 

@@ -34,11 +34,43 @@ def lines(effort: Effort) -> Iterator[Line]:
     name = "NumPy and SciPy loops over rovers, steps and wheels"
     drive(2, 0)
     one_core = drive(rovers, 0)
-    yield Line("batched simulation, one core", one_core, "rover-steps/s", loops, least=True, reference=name, against=loops)
-    yield Line("batched simulation, all cores", on_every_core(rovers), "rover-steps/s", BAR, least=True, reference=name, against=loops)
+    yield Line(
+        "batched simulation, one core",
+        one_core,
+        "rover-steps/s",
+        loops,
+        least=True,
+        reference=name,
+        against=loops,
+    )
+    yield Line(
+        "batched simulation, all cores",
+        on_every_core(rovers),
+        "rover-steps/s",
+        BAR,
+        least=True,
+        reference=name,
+        against=loops,
+    )
     pushed = on_every_core(rovers, "bulldozing", 5e3)
-    yield Line("the same with an effect", pushed, "rover-steps/s", None, least=True, reference=name, against=loops)
-    yield Line("one rover at a time", drive(1, 0), "rover-steps/s", None, least=True, reference=name, against=loops)
+    yield Line(
+        "the same with an effect",
+        pushed,
+        "rover-steps/s",
+        None,
+        least=True,
+        reference=name,
+        against=loops,
+    )
+    yield Line(
+        "one rover at a time",
+        drive(1, 0),
+        "rover-steps/s",
+        None,
+        least=True,
+        reference=name,
+        against=loops,
+    )
 
 
 def drive(rovers: int, seed: int, effect: str = "", size: float = 0.0) -> float:
@@ -48,7 +80,9 @@ def drive(rovers: int, seed: int, effect: str = "", size: float = 0.0) -> float:
     ground = Ground.random_strength(load_soil("loose_sand"), rovers, generator)
     plant = Plant([make_effect(effect, size)]) if effect else None
     begun_s = time.perf_counter()
-    simulate(load_rover("mars_rover"), ground, "S1", STEPS * TIME_STEP, generator, rovers, plant=plant)
+    simulate(
+        load_rover("mars_rover"), ground, "S1", STEPS * TIME_STEP, generator, rovers, plant=plant
+    )
     return rovers * STEPS / (time.perf_counter() - begun_s)
 
 
@@ -76,10 +110,19 @@ def same_drives(rovers: int, steps: int, seed: int) -> tuple[Rover, list[Track],
     hills = simulation.profile
     if not isinstance(hills, Hills):
         raise TypeError(f"S1 is driven on {type(hills).__name__}, the loops know hills")
-    commands = np.stack([schedule.command(step * TIME_STEP).numpy() for step in range(steps + 1)], axis=1)
-    waves = (hills.amplitude.numpy(), hills.wavenumber.numpy(), hills.phase.numpy(), ground.patches[0].strength.numpy())
+    commands = np.stack(
+        [schedule.command(step * TIME_STEP).numpy() for step in range(steps + 1)], axis=1
+    )
+    waves = (
+        hills.amplitude.numpy(),
+        hills.wavenumber.numpy(),
+        hills.phase.numpy(),
+        ground.patches[0].strength.numpy(),
+    )
     tracks = [
         Track(float(mean), amplitude, wavenumber, phase, soil.constants().numpy(), strength)
-        for mean, amplitude, wavenumber, phase, strength in zip(hills.mean[:, 0], *waves, strict=True)
+        for mean, amplitude, wavenumber, phase, strength in zip(
+            hills.mean[:, 0], *waves, strict=True
+        )
     ]
     return rover, tracks, schedule.start_velocity.numpy(), commands

@@ -30,9 +30,20 @@ def lines(effort: Effort) -> Iterator[Line]:
     data = random_data(model, torch.Generator().manual_seed(0))
     loops = fastest_ms(lambda: loops_step(model, data, plain))
     name = "NumPy loops over tasks and blocks with gradients by hand"
-    for what, recipe in (("training step without penalties", plain), ("training step of the recipe", Recipe(iterations=timed))):
+    for what, recipe in (
+        ("training step without penalties", plain),
+        ("training step of the recipe", Recipe(iterations=timed)),
+    ):
         spent = fastest_ms(lambda recipe=recipe: batched(model, data, recipe)) / timed  # type: ignore[misc]
-        yield Line(what, spent, "ms", BAR_MS, reference=name, against=loops, note=f"{recipe.batch} tasks of {BLOCKS} blocks")
+        yield Line(
+            what,
+            spent,
+            "ms",
+            BAR_MS,
+            reference=name,
+            against=loops,
+            note=f"{recipe.batch} tasks of {BLOCKS} blocks",
+        )
 
 
 def fastest_ms(function: Callable[[], object]) -> float:
@@ -47,7 +58,9 @@ def fastest_ms(function: Callable[[], object]) -> float:
 
 def model_of(recipe: Recipe) -> PAlpaca:
     """Untrained, for the Mars rover on loose sand."""
-    return build_model(load_rover("mars_rover"), [load_soil("loose_sand")], recipe.columns, recipe.hidden)
+    return build_model(
+        load_rover("mars_rover"), [load_soil("loose_sand")], recipe.columns, recipe.hidden
+    )
 
 
 def batched(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
@@ -63,7 +76,9 @@ def loops_step(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
     tasks = tasks_of(model, data.of(torch.arange(recipe.batch)))
     _, gradients = loss_and_gradients(arrays, tasks, np.full(recipe.batch, BLOCKS // 2))
     rates = [recipe.learning_rate] * 6 + [recipe.prior_rate] * 2
-    Adam(rates, [np.zeros_like(each) for each in arrays], [np.zeros_like(each) for each in arrays]).step(arrays, gradients)
+    Adam(
+        rates, [np.zeros_like(each) for each in arrays], [np.zeros_like(each) for each in arrays]
+    ).step(arrays, gradients)
 
 
 def random_data(model: PAlpaca, generator: torch.Generator) -> Regression:
@@ -87,7 +102,10 @@ def weights_of(model: PAlpaca, log_precision: Tensor, log_noise: Tensor) -> list
     """Everything that is learnt, as the loops take it."""
     layers = [part for part in model.net.layers if isinstance(part, nn.Linear)]
     learnt = [part for layer in layers for part in (layer.weight, layer.bias)]
-    return [part.detach().to(torch.float64).numpy().copy() for part in (*learnt, log_precision, log_noise)]
+    return [
+        part.detach().to(torch.float64).numpy().copy()
+        for part in (*learnt, log_precision, log_noise)
+    ]
 
 
 def tasks_of(model: PAlpaca, data: Regression) -> Tasks:
@@ -95,7 +113,10 @@ def tasks_of(model: PAlpaca, data: Regression) -> Tasks:
     axles, inputs = model.axles, data.inputs.numpy()
     wheels = inputs[..., : 8 * axles].reshape(*inputs.shape[:2], 8, axles)
     pitch = inputs[..., 8 * axles + 2 : 8 * axles + 3]
-    seen = np.concatenate([wheels[..., 0, :], wheels[..., 2, :], wheels[..., 4, :], pitch], -1) / model.net.input_scale.numpy()
+    seen = (
+        np.concatenate([wheels[..., 0, :], wheels[..., 2, :], wheels[..., 4, :], pitch], -1)
+        / model.net.input_scale.numpy()
+    )
     others = data.nominal.shape[-1] - 2
     return Tasks(
         data.nominal.numpy(),
@@ -104,6 +125,8 @@ def tasks_of(model: PAlpaca, data: Regression) -> Tasks:
         seen,
         data.valid.numpy() > 0.0,
         model.net.row_scale.numpy(),
-        np.concatenate([(model.prior_mean / model.unit).numpy(), np.zeros(others + model.net.columns)]),
+        np.concatenate(
+            [(model.prior_mean / model.unit).numpy(), np.zeros(others + model.net.columns)]
+        ),
         np.concatenate([((model.prior_sd / model.unit) ** -2.0).numpy(), np.ones(others)]),
     )

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a quantity that was sampled over a long run grows, by a stated test.
 
-Of the samples after a warm-up (the first fifth) the medians of 25 equally long blocks are taken, so that noise that lasts shorter than a
-block does not pass for a trend. It grows where Mann and Kendall's test finds a trend at 0.1 %, and Theil and Sen's slope over the whole
-run amounts to more than a stated share of the level. Without the second a single page of memory would be a leak; without the first a
-single jump would.
+Of the samples after a warm-up (the first fifth) the medians of 25 equally long blocks are taken, so
+that noise that lasts shorter than a block does not pass for a trend. It grows where Mann and
+Kendall's test finds a trend at 0.1 %, and Theil and Sen's slope over the whole run amounts to more
+than a stated share of the level. Without the second a single page of memory would be a leak;
+without the first a single jump would.
 """
 
 from collections.abc import Sequence
@@ -40,7 +41,9 @@ class Trend:
         return asdict(self)
 
 
-def trend(what: str, times: Values, values: Values, allowed: float, *, both_ways: bool = False) -> Trend:
+def trend(
+    what: str, times: Values, values: Values, allowed: float, *, both_ways: bool = False
+) -> Trend:
     """Test ``values`` at increasing ``times``; with ``both_ways`` a fall counts as growth too.
 
     Raises:
@@ -49,16 +52,28 @@ def trend(what: str, times: Values, values: Values, allowed: float, *, both_ways
     time, value = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
     late = time >= time[0] + WARM_UP * (time[-1] - time[0])
     if np.count_nonzero(late) < 2 * BLOCKS:
-        raise ValueError(f"{what}: {np.count_nonzero(late)} samples after the warm-up, the test needs {2 * BLOCKS}: run longer")
-    middles, medians = (np.array([np.median(part) for part in np.array_split(each[late], BLOCKS)]) for each in (time, value))
+        raise ValueError(
+            f"{what}: {np.count_nonzero(late)} samples after the warm-up, the test needs"
+            f" {2 * BLOCKS}: run longer"
+        )
+    middles, medians = (
+        np.array([np.median(part) for part in np.array_split(each[late], BLOCKS)])
+        for each in (time, value)
+    )
     level = float(np.median(medians))
     slope = stats.theilslopes(medians, middles).slope * (middles[-1] - middles[0])
     growth = float(slope / level) if level else float(np.sign(slope)) * np.inf if slope else 0.0
     alternative: Literal["two-sided", "greater"] = "two-sided" if both_ways else "greater"
     constant = float(np.ptp(medians)) == 0.0  # no ranks, no test
-    p_value = 1.0 if constant else float(stats.kendalltau(middles, medians, alternative=alternative).pvalue)
+    p_value = (
+        1.0
+        if constant
+        else float(stats.kendalltau(middles, medians, alternative=alternative).pvalue)
+    )
     size = abs(growth) if both_ways else growth
-    return Trend(what, level, growth, allowed, p_value, bool(p_value < SIGNIFICANCE and size > allowed))
+    return Trend(
+        what, level, growth, allowed, p_value, bool(p_value < SIGNIFICANCE and size > allowed)
+    )
 
 
 def counted(what: str, times: Values, counts: Values) -> Trend:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processor time of one observation in the exported model, over random drives: python -m benchmarks.update [MODEL ...].
 
-With several models (a file of the version before and one of now) the ratios to the first are printed too; a ratio measured side
-by side says more than a time, which depends on the machine.
+With several models (a file of the version before and one of now) the ratios to the first are
+printed too; a ratio measured side by side says more than a time, which depends on the machine.
 """
 
 import sys
@@ -52,7 +52,10 @@ def main(names: list[str]) -> None:
     found = [min(microseconds(model, packed) for _ in range(ROUNDS)) for model in models]
     for model, (mean, closing) in zip(models, found, strict=True):
         ratio = mean / found[0][0]
-        print(f"{model.model_id:30s} {mean:6.0f} us an observation, {closing:6.0f} us one that closes a block, {ratio:.2f} of the first")
+        print(
+            f"{model.model_id:30s} {mean:6.0f} us an observation, {closing:6.0f} us one that closes"
+            f" a block, {ratio:.2f} of the first"
+        )
 
 
 if __name__ == "__main__":

@@ -4,11 +4,17 @@
 
 _NAMES = "where your rover is the model's, but its wheels have other names"
 _DEVIATIONS = "to what a calibration of your drives says"
-_STILL = "where encoders tick while the rover stands; keep it well below the slowest drive, the same in estimator, planner and slip_source"
+_STILL = (
+    "where encoders tick while the rover stands; keep it well below the slowest drive, the same in"
+    " estimator, planner and slip_source"
+)
 _TORQUE = "to false where torques come from motor currents that nobody calibrated"
 _IMU = "to false where the imu sits at an unknown angle"
 _SITE = "where the ground is known, from orbit or from an earlier drive"
-_SITE_SD = "with the mean: to how far the ground of this place may be from it, rather too large than too small"
+_SITE_SD = (
+    "with the mean: to how far the ground of this place may be from it, rather too large than too"
+    " small"
+)
 _MODEL = "to the model of your rover; give it to estimator and planner alike"
 
 WHEN = {
@@ -25,18 +31,27 @@ WHEN = {
         "prior.soil": "where only one soil can be there",
         "drift": "where the ground changes slowly along the way; it costs accuracy everywhere else",
         "standstill_speed": _STILL,
-        "gate_probability": "rarely: GATED comes from a wrong model or a failing sensor more often than from a wrong gate",
+        "gate_probability": (
+            "rarely: GATED comes from a wrong model or a failing sensor more often than from a"
+            " wrong gate"
+        ),
         "slip_minimum": "rarely",
         "slip_maximum": "rarely",
         "body_frame": "to the frame_id of your drivers",
         "torque_noise.relative": _DEVIATIONS,
         "torque_noise.absolute": _DEVIATIONS,
         "bogie_joint": "to the name in your joint_states",
-        "bogie_nose_down": "where your joint's axis is that of REP-103; with the wrong sign there are more GATED observations",
+        "bogie_nose_down": (
+            "where your joint's axis is that of REP-103; with the wrong sign there are more GATED"
+            " observations"
+        ),
         "default_sd.velocity": "where your odometry leaves its covariance zero",
         "default_sd.pitch": "where your imu leaves its covariance zero",
         "default_sd.acceleration": "where your imu leaves its covariance zero",
-        "pairing_tolerance": "where sensors are not triggered together: to half a period, in planner and terrain_map, too",
+        "pairing_tolerance": (
+            "where sensors are not triggered together: to half a period, in planner and"
+            " terrain_map, too"
+        ),
         "pairing_timeout": "where a sensor comes later than that; estimates then come as late",
         "auto_start": "to false under a manager of life cycles",
         "state.file": "where estimates are to go on after a restart",
@@ -47,7 +62,10 @@ WHEN = {
         "rover": _NAMES,
         "use_torque": f"{_TORQUE}, as in the estimator; then nothing judges the ground ahead",
         "use_imu": f"{_IMU}, as in the estimator",
-        "period": "to a shorter one where your loop reacts faster; a piece of advice takes 8 ms of processor time",
+        "period": (
+            "to a shorter one where your loop reacts faster; a piece of advice takes 8 ms of"
+            " processor time"
+        ),
         "slip_limit": "to the slip that your rover bears without digging itself in",
         "sinkage_limit": "to what the clearance of your rover allows",
         "stop_probability": "to a smaller value where a stop in vain costs less than a rover",
@@ -72,11 +90,16 @@ WHEN = {
     "terrain_map": {
         "spacing": "to the resolution that your map wants",
         "points": "where a long track is to stay fine; a cloud has 36 bytes for each",
-        "period": "to a longer one where the link to the reader is narrow: every cloud holds the whole track",
+        "period": (
+            "to a longer one where the link to the reader is narrow: every cloud holds the whole"
+            " track"
+        ),
         "pairing_tolerance": "as in the estimator",
     },
     "dashboard": {
-        "port": "where another program has it, or to one a rover where several rovers share a machine",
+        "port": (
+            "where another program has it, or to one a rover where several rovers share a machine"
+        ),
         "address": "rarely: a tunnel (ssh -L) shows the page elsewhere and protects it",
         "rate": "to 1 or 2 where every per cent of a core counts",
         "window": "to the time in which your rover crosses a patch of ground",
@@ -84,10 +107,16 @@ WHEN = {
     },
     "recorder": {
         "auto_start": "to false under a manager of life cycles",
-        "output": "to a place of your own; a folder that is there already is refused, so a service that starts again leaves it empty",
+        "output": (
+            "to a place of your own; a folder that is there already is refused, so a service that"
+            " starts again leaves it empty"
+        ),
         "topics": "to record /diagnostics, /clock, traction_advice or terrain_map, too",
         "fsync_interval": "to spare a flash memory, or to lose less",
-        "split.size": "for recordings of hours, so that a finished file can be copied away while the next one is written",
+        "split.size": (
+            "for recordings of hours, so that a finished file can be copied away while the next one"
+            " is written"
+        ),
         "split.duration": "as split.size",
     },
 }

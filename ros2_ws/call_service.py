@@ -35,9 +35,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="ros2 service call", description="Calls a service once.")
     parser.add_argument("name", help="of the service, such as /planner/resume")
     parser.add_argument("type", help="such as std_srvs/srv/Trigger")
-    parser.add_argument("values", nargs="?", default="{}", help="of the request, in YAML; what is left out keeps its default")
+    parser.add_argument(
+        "values",
+        nargs="?",
+        default="{}",
+        help="of the request, in YAML; what is left out keeps its default",
+    )
     options = parser.parse_args()
-    os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # messages look at it when they are imported: it makes a wrong type an AssertionError
+    os.environ["ROS_PYTHON_CHECK_FIELDS"] = (
+        "1"  # messages look at it when they are imported: it makes a wrong type an AssertionError
+    )
     try:
         kind = service_class(options.type)
         request = filled(kind.Request(), yaml.safe_load(options.values), "the request")
@@ -46,7 +53,9 @@ def main() -> int:
     rclpy.init()
     try:
         sys.stdout.write(f"requester: making request: {request}\n\n")
-        sys.stdout.write(f"response:\n{answer(rclpy.create_node('operator'), options.name, kind, request)}\n\n")
+        sys.stdout.write(
+            f"response:\n{answer(rclpy.create_node('operator'), options.name, kind, request)}\n\n"
+        )
     except CallError as error:
         return refuse(1, error)
     except KeyboardInterrupt:
@@ -66,7 +75,9 @@ def service_class(name: str) -> type[Any]:
     """The class of a type such as ``std_srvs/srv/Trigger``. Raises CallError where there is none."""
     package, _, rest = name.partition("/")
     try:
-        kind: type[Any] = getattr(importlib.import_module(f"{package}.srv"), rest.removeprefix("srv/"))
+        kind: type[Any] = getattr(
+            importlib.import_module(f"{package}.srv"), rest.removeprefix("srv/")
+        )
     except (ImportError, AttributeError, TypeError) as error:
         raise CallError(f"no type {name} is installed: {error}") from error
     return kind
@@ -75,14 +86,25 @@ def service_class(name: str) -> type[Any]:
 def filled(message: Message, values: object, where: str) -> Message:
     """The message with these fields set. Raises CallError where one is unknown or of another type."""
     if not isinstance(values, dict):
-        raise CallError(f"{where}: {values!r} is no mapping of fields to values, such as {{transition: {{id: 3}}}}")
+        raise CallError(
+            f"{where}: {values!r} is no mapping of fields to values, such as {{transition: {{id:"
+            " 3}}"
+        )
     fields = message.get_fields_and_field_types()
     for name, value in values.items():
         if name not in fields:
             raise CallError(f"{where} has no field {name}, but {', '.join(fields) or 'none'}")
         field = getattr(message, name)
         try:
-            setattr(message, name, filled(field, value, name) if hasattr(field, "get_fields_and_field_types") else value)
+            setattr(
+                message,
+                name,
+                (
+                    filled(field, value, name)
+                    if hasattr(field, "get_fields_and_field_types")
+                    else value
+                ),
+            )
         except AssertionError as error:
             raise CallError(f"{where}, field {name}: {error}") from error
     return message
@@ -94,10 +116,13 @@ def answer(node: Node, name: str, kind: type[Any], request: Message) -> object:
     if not client.wait_for_service(timeout_sec=APPEAR_S):
         listed = node.get_service_names_and_types()
         type_name = f"{kind.__module__.partition('.')[0]}/srv/{kind.__name__}"
-        others = [other for other, types in listed if type_name in types and other != client.srv_name]
+        others = [
+            other for other, types in listed if type_name in types and other != client.srv_name
+        ]
         raise CallError(
-            f"no {client.srv_name} within {APPEAR_S:g} s in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}; "
-            f"of this type there are: {', '.join(others) or 'none'}"
+            f"no {client.srv_name} within {APPEAR_S:g} s in ROS_DOMAIN_ID"
+            f" {os.environ.get('ROS_DOMAIN_ID', '0')}; of this type there are:"
+            f" {', '.join(others) or 'none'}"
         )
     future = client.call_async(request)
     rclpy.spin_until_future_complete(node, future, timeout_sec=ANSWER_S)

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-# The wheels were built in a container: their CMake files name its interpreter's headers and its numpy's.
+# The wheels were built in a container: their CMake files name its interpreter's headers and its
+# numpy's.
 BAKED_PYTHON = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
 BAKED_NUMPY = re.compile(r'/opt/python/[^;"\s]*/numpy/_?core/include')
 
@@ -25,7 +26,8 @@ HEADER = """\
 """
 
 # Quoted and expanded only where set, so that it holds under `set -u` and in folders with spaces.
-# _ROS_WHEELS_BOOTSTRAP_COMPLETE tells the wheels that LD_LIBRARY_PATH is right already, which saves each process a second exec.
+# _ROS_WHEELS_BOOTSTRAP_COMPLETE tells the wheels that LD_LIBRARY_PATH is right already, which saves
+# each process a second exec.
 BODY = """
 _te_venv={venv}
 _te_prepend() {{
@@ -60,9 +62,14 @@ def repair_cmake_files(prefix: Path) -> None:
     python_headers = sysconfig.get_path("include")
     for path in prefix.glob("share/*/cmake/*.cmake"):
         text = path.read_text(encoding="utf-8")
-        repaired = BAKED_PYTHON.sub(lambda _: python_headers, BAKED_NUMPY.sub(lambda _: np.get_include(), text))
+        repaired = BAKED_PYTHON.sub(
+            lambda _: python_headers, BAKED_NUMPY.sub(lambda _: np.get_include(), text)
+        )
         if "/opt/python" in repaired:
-            message = f"{path} still names a folder under /opt/python: the pinned wheels changed, repair_wheels.py has to follow"
+            message = (
+                f"{path} still names a folder under /opt/python: the pinned wheels changed,"
+                " repair_wheels.py has to follow"
+            )
             raise RuntimeError(message)
         if repaired != text:
             path.write_text(repaired, encoding="utf-8")

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a program says, in place of a traceback, that was started without the workspace's environment.
 
-ros2_ws/compile copies this module into .venv, whose interpreters import it as they start: so it imports next to nothing.
+ros2_ws/compile copies this module into .venv, whose interpreters import it as they start: so it
+imports next to nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ SETUP = os.path.join(os.path.dirname(sys.prefix), "ros2_ws", "setup.bash")  # no
 
 def advice(package: str) -> str:
     """One line."""
-    return f"{package} is not in this environment: source the workspace in this shell, then start again:  . {SETUP}"
+    return (
+        f"{package} is not in this environment: source the workspace in this shell, then start"
+        f" again:  . {SETUP}"
+    )
 
 
 class LastFinder:
@@ -31,7 +35,8 @@ class LastFinder:
         """See importlib.abc.MetaPathFinder. Raises ModuleNotFoundError for a package of the workspace."""
         del path, target
         package = name.partition(".")[0]
-        # In the repository's root Python takes the folders of the packages for packages: those have no file.
+        # In the repository's root Python takes the folders of the packages for packages: those have
+        # no file.
         if package in PACKAGES and getattr(sys.modules.get(package), "__file__", None) is None:
             raise ModuleNotFoundError(advice(package), name=package)
 

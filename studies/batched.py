@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model's recursion over many drives at once: the same functions under ``torch.vmap``, block by block.
 
-The streaming model drops hypotheses that died; here every drive keeps as many as the model ever holds, dead ones behind, with a
-log weight of -inf. Where drives differ in what has to be solved, as many are solved as the drive with the most of them needs.
+The streaming model drops hypotheses that died; here every drive keeps as many as the model ever
+holds, dead ones behind, with a log weight of -inf. Where drives differ in what has to be solved, as
+many are solved as the drive with the most of them needs.
 
-Drives differ in where their blocks end, because an observation without a usable wheel breaks the chain of velocities
-and closes its block early. So the blocks are laid out first, and the j-th blocks of all drives that have the same
-length are run as one batch.
+Drives differ in where their blocks end, because an observation without a usable wheel breaks the
+chain of velocities and closes its block early. So the blocks are laid out first, and the j-th
+blocks of all drives that have the same length are run as one batch.
 """
 
 import functools
@@ -88,23 +89,44 @@ def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
     return Layout(first[:, :most], length[:, :most], closed_at[:, :most], linked)
 
 
-def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = None, rows: Tensor | None = None) -> Trace:
+def run(
+    model: PAlpaca,
+    packed: Tensor,
+    times: Tensor,
+    ends: Tensor | None = None,
+    rows: Tensor | None = None,
+) -> Trace:
     """Run ``model`` over packed drives [N, T, 8 A + 9] from its own prior.
 
-    The estimates are those published after the observations ``times`` [K] (counted from 0). A drive ends with its first
-    ``ends`` [N] observations and keeps its last estimate. ``rows`` [R] is 1 for the rows that may be used, 0 for others.
+    The estimates are those published after the observations ``times`` [K] (counted from 0). A drive
+    ends with its first ``ends`` [N] observations and keeps its last estimate. ``rows`` [R] is 1 for
+    the rows that may be used, 0 for others.
     """
     drives, time, _ = packed.shape
     layout = lay_out(model, packed, torch.full((drives,), time) if ends is None else ends)
     packed = _blinded(model, packed)
-    packed = torch.where(layout.linked.unsqueeze(-1), packed, torch.cat([packed[..., :-2], torch.zeros_like(packed[..., -2:])], -1))
+    packed = torch.where(
+        layout.linked.unsqueeze(-1),
+        packed,
+        torch.cat([packed[..., :-2], torch.zeros_like(packed[..., -2:])], -1),
+    )
     mask = torch.ones(len(row_names(model.axles)), dtype=torch.float64) if rows is None else rows
     with torch.inference_mode():
-        state = {name: value.expand(drives, *value.shape).clone() for name, value in model.initial().items() if name != "block"}
+        state = {
+            name: value.expand(drives, *value.shape).clone()
+            for name, value in model.initial().items()
+            if name != "block"
+        }
         trace = _empty(state, drives, time, layout.first.shape[1], times.shape[0], model)
         for j in range(layout.first.shape[1]):
             for chosen, place, closes in _groups(layout, j):
-                _run_block(model, state, packed[chosen.unsqueeze(1), place], mask, _Target(trace, chosen, place, j, closes))
+                _run_block(
+                    model,
+                    state,
+                    packed[chosen.unsqueeze(1), place],
+                    mask,
+                    _Target(trace, chosen, place, j, closes),
+                )
             _publish(model, state, trace, layout, times, j)
     return trace
 
@@ -112,7 +134,9 @@ def run(model: PAlpaca, packed: Tensor, times: Tensor, ends: Tensor | None = Non
 def _blinded(model: PAlpaca, packed: Tensor) -> Tensor:
     """Slips outside the range of any soil as not measured: every soil has to explain the same rows."""
     slip = packed[..., : model.axles]
-    usable = model.in_every_range(packed[..., : 8 * model.axles].reshape(-1, 8, model.axles)).view(slip.shape)
+    usable = model.in_every_range(packed[..., : 8 * model.axles].reshape(-1, 8, model.axles)).view(
+        slip.shape
+    )
     return torch.cat([torch.where(usable, slip, torch.nan), packed[..., model.axles :]], -1)
 
 
@@ -163,11 +187,15 @@ def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, targe
             part = torch.vmap(model.unlink)(part, measured[:, 0], measured[:, 1] ** 2)
             continue
         part = torch.vmap(model.track)(part, packed[:, i])
-        trace.innovation[chosen, target.place[:, i]], trace.variance[chosen, target.place[:, i]] = part["innovation"].unbind(1)
+        trace.innovation[chosen, target.place[:, i]], trace.variance[chosen, target.place[:, i]] = (
+            part["innovation"].unbind(1)
+        )
     if not target.closes:
         return
     part = close(model, part, packed, mask)
-    trace.misfit[chosen, target.block], trace.degrees[chosen, target.block] = part["misfit"].unbind(1)
+    trace.misfit[chosen, target.block], trace.degrees[chosen, target.block] = part["misfit"].unbind(
+        1
+    )
     for name, value in part.items():
         if name in _OF_HYPOTHESES:
             state[name][chosen, : value.shape[1]] = value
@@ -181,19 +209,28 @@ _OF_HYPOTHESES = ("mean", "precision", "log_weight", "weight", "age", "kind")
 """Fields of the state with a place for each hypothesis, behind that of the drive; dead ones stand last."""
 
 
-def _publish(model: PAlpaca, state: State, trace: Trace, layout: Layout, times: Tensor, j: int) -> None:
+def _publish(
+    model: PAlpaca, state: State, trace: Trace, layout: Layout, times: Tensor, j: int
+) -> None:
     """Write the estimates after the j-th blocks wherever these were closed by the chosen times."""
     late = (layout.length[:, j] > 0).unsqueeze(1) & (layout.closed_at[:, j].unsqueeze(1) <= times)
     estimate = torch.vmap(model.estimate)(state)
     trace.mean.copy_(torch.where(late.unsqueeze(-1), estimate[:, :1], trace.mean))
-    trace.covariance.copy_(torch.where(late.unsqueeze(-1).unsqueeze(-1), estimate[:, 1:].unsqueeze(1), trace.covariance))
+    trace.covariance.copy_(
+        torch.where(
+            late.unsqueeze(-1).unsqueeze(-1), estimate[:, 1:].unsqueeze(1), trace.covariance
+        )
+    )
 
 
 def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     """``PAlpaca.close`` for blocks [G, n, 8 A + 9] of G drives."""
     drives, pieces = packed.shape[0], []
     state = torch.vmap(model.wander)(state, packed[..., -2].sum(1))
-    rows = [_SoilRows(model, soil, packed, mask, state["expansion"][:, soil]) for soil in range(model.known_soils)]
+    rows = [
+        _SoilRows(model, soil, packed, mask, state["expansion"][:, soil])
+        for soil in range(model.known_soils)
+    ]
     degrees = torch.zeros(drives, dtype=torch.float64)
     for soil in range(model.known_soils):
         members = (state["kind"] % model.known_soils == soil) & (state["log_weight"] != -torch.inf)
@@ -201,11 +238,15 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
         if chosen.numel() > 0:
             averaged = rows[soil].of(chosen)
             degrees[chosen] = averaged.present.sum(-1) - 1.0
-            pieces.append(_scatter(_solve_members(model, state, members, chosen, averaged), chosen, drives))
+            pieces.append(
+                _scatter(_solve_members(model, state, members, chosen, averaged), chosen, drives)
+            )
     solved = functools.reduce(torch.vmap(join), pieces)
     surprised = torch.nonzero(torch.vmap(model.surprised)(solved.solution, degrees)).squeeze(1)
     for soil in range(model.known_soils if surprised.numel() > 0 else 0):
-        born = torch.vmap(functools.partial(model.born, soil=soil))({name: value[surprised] for name, value in state.items()})
+        born = torch.vmap(functools.partial(model.born, soil=soil))(
+            {name: value[surprised] for name, value in state.items()}
+        )
         solution = solve_blocks(born, rows[soil].of(surprised), model.longest_step)
         age = torch.zeros_like(solution.misfit)
         new = Solved(solution, age, torch.full_like(age, soil, dtype=torch.long))
@@ -216,7 +257,9 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     every = torch.arange(drives).unsqueeze(1)
     state = torch.vmap(model.commit)(state, Bank(*(field[every, order] for field in bank)))
     leading = state["soils"].argmax(1)
-    noise = [(leading == soil).view(-1, 1, 1, 1) * rows[soil].noise for soil in range(model.known_soils)]
+    noise = [
+        (leading == soil).view(-1, 1, 1, 1) * rows[soil].noise for soil in range(model.known_soils)
+    ]
     state = torch.vmap(model.steer)(state, functools.reduce(torch.add, noise))
     state["misfit"] = torch.stack([misfit, degrees], 1)
     return state
@@ -225,14 +268,24 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
 class _SoilRows:
     """Rows of the blocks of G drives on one soil, averaged for a drive when they are first needed."""
 
-    def __init__(self, model: PAlpaca, soil: int, packed: Tensor, mask: Tensor, expansion: Tensor) -> None:
-        self._model, self._soil, self._packed, self._mask, self._expansion = model, soil, packed, mask, expansion
+    def __init__(
+        self, model: PAlpaca, soil: int, packed: Tensor, mask: Tensor, expansion: Tensor
+    ) -> None:
+        self._model, self._soil, self._packed, self._mask, self._expansion = (
+            model,
+            soil,
+            packed,
+            mask,
+            expansion,
+        )
         self._known = torch.zeros(packed.shape[0], dtype=torch.bool)
         wheels = packed[..., : 2 * model.axles].nan_to_num()
         slowest = wheels[..., : model.axles] - LARGEST_ERROR * wheels[..., model.axles :]
         self._slowest = slowest.amin((1, 2))  # braked wheels cost a chunk more: they go together
         self._rows: BlockRows | None = None
-        self.noise = packed.new_zeros(1, 1, 1, 1)  # [G, n, E, 3] of the velocity rows, zero where not needed
+        self.noise = packed.new_zeros(
+            1, 1, 1, 1
+        )  # [G, n, E, 3] of the velocity rows, zero where not needed
 
     def of(self, chosen: Tensor) -> BlockRows:
         """Rows of the ``chosen`` drives."""
@@ -241,7 +294,9 @@ class _SoilRows:
             missing = missing[torch.argsort(self._slowest[missing])]
             averaged, noise = self._average(missing)
             if self._rows is None:
-                self._rows = BlockRows(*(field.new_zeros(self._known.shape[0], *field.shape[1:]) for field in averaged))
+                self._rows = BlockRows(
+                    *(field.new_zeros(self._known.shape[0], *field.shape[1:]) for field in averaged)
+                )
                 self.noise = noise.new_zeros(self._known.shape[0], *noise.shape[1:])
             for whole, field in zip((*self._rows, self.noise), (*averaged, noise), strict=True):
                 whole[missing] = field
@@ -252,20 +307,29 @@ class _SoilRows:
     def _average(self, chosen: Tensor) -> tuple[BlockRows, Tensor]:
         packed, expansion = self._packed[chosen], self._expansion[chosen]
         average = functools.partial(self._model.average, soil=self._soil, chosen=self._mask)
-        averaged: tuple[BlockRows, Tensor] = torch.vmap(lambda block, at: average(block, expansion=at), chunk_size=CHUNK)(packed, expansion)
+        averaged: tuple[BlockRows, Tensor] = torch.vmap(
+            lambda block, at: average(block, expansion=at), chunk_size=CHUNK
+        )(packed, expansion)
         return averaged
 
 
-def _solve_members(model: PAlpaca, state: State, members: Tensor, chosen: Tensor, rows: BlockRows) -> Solved:
+def _solve_members(
+    model: PAlpaca, state: State, members: Tensor, chosen: Tensor, rows: BlockRows
+) -> Solved:
     """Solve the hypotheses ``members`` [G, H] of the ``chosen`` drives; where a drive has fewer, its first one again, dead."""
     here = members[chosen]
     place = torch.argsort((~here).long(), dim=1, stable=True)[:, : int(here.sum(1).max())]
     alive = here.gather(1, place)
     place = torch.where(alive, place, place[:, :1])
     mean, precision, log_weight, age, kind = (
-        state[name][chosen.unsqueeze(1), place] for name in ("mean", "precision", "log_weight", "age", "kind")
+        state[name][chosen.unsqueeze(1), place]
+        for name in ("mean", "precision", "log_weight", "age", "kind")
     )
-    solution = solve_blocks(Posterior(mean, precision, torch.where(alive, log_weight, -torch.inf)), rows, model.longest_step)
+    solution = solve_blocks(
+        Posterior(mean, precision, torch.where(alive, log_weight, -torch.inf)),
+        rows,
+        model.longest_step,
+    )
     return Solved(solution, age, kind)
 
 
@@ -282,7 +346,9 @@ def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
     precision = torch.eye(posterior.mean.shape[-1], dtype=torch.float64).repeat(*shape, 1, 1)
     precision[chosen] = posterior.precision
     whole = Posterior(spread(posterior.mean), precision, spread(posterior.log_weight, -torch.inf))
-    return Solved(Solution(whole, spread(misfit), spread(noise)), spread(solved.age), spread(solved.kind))
+    return Solved(
+        Solution(whole, spread(misfit), spread(noise)), spread(solved.age), spread(solved.kind)
+    )
 
 
 def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:
@@ -296,6 +362,10 @@ def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Sol
         if moving.numel() == 0:
             break
         chosen = Posterior(*(field[moving] for field in padded))
-        further = newton(chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step)
-        step = Step(*(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True)))
+        further = newton(
+            chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step
+        )
+        step = Step(
+            *(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True))
+        )
     return solution_of(prior, torch.vmap(without_apparent)(step, rows))

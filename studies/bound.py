@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cramer-Rao bound of (c, tan phi): what no unbiased estimator can beat on a drive, whatever its method.
 
-The information of all rows of every single observation at the true parameters and true inputs, the noise of slip,
-sinkage and angles propagated into the rows, velocity and accelerometer bias unknown, and the prior added. Soil
-constants that are not known exactly are unknowns with a prior of their own.
+The information of all rows of every single observation at the true parameters and true inputs, the
+noise of slip, sinkage and angles propagated into the rows, velocity and accelerometer bias unknown,
+and the prior added. Soil constants that are not known exactly are unknowns with a prior of their
+own.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,16 @@ from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.model.block import block_rows, row_noise
 from terrain_estimator.model.gaussian import cholesky, drop, symmetrize
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.rows import PA_PER_UNIT, Contact, Rows, features_of, frame_of, regression_rows, row_names, values_alone
+from terrain_estimator.model.rows import (
+    PA_PER_UNIT,
+    Contact,
+    Rows,
+    features_of,
+    frame_of,
+    regression_rows,
+    row_names,
+    values_alone,
+)
 from terramechanics.contact.stresses import CONSTANTS, wheel_forces
 
 CHUNK = 500
@@ -28,7 +38,9 @@ _STEP = 1e-4  # [1] relative, of the differences with respect to the soil consta
 class Known:
     """What an estimator is given beside the observations."""
 
-    rows: Tensor | None = None  # [S, R] 1 for the rows that each of S estimators may use, 0 for others; every row where None
+    rows: Tensor | None = (
+        None  # [S, R] 1 for the rows that each of S estimators may use, 0 for others; every row where None
+    )
     ends: Tensor | None = None  # [batch] observations of a drive that count
     constants: Tensor | None = None  # [batch, 6] true soil constants, those of the model where None
     constants_sd: float = 0.0  # [1] relative standard deviation of what is known of each constant
@@ -37,8 +49,8 @@ class Known:
 def cramer_rao(model: PAlpaca, tasks: Tasks) -> Tensor:
     """Bound on the covariance of (c [Pa], tan phi) after each whole drive, shape [batch, 2, 2].
 
-    Takes physics, noise and prior from ``model``, not its learnt columns and with exact soil constants,
-    and the rows from ``tasks.true``.
+    Takes physics, noise and prior from ``model``, not its learnt columns and with exact soil
+    constants, and the rows from ``tasks.true``.
     """
     return cramer_rao_at(model, tasks, torch.tensor([tasks.true.shape[1] - 1]), Known())[0, :, 0]
 
@@ -46,11 +58,21 @@ def cramer_rao(model: PAlpaca, tasks: Tasks) -> Tensor:
 def cramer_rao_at(model: PAlpaca, tasks: Tasks, times: Tensor, known: Known) -> Tensor:
     """The same after the observations ``times`` [K] (counted from 0, rising) with each set of rows, shape [S, batch, K, 2, 2]."""
     batch, time, _ = tasks.true.shape
-    sets = torch.ones(1, len(row_names(model.axles)), dtype=torch.float64) if known.rows is None else known.rows
+    sets = (
+        torch.ones(1, len(row_names(model.axles)), dtype=torch.float64)
+        if known.rows is None
+        else known.rows
+    )
     information = _information_of_all(model, tasks, known, sets).flatten(0, 1)
     unit = torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
-    loose = [torch.full((6,), max(known.constants_sd, 1e-6) ** -2.0, dtype=torch.float64)] if known.constants_sd else []
-    precision = torch.diag(torch.cat([(model.prior_sd / unit) ** -2.0, *loose, model.other_precision[-model.kept :]]))
+    loose = (
+        [torch.full((6,), max(known.constants_sd, 1e-6) ** -2.0, dtype=torch.float64)]
+        if known.constants_sd
+        else []
+    )
+    precision = torch.diag(
+        torch.cat([(model.prior_sd / unit) ** -2.0, *loose, model.other_precision[-model.kept :]])
+    )
     ends = (torch.full((batch,), time) if known.ends is None else known.ends).repeat(sets.shape[0])
     precision = precision.expand(ends.shape[0], -1, -1)
     size, found = precision.shape[-1], []
@@ -79,8 +101,15 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known, sets: Tensor
         here = slice(start, start + CHUNK)
         local = contact._replace(constants=constants[here])
         rows = regression_rows(packed[here], packed[here], local)
-        columns = _by_constants(packed[here], local, theta[here]) if known.constants_sd else rows.features[0, ..., :0]
-        alike = (rows.features[0], rows.noise[0], rows.target, rows.variance), (columns, packed[here], theta[here])
+        columns = (
+            _by_constants(packed[here], local, theta[here])
+            if known.constants_sd
+            else rows.features[0, ..., :0]
+        )
+        alike = (
+            (rows.features[0], rows.noise[0], rows.target, rows.variance),
+            (columns, packed[here], theta[here]),
+        )
         each = torch.vmap(lambda *fields: _information(model, fields))
         pieces.append(torch.stack([each(*alike[0], rows.used * mask, *alike[1]) for mask in sets]))
     return torch.cat(pieces, 1).view(sets.shape[0], batch, time, *pieces[0].shape[2:])
@@ -94,10 +123,20 @@ def _by_constants(packed: Tensor, contact: Contact, theta: Tensor) -> Tensor:
     def at(index: int, factor: float) -> Tensor:
         changed = contact.constants.clone()
         changed[..., index] *= factor
-        forces = wheel_forces(frame.measured[:, 0], frame.measured[:, 2], changed, contact.radius, contact.width, contact.nodes)
+        forces = wheel_forces(
+            frame.measured[:, 0],
+            frame.measured[:, 2],
+            changed,
+            contact.radius,
+            contact.width,
+            contact.nodes,
+        )
         return features_of(frame, (forces * contact.column_unit) @ homogeneous).squeeze(-1)
 
-    return torch.stack([(at(k, 1.0 + _STEP) - at(k, 1.0 - _STEP)) / (2.0 * _STEP) for k in range(len(CONSTANTS))], -1)
+    return torch.stack(
+        [(at(k, 1.0 + _STEP) - at(k, 1.0 - _STEP)) / (2.0 * _STEP) for k in range(len(CONSTANTS))],
+        -1,
+    )
 
 
 def _information(model: PAlpaca, fields: tuple[Tensor, ...]) -> Tensor:
@@ -108,6 +147,14 @@ def _information(model: PAlpaca, fields: tuple[Tensor, ...]) -> Tensor:
     velocity = torch.stack([measured[0], measured[1] ** 2]).unsqueeze(0)
     step = (measured[-2] * measured[-1] * alone.used[0, 0]).unsqueeze(0)
     nothing = packed.new_zeros(0)
-    averaged = block_rows(alone, columns.unsqueeze(0), step, velocity, nothing, model.fixed_columns, model.link_variance)
+    averaged = block_rows(
+        alone,
+        columns.unsqueeze(0),
+        step,
+        velocity,
+        nothing,
+        model.fixed_columns,
+        model.link_variance,
+    )
     _, covariance = row_noise(averaged, torch.cat([theta, torch.ones_like(theta[:1])]).unsqueeze(0))
     return averaged.linear.T @ torch.linalg.solve(covariance[0], averaged.linear)

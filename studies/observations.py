@@ -17,9 +17,12 @@ def observations_of(measurement: Measurement, index: int) -> list[Observation]:
     batch, time = measurement.velocity.shape
     names = [field.name for field in dataclasses.fields(Observation) if field.name != "stamp_ns"]
     columns = {name: getattr(measurement, name) for name in names}
-    series = {name: (value[index] if value.ndim == 3 else value.expand(batch, time)[index]) for name, value in columns.items()}
+    series = {
+        name: value[index] if value.ndim == 3 else value.expand(batch, time)[index]
+        for name, value in columns.items()
+    }
     return [
-        Observation(stamp_ns=(k + 1) * STEP_NS, **{name: _plain(value[k]) for name, value in series.items()})  # type: ignore[arg-type]
+        Observation((k + 1) * STEP_NS, **{name: _plain(value[k]) for name, value in series.items()})  # type: ignore[arg-type]
         for k in range(time)
     ]
 

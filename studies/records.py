@@ -65,7 +65,10 @@ def read_record(path: Path) -> dict[str, NDArray[Any]] | None:
     if not path.exists():
         return None
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:  # numpy leaves a file that it refuses open
+        with (
+            path.open("rb") as file,
+            np.load(file, allow_pickle=False) as stored,
+        ):  # numpy leaves a file that it refuses open
             return dict(stored)
     except (ValueError, EOFError, zipfile.BadZipFile) as error:
         raise OSError(f"{path}: {error}; remove it, it is computed anew") from error
@@ -78,7 +81,13 @@ def write_results(texts: Mapping[Path, str]) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def compute(title: str, missing: Sequence[Piece[_Result]], processes: int, minutes: float, keep: Callable[[_Result, Path], None]) -> None:
+def compute(
+    title: str,
+    missing: Sequence[Piece[_Result]],
+    processes: int,
+    minutes: float,
+    keep: Callable[[_Result, Path], None],
+) -> None:
     """Compute and keep these pieces, as many as there is time for; ``minutes`` 0: all of them."""
     end = time.monotonic() + 60.0 * minutes if minutes else float("inf")
     with ProgressReport(f"{title}: {len(missing)} pieces") as report:
@@ -87,7 +96,9 @@ def compute(title: str, missing: Sequence[Piece[_Result]], processes: int, minut
             report.at(done / len(missing), piece.path.stem)
 
 
-def _finished(missing: Sequence[Piece[_Result]], processes: int, end: float) -> Iterator[tuple[Piece[_Result], _Result]]:
+def _finished(
+    missing: Sequence[Piece[_Result]], processes: int, end: float
+) -> Iterator[tuple[Piece[_Result], _Result]]:
     """Results as they come; after ``end`` no piece is begun."""
     waiting = itertools.takewhile(lambda _: time.monotonic() < end, missing)
     if processes == 1:

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A reference posterior whose (c, tan phi) is no Gaussian: a grid over both, all else marginalised exactly, given the model's rows.
 
-For a fixed (c, tan phi) the rows of a block are linear in velocity, centre of mass and accelerometer bias with a known covariance,
-so these are Gaussian and a Kalman recursion is exact. What is checked is what the model adds to this: its Gauss-Newton in (c, tan phi)
-and its bank. The rows themselves are the model's, expanded where it expanded them, so an error of that expansion is in both; soil
-constants are exact, the soil is one, and there is no net.
+For a fixed (c, tan phi) the rows of a block are linear in velocity, centre of mass and
+accelerometer bias with a known covariance, so these are Gaussian and a Kalman recursion is exact.
+What is checked is what the model adds to this: its Gauss-Newton in (c, tan phi) and its bank. The
+rows themselves are the model's, expanded where it expanded them, so an error of that expansion is
+in both; soil constants are exact, the soil is one, and there is no net.
 """
 
 from typing import NamedTuple
@@ -41,22 +42,32 @@ class _Bank(NamedTuple):
 def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Reference:
     """Posterior of one drive [T, 8 A + 9] of ``end`` observations under ``model``, for exact constants and without a net.
 
-    The grid lies around the model's own posterior, along its axes. Each block's rows are those that the model took: expanded
-    at its estimate of that time.
+    The grid lies around the model's own posterior, along its axes. Each block's rows are those that
+    the model took: expanded at its estimate of that time.
     """
     time = packed.shape[0]
     layout = lay_out(model, packed.unsqueeze(0), torch.tensor([end]))
     closed = layout.closed_at[0][layout.closed_at[0] < time]
     trace = run(model, packed.unsqueeze(0), closed, torch.tensor([end]), mask)
     axis = torch.linspace(-REACH, REACH, POINTS, dtype=torch.float64)
-    points = trace.mean[0, -1] + torch.cartesian_prod(axis, axis) @ torch.linalg.cholesky(trace.covariance[0, -1]).T
-    theta, before = points / model.unit, torch.cat([model.prior_mean.unsqueeze(0), trace.mean[0, :-1]]) / model.unit
+    points = (
+        trace.mean[0, -1]
+        + torch.cartesian_prod(axis, axis) @ torch.linalg.cholesky(trace.covariance[0, -1]).T
+    )
+    theta, before = (
+        points / model.unit,
+        torch.cat([model.prior_mean.unsqueeze(0), trace.mean[0, :-1]]) / model.unit,
+    )
     bank = _start(model, points)
-    for first, length, place in zip(layout.first[0].tolist(), layout.length[0].tolist(), before, strict=False):
+    for first, length, place in zip(
+        layout.first[0].tolist(), layout.length[0].tolist(), before, strict=False
+    ):
         linked = bool(layout.linked[0, first])
         if not linked:
             bank = _unlink(model, bank)
-        bank = _close(bank, _rows(model, packed[first : first + length], place, mask, linked=linked), theta)
+        bank = _close(
+            bank, _rows(model, packed[first : first + length], place, mask, linked=linked), theta
+        )
     weight = torch.softmax(bank.log_weight, 0)
     centre = weight @ points
     spread = points - centre
@@ -67,7 +78,9 @@ def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Re
 
 def _start(model: PAlpaca, points: Tensor) -> _Bank:
     """The prior of the model: its mixture, not the Gaussian of the same moments."""
-    component = (points.unsqueeze(1) - model.prior_mean - model.offsets * model.prior_sd) / (model.offset_spread * model.prior_sd)
+    component = (points.unsqueeze(1) - model.prior_mean - model.offsets * model.prior_sd) / (
+        model.offset_spread * model.prior_sd
+    )
     log_prior = torch.logsumexp(model.offset_log_weight - 0.5 * component.square().sum(-1), 1)
     count = points.shape[0]
     return _Bank(
@@ -84,7 +97,9 @@ def _unlink(model: PAlpaca, bank: _Bank) -> _Bank:
     return _Bank(nn.functional.pad(mean, [0, 1]), opened, bank.log_weight)
 
 
-def _rows(model: PAlpaca, packed: Tensor, place: Tensor, mask: Tensor, *, linked: bool) -> BlockRows:
+def _rows(
+    model: PAlpaca, packed: Tensor, place: Tensor, mask: Tensor, *, linked: bool
+) -> BlockRows:
     theta = torch.cat([place, torch.ones_like(place[:1])])
     rows = model.rows(packed, model.nominal_contact(), place[:0], theta, mask)
     rows = rows._replace(used=rows.used * mask)
@@ -92,7 +107,15 @@ def _rows(model: PAlpaca, packed: Tensor, place: Tensor, mask: Tensor, *, linked
     step = measured[:, -2] * rows.used[:, 0]
     step = step if linked else torch.cat([torch.zeros_like(step[:1]), step[1:]])
     velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
-    return block_rows(rows, rows.features[0, ..., :0], step, velocity, step[:0], model.fixed_columns, model.link_variance)
+    return block_rows(
+        rows,
+        rows.features[0, ..., :0],
+        step,
+        velocity,
+        step[:0],
+        model.fixed_columns,
+        model.link_variance,
+    )
 
 
 def _close(bank: _Bank, rows: BlockRows, theta: Tensor) -> _Bank:
@@ -101,12 +124,20 @@ def _close(bank: _Bank, rows: BlockRows, theta: Tensor) -> _Bank:
     factor = cholesky(covariance)
     jacobian = rows.linear[:, -FIXED:].expand(theta.shape[0], -1, -1)
     start = torch.cat([bank.mean, bank.mean[:, -1:]], 1)
-    residual = (rows.target - rows.offset - theta @ rows.linear[:, :2].T).unsqueeze(-1) - jacobian @ start.unsqueeze(-1)
+    residual = (rows.target - rows.offset - theta @ rows.linear[:, :2].T).unsqueeze(
+        -1
+    ) - jacobian @ start.unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
-    precision = nn.functional.pad(bank.precision, [0, 1, 0, 1]) + jacobian.mT @ torch.cholesky_solve(jacobian, factor)
+    precision = nn.functional.pad(
+        bank.precision, [0, 1, 0, 1]
+    ) + jacobian.mT @ torch.cholesky_solve(jacobian, factor)
     root, gradient = cholesky(precision), jacobian.mT @ weighted
     step = torch.cholesky_solve(gradient, root)
     misfit = (residual * weighted).sum((1, 2)) - (gradient * step).sum((1, 2))
-    volume = log_determinant(root) - torch.log(precision[:, -1, -1]) - log_determinant(cholesky(bank.precision))
+    volume = (
+        log_determinant(root)
+        - torch.log(precision[:, -1, -1])
+        - log_determinant(cholesky(bank.precision))
+    )
     mean, kept = drop(start + step.squeeze(-1), precision, FIXED - 2)
     return _Bank(mean, kept, bank.log_weight - 0.5 * (misfit + volume))

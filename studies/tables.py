@@ -4,7 +4,10 @@
 
 from collections.abc import Iterable, Sequence
 
-LICENCE = "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier: Apache-2.0\n-->\n"
+LICENCE = (
+    "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier:"
+    " Apache-2.0\n-->\n"
+)
 
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:

@@ -25,4 +25,6 @@ def workers(count: int) -> Iterator[ProcessPoolExecutor]:
 
 def _begin() -> None:
     torch.set_num_threads(1)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches every process: the first one speaks for all
+    signal.signal(
+        signal.SIGINT, signal.SIG_DFL
+    )  # Ctrl-C reaches every process: the first one speaks for all

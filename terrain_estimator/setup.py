@@ -17,7 +17,15 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(),
-    package_data={NAME: ["py.typed", "models/*", "discovery/evidence/*.json", "pages/templates/*", "dashboard/static/*"]},
+    package_data={
+        NAME: [
+            "py.typed",
+            "models/*",
+            "discovery/evidence/*.json",
+            "pages/templates/*",
+            "dashboard/static/*",
+        ]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -12,8 +12,12 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: sudo apt-get install chromium")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None, reason="no chromium on this machine: sudo apt-get install chromium"
+)
 
 
 @contextmanager
@@ -37,7 +41,9 @@ class Opened:
 
 
 @contextmanager
-def opened(browser: Browser, source: Path | str, width: int, scheme: str = "light") -> Iterator[Opened]:
+def opened(
+    browser: Browser, source: Path | str, width: int, scheme: str = "light"
+) -> Iterator[Opened]:
     """The file, without a network, or the address in a window of that width."""
     context = browser.new_context(
         viewport={"width": width, "height": 800},

@@ -5,9 +5,14 @@
 import hypothesis
 import torch
 
-# The same examples in every run, and no time limit for one example: a busy machine is no failure. For many others give
+# The same examples in every run, and no time limit for one example: a busy machine is no failure.
+# For many others give
 # --hypothesis-profile=many, and the files with properties.
 hypothesis.settings.register_profile("ci", derandomize=True, deadline=None, database=None)
-hypothesis.settings.register_profile("many", max_examples=5000, deadline=None, database=None, print_blob=True)
+hypothesis.settings.register_profile(
+    "many", max_examples=5000, deadline=None, database=None, print_blob=True
+)
 hypothesis.settings.load_profile("ci")
-torch.set_num_threads(1)  # as the nodes do: the tensors are small, and threads that wait for each other are slower
+torch.set_num_threads(
+    1
+)  # as the nodes do: the tensors are small, and threads that wait for each other are slower

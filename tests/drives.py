@@ -33,7 +33,9 @@ def measured(seconds: float, seed: int) -> tuple[Sample, Measurement, Measuremen
     """One S1 drive on loose sand: what is true, and what the left and the right wheels measure."""
     generator = torch.Generator().manual_seed(seed)
     strength = torch.tensor([[COHESION_PA, TAN_PHI]], dtype=torch.float64)
-    ground = Ground([Patch(load_soil("loose_sand").constants().unsqueeze(0), strength, name="loose_sand")])
+    ground = Ground(
+        [Patch(load_soil("loose_sand").constants().unsqueeze(0), strength, name="loose_sand")]
+    )
     drive = simulate(ROVER, ground, "S1", seconds, generator, 1)
     left, right = (measure_drive(ROVER, drive.sample, Noise(), generator) for _ in range(2))
     return drive.sample, left, right
@@ -48,10 +50,20 @@ def drive_messages(make: Make, seconds: float = 10.0, seed: int = 1) -> Iterator
             yield topic, stamp, make(INPUT_TYPES[topic], **fields)
 
 
-def write_bag(folder: Path, events: Iterator[Event] | list[Event], types: Types, namespace: str = "", *, recording: bool = False) -> Path:
+def write_bag(
+    folder: Path,
+    events: Iterator[Event] | list[Event],
+    types: Types,
+    namespace: str = "",
+    *,
+    recording: bool = False,
+) -> Path:
     """Write messages of the input topics to a bag whose log times are their stamps."""
     with BagWriter(folder, recording=recording) as writer:
-        topics = {name: writer.add_topic(f"{namespace}/{name}", type_name) for name, type_name in INPUT_TYPES.items()}
+        topics = {
+            name: writer.add_topic(f"{namespace}/{name}", type_name)
+            for name, type_name in INPUT_TYPES.items()
+        }
         for name, stamp, message in events:
             writer.write(topics[name], types.serialize(message), stamp)
     return folder
@@ -59,23 +71,45 @@ def write_bag(folder: Path, events: Iterator[Event] | list[Event], types: Types,
 
 def _header(make: Make, stamp_ns: int) -> Any:
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return make("std_msgs/msg/Header", stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id="base_link")
+    return make(
+        "std_msgs/msg/Header",
+        stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
+        frame_id="base_link",
+    )
 
 
-def _fields(make: Make, left: Measurement, right: Measurement, step: int, header: Any) -> dict[str, dict[str, Any]]:
+def _fields(
+    make: Make, left: Measurement, right: Measurement, step: int, header: Any
+) -> dict[str, dict[str, Any]]:
     def wheels(name: str) -> Any:
         sides = {"left": getattr(left, name), "right": getattr(right, name)}
-        return np.array([float(sides[wheel.side].expand_as(left.slip)[0, step, wheel.axle]) for wheel in ROVER.wheels])
+        return np.array(
+            [
+                float(sides[wheel.side].expand_as(left.slip)[0, step, wheel.axle])
+                for wheel in ROVER.wheels
+            ]
+        )
 
     def scalar(name: str) -> float:
         return float(torch.as_tensor(getattr(left, name)).expand_as(left.velocity)[0, step])
 
     pitch = scalar("pitch")
-    orientation = make("geometry_msgs/msg/Quaternion", w=np.cos(pitch / 2), y=-np.sin(pitch / 2), x=0.0, z=0.0)
-    pose, twist = make("geometry_msgs/msg/Pose", orientation=orientation), make("geometry_msgs/msg/Vector3", x=scalar("velocity"))
+    orientation = make(
+        "geometry_msgs/msg/Quaternion", w=np.cos(pitch / 2), y=-np.sin(pitch / 2), x=0.0, z=0.0
+    )
+    pose, twist = (
+        make("geometry_msgs/msg/Pose", orientation=orientation),
+        make("geometry_msgs/msg/Vector3", x=scalar("velocity")),
+    )
     names = list(ROVER.wheel_names)
     return {
-        "wheel_slip": {"header": header, "sequence": step, "wheel": names, "slip": wheels("slip"), "slip_stddev": wheels("slip_sd")},
+        "wheel_slip": {
+            "header": header,
+            "sequence": step,
+            "wheel": names,
+            "slip": wheels("slip"),
+            "slip_stddev": wheels("slip_sd"),
+        },
         "wheel_sinkage": {
             "header": header,
             "sequence": step,
@@ -88,7 +122,11 @@ def _fields(make: Make, left: Measurement, right: Measurement, step: int, header
         "odom": {
             "header": make("std_msgs/msg/Header", stamp=header.stamp, frame_id="odom"),
             "child_frame_id": "base_link",
-            "pose": make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=_diagonal(36, 28, scalar("pitch_sd"))),
+            "pose": make(
+                "geometry_msgs/msg/PoseWithCovariance",
+                pose=pose,
+                covariance=_diagonal(36, 28, scalar("pitch_sd")),
+            ),
             "twist": make(
                 "geometry_msgs/msg/TwistWithCovariance",
                 twist=make("geometry_msgs/msg/Twist", linear=twist),

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """As much of ROS's launch library as our launch files use, to see what they would start where it is not installed (it has no wheel).
 
-It keeps what they say and resolves it: arguments with their defaults and choices, scopes of groups, included files.
+It keeps what they say and resolves it: arguments with their defaults and choices, scopes of groups,
+included files.
 """
 
 import runpy
@@ -15,7 +16,15 @@ from typing import Any
 
 import pytest
 
-MODULES = ("launch", "launch.actions", "launch.event_handlers", "launch.events", "launch.substitutions", "launch_ros", "launch_ros.actions")
+MODULES = (
+    "launch",
+    "launch.actions",
+    "launch.event_handlers",
+    "launch.events",
+    "launch.substitutions",
+    "launch_ros",
+    "launch_ros.actions",
+)
 NAMES = (
     "LaunchContext", "LaunchDescription", "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "GroupAction", "IncludeLaunchDescription",
     "OpaqueFunction", "RegisterEventHandler", "OnProcessExit", "Shutdown", "Node", "ThisLaunchFileDir",
@@ -55,7 +64,11 @@ class Context:
     def include(self, path: Path, given: dict[str, str]) -> None:
         """Start what a file declares; an argument that it does not declare would be passed over in silence."""
         entities = description(path)
-        known = {entity.positional[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
+        known = {
+            entity.positional[0]
+            for entity in entities
+            if type(entity).__name__ == "DeclareLaunchArgument"
+        }
         assert set(given) <= known, f"{path.name} has no argument {set(given) - known}"
         self.values |= given
         for entity in entities:
@@ -73,7 +86,8 @@ class Context:
             self.values = before
         elif kind == "IncludeLaunchDescription":
             self.include(
-                Path(self.text(entity.positional[0])), {name: self.text(value) for name, value in entity.named["launch_arguments"]}
+                Path(self.text(entity.positional[0])),
+                {name: self.text(value) for name, value in entity.named["launch_arguments"]},
             )
         elif kind in {"Node", "ExecuteProcess"}:
             self.started.append(entity)
@@ -94,7 +108,9 @@ class Context:
 @contextmanager
 def library() -> Iterator[None]:
     """The stand-in takes the place of the library's modules."""
-    classes = {name: type(name, (Kept,), {}) for name in NAMES} | {"LaunchConfiguration": LaunchConfiguration}
+    classes = {name: type(name, (Kept,), {}) for name in NAMES} | {
+        "LaunchConfiguration": LaunchConfiguration
+    }
     with pytest.MonkeyPatch.context() as patch:
         for name in MODULES:
             module = ModuleType(name)

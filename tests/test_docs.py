@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the pages point to and tell to type exists: links, anchors, executables, options, parameters, targets of make, versions.
 
-Addresses of the web are not asked, as tests need no network. Of `ros2 topic`, `service` and `bag`, which the wheels do not have, names
-are checked alone.
+Addresses of the web are not asked, as tests need no network. Of `ros2 topic`, `service` and `bag`,
+which the wheels do not have, names are checked alone.
 """
 
 import importlib
@@ -32,10 +32,17 @@ from terramechanics.terrain.soil import load_soil
 from tests.launch_stand_in import declared
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "bags/README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CHANGELOG.md",
+    ROOT / "bags/README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 POLICY = ROOT / "docs/examples/sros2/policy.xml"
-PACKAGES = ("msg_defs", "terramechanics", "rover_sim_node", "terrain_estimator")
-ENDS = r"(?:[^|;&#\n]|\n +\[)*"  # of a command; a line that goes on begins with an option in brackets
+PACKAGES = ("msg_defs", "rover_parameters", "terramechanics", "rover_sim_node", "terrain_estimator")
+ENDS = (  # of a command; a line that goes on begins with an option in brackets
+    r"(?:[^|;&#\n]|\n +\[)*"
+)
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
@@ -48,20 +55,35 @@ def tokens(page: Path) -> tuple[Token, ...]:
 
 def anchors(page: Path) -> set[str]:
     """Of the headings, as GitHub makes them."""
-    found = [token.content for before, token in zip(tokens(page), tokens(page)[1:], strict=False) if before.type == "heading_open"]
+    found = [
+        token.content
+        for before, token in zip(tokens(page), tokens(page)[1:], strict=False)
+        if before.type == "heading_open"
+    ]
     return {re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-") for text in found}
 
 
 def code(page: Path) -> list[str]:
-    return [token.content for token in tokens(page) if token.type in {"code_inline", "code_block", "fence"}]
+    return [
+        token.content
+        for token in tokens(page)
+        if token.type in {"code_inline", "code_block", "fence"}
+    ]
 
 
 @cache
 def executables() -> dict[tuple[str, str], str]:
     """Module by package and executable."""
-    texts = {package: (ROOT / package / "setup.py").read_text(encoding="utf-8") for package in PACKAGES[1:]}
+    texts = {
+        package: (ROOT / package / "setup.py").read_text(encoding="utf-8")
+        for package in PACKAGES[1:]
+    }
     entries = r'"(\w+) = ([\w.]+):main"'
-    return {(package, name): module for package, text in texts.items() for name, module in re.findall(entries, text)}
+    return {
+        (package, name): module
+        for package, text in texts.items()
+        for name, module in re.findall(entries, text)
+    }
 
 
 @cache
@@ -96,10 +118,14 @@ def known_options(module: str, *arguments: str) -> frozenset[str]:
     shown: list[str] = []
     package = importlib.util.find_spec(module)
     assert package, f"python -m {module}"
-    main = importlib.import_module(f"{module}.__main__" if package.submodule_search_locations else module).main
+    main = importlib.import_module(
+        f"{module}.__main__" if package.submodule_search_locations else module
+    ).main
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sys.argv", [module, *arguments, "--help"])
-        patch.setattr("argparse.ArgumentParser.print_help", lambda parser: shown.append(parser.format_help()))
+        patch.setattr(
+            "argparse.ArgumentParser.print_help", lambda parser: shown.append(parser.format_help())
+        )
         with pytest.raises(SystemExit):
             main()
     return frozenset(re.findall(r"--[a-z-]+|-p\b", shown[0]))
@@ -107,14 +133,20 @@ def known_options(module: str, *arguments: str) -> frozenset[str]:
 
 @every_page
 def test_links_lead_to_files_and_headings(page: Path) -> None:
-    links = [str(token.attrs.get("href") or token.attrs.get("src")) for token in tokens(page) if token.type in {"link_open", "image"}]
+    links = [
+        str(token.attrs.get("href") or token.attrs.get("src"))
+        for token in tokens(page)
+        if token.type in {"link_open", "image"}
+    ]
     for link in links:
         if link.startswith(("http://", "https://")):
             continue
         path, _, anchor = link.partition("#")
         target = (page.parent / path).resolve() if path else page
         assert target.exists(), f"{link}: no such file"
-        assert not anchor or anchor in anchors(target), f"{link}: {target.name} has {sorted(anchors(target))}"
+        assert not anchor or anchor in anchors(target), (
+            f"{link}: {target.name} has {sorted(anchors(target))}"
+        )
 
 
 @every_page
@@ -152,10 +184,17 @@ def test_topics_services_and_pinned_packages_are_those_of_the_project(page: Path
     assert set(re.findall(r"ros2 topic (?:hz|info|echo) (?:-\S+ )*([\w/]+)", text)) <= published
     services = re.findall(r"ros2 service call /(\w+)/(\w+) ([\w/]+)", text)
     kinds = {"change_state": "lifecycle_msgs/srv/ChangeState"}
-    assert all(node in NODES and kind == kinds.get(name, "std_srvs/srv/Trigger") for node, name, kind in services), services
-    lists = "\n".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "requirements").glob("*.txt")))
+    assert all(
+        node in NODES and kind == kinds.get(name, "std_srvs/srv/Trigger")
+        for node, name, kind in services
+    ), services
+    lists = "\n".join(
+        path.read_text(encoding="utf-8") for path in sorted((ROOT / "requirements").glob("*.txt"))
+    )
     for pinned in re.findall(r"(?<=[ \n])[\w.-]+==[\w.]+", text):
-        assert re.search(rf"^{re.escape(pinned)}\b", lists, re.MULTILINE), f"{pinned} is not what requirements/ pins"
+        assert re.search(rf"^{re.escape(pinned)}\b", lists, re.MULTILINE), (
+            f"{pinned} is not what requirements/ pins"
+        )
 
 
 @every_page
@@ -175,37 +214,66 @@ def test_the_checks_find_commands_to_check() -> None:
     assert any("\n" in arguments for *_, arguments in found), "a command over two lines"
     assert known_options("terrain_estimator.cli.replay") >= {"--compare", "--out", "-p"}
     of_ours = {module for page in PAGES for module, _ in modules(page)}
-    assert of_ours >= {"tests.hidden.matters", "tests.hidden.judge", "tests.terrain_estimator.discovery.discover", "tests.fuzz"}
+    assert of_ours >= {
+        "tests.hidden.matters",
+        "tests.hidden.judge",
+        "tests.terrain_estimator.discovery.discover",
+        "tests.fuzz",
+    }
 
 
 def test_the_soil_that_the_page_shows_is_a_soil_file(tmp_path: Path) -> None:
-    (text,) = (token.content for token in tokens(ROOT / "docs/bring_your_own_soil.md") if token.type == "fence")
+    (text,) = (
+        token.content
+        for token in tokens(ROOT / "docs/bring_your_own_soil.md")
+        if token.type == "fence"
+    )
     path = tmp_path / "my_sand.yaml"
     path.write_text(text, encoding="utf-8")
     assert load_soil(path).name == path.stem
 
 
 def test_the_program_without_ros_that_the_page_shows_runs(tmp_path: Path) -> None:
-    (text,) = (token.content for token in tokens(ROOT / "docs/estimator.md") if token.type == "code_block" and "import" in token.content)
+    (text,) = (
+        token.content
+        for token in tokens(ROOT / "docs/estimator.md")
+        if token.type == "code_block" and "import" in token.content
+    )
     path = tmp_path / "program.py"
     path.write_text(text, encoding="utf-8")
     assert runpy.run_path(str(path))["update"].decision.outcome is Outcome.ACCEPTED
 
 
+def first(pattern: str, path: Path) -> str:
+    """What the pattern's group finds first in a file."""
+    found = re.search(pattern, path.read_text(encoding="utf-8"), re.MULTILINE)
+    assert found, f"{path}: no {pattern}"
+    return found[1]
+
+
 def test_versions_are_one() -> None:
-    found = {re.search(r"<version>(.+)</version>", (ROOT / name / "package.xml").read_text(encoding="utf-8"))[1] for name in PACKAGES}  # type: ignore[index]
-    found |= {re.search(r'version="(.+)"', (ROOT / name / "setup.py").read_text(encoding="utf-8"))[1] for name in PACKAGES[1:]}  # type: ignore[index]
+    found = {first(r"<version>(.+)</version>", ROOT / name / "package.xml") for name in PACKAGES}
+    found |= {first(r'version="(.+)"', ROOT / name / "setup.py") for name in PACKAGES[1:]}
     found |= {yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))["version"]}
-    found |= {re.search(r"^## (\d+\.\d+\.\d+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)[1]}  # type: ignore[index]
+    found |= {first(r"^## (\d+\.\d+\.\d+)", ROOT / "CHANGELOG.md")}
     assert len(found) == 1, found
 
 
 def test_the_policy_has_an_enclave_of_every_node_and_the_page_makes_its_keys() -> None:
-    nodes = {name for (_, name), module in executables().items() if ".nodes." in module or module == "rover_sim_node.simulator"}
+    nodes = {
+        name
+        for (_, name), module in executables().items()
+        if ".nodes." in module or module == "rover_sim_node.simulator"
+    }
     enclaves = ET.parse(POLICY).findall(".//enclave")
-    profiles = {enclave.get("path"): [profile.get("node") for profile in enclave.iterfind(".//profile")] for enclave in enclaves}
+    profiles = {
+        enclave.get("path"): [profile.get("node") for profile in enclave.iterfind(".//profile")]
+        for enclave in enclaves
+    }
     assert profiles == {f"/terrain/{name}": [name] for name in nodes | {"operator"}}
-    made = re.search(r"for node in (.+); do", (ROOT / "docs/security.md").read_text(encoding="utf-8"))
+    made = re.search(
+        r"for node in (.+); do", (ROOT / "docs/security.md").read_text(encoding="utf-8")
+    )
     assert made
     assert set(made[1].split()) == nodes | {"operator"}
     assert nodes == set(NODES)
@@ -223,13 +291,20 @@ def test_the_policy_has_an_enclave_of_every_node_and_the_page_makes_its_keys() -
         ("slip_source", {"wheel_slip", "/diagnostics"}, {JOINTS, VELOCITY}),
     ],
 )
-def test_the_policy_allows_a_node_its_topics_and_no_more(node: str, publish: set[str], subscribe: set[str]) -> None:
-    found = [ET.parse(POLICY).iterfind(f".//profile[@node='{node}']/topics[@{verb}='ALLOW']/topic") for verb in ("publish", "subscribe")]
+def test_the_policy_allows_a_node_its_topics_and_no_more(
+    node: str, publish: set[str], subscribe: set[str]
+) -> None:
+    found = [
+        ET.parse(POLICY).iterfind(f".//profile[@node='{node}']/topics[@{verb}='ALLOW']/topic")
+        for verb in ("publish", "subscribe")
+    ]
     assert [{topic.text for topic in topics} for topics in found] == [publish, subscribe]
 
 
 @every_page
 def test_launch_files_exist_and_know_their_arguments(page: Path) -> None:
-    for package, name, arguments in re.findall(r"ros2 launch (\w+) (\w+\.launch\.py)([^`\n]*)", "\n".join(code(page))):
+    for package, name, arguments in re.findall(
+        r"ros2 launch (\w+) (\w+\.launch\.py)([^`\n]*)", "\n".join(code(page))
+    ):
         known = set(declared(ROOT / package / "launch" / name))
         assert set(re.findall(r"(\w+):=", arguments)) <= known, f"{name}: {arguments}"

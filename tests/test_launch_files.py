@@ -21,14 +21,24 @@ FOLDER = ROOT / "terrain_estimator/launch"
 CONFIG = ROOT / "terrain_estimator/config"
 FILES = sorted(FOLDER.glob("*.launch.py"))
 NEEDED = {"replay.launch.py": {"bag": "bags/first"}}
-EVERYTHING = {"planner": "true", "map": "true", "dashboard": "true", "record": "true", "config": str(CONFIG)}
+EVERYTHING = {
+    "planner": "true",
+    "map": "true",
+    "dashboard": "true",
+    "record": "true",
+    "config": str(CONFIG),
+}
 every_file = pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 
 
 def nodes(name: str, **arguments: str) -> dict[str, Kept]:
     """The nodes of a launch file by namespace and executable."""
     found = started(FOLDER / name, **arguments)
-    return {f"{node.named['namespace']}/{node.named['executable']}": node for node in found if "executable" in node.named}
+    return {
+        f"{node.named['namespace']}/{node.named['executable']}": node
+        for node in found
+        if "executable" in node.named
+    }
 
 
 def values(node: Kept) -> dict[str, Any]:
@@ -37,7 +47,9 @@ def values(node: Kept) -> dict[str, Any]:
     name = node.named["executable"]
     for source in node.named["parameters"]:
         given |= (
-            read_parameters(Path(source), f"/{node.named['namespace']}/{name}".replace("//", "/")) if isinstance(source, str) else source
+            read_parameters(Path(source), f"/{node.named['namespace']}/{name}".replace("//", "/"))
+            if isinstance(source, str)
+            else source
         )
     configure(NODES[name], {key: value for key, value in given.items() if key != "use_sim_time"})
     return given
@@ -47,7 +59,9 @@ def values(node: Kept) -> dict[str, Any]:
 def test_every_argument_is_described_and_every_node_exists_with_its_parameters(path: Path) -> None:
     described = declared(path)
     assert all(len(text) > 10 for text in described.values()), described
-    asked = NEEDED.get(path.name, {}) | {name: value for name, value in EVERYTHING.items() if name in described}
+    asked = NEEDED.get(path.name, {}) | {
+        name: value for name, value in EVERYTHING.items() if name in described
+    }
     found = nodes(path.name, **asked)
     assert len(found) >= 4
     for node in found.values():
@@ -59,10 +73,14 @@ def test_every_argument_is_described_and_every_node_exists_with_its_parameters(p
 @every_file
 def test_the_real_library_loads_it(path: Path) -> None:
     if importlib.util.find_spec("launch") is None or importlib.util.find_spec("launch_ros") is None:
-        pytest.skip("ROS's launch library is not installed: it has no wheel; tests above take a stand-in")
+        pytest.skip(
+            "ROS's launch library is not installed: it has no wheel; tests above take a stand-in"
+        )
     sources = importlib.import_module("launch.launch_description_sources")
     description = sources.get_launch_description_from_python_launch_file(str(path))
-    assert {each.name: each.description for each in description.get_launch_arguments()}.keys() >= declared(path).keys()
+    assert {
+        each.name: each.description for each in description.get_launch_arguments()
+    }.keys() >= declared(path).keys()
 
 
 def test_a_rover_alone_has_an_estimator_and_a_recorder_that_are_left_at_their_defaults() -> None:
@@ -82,21 +100,32 @@ def test_a_velocity_brings_the_source_of_slip_and_the_planner_is_recorded() -> N
     assert found["/slip_source"].named["remappings"] == [("velocity", "visual_odometry")]
     assert values(found["/slip_source"])["rover"] == "mars_rover"
     assert values(found["/recorder"])["topics"].split() == [*RECORDED_TOPICS, "traction_advice"]
-    assert all(not node.named["remappings"] for name, node in found.items() if name != "/slip_source")
+    assert all(
+        not node.named["remappings"] for name, node in found.items() if name != "/slip_source"
+    )
 
 
-@pytest.mark.parametrize(("given", "readers"), [({}, 2), ({"record": "false"}, 1), ({"planner": "true", "map": "true"}, 3)])
-def test_a_drive_waits_for_every_node_that_reads_all_of_its_topics(given: dict[str, str], readers: int) -> None:
+@pytest.mark.parametrize(
+    ("given", "readers"),
+    [({}, 2), ({"record": "false"}, 1), ({"planner": "true", "map": "true"}, 3)],
+)
+def test_a_drive_waits_for_every_node_that_reads_all_of_its_topics(
+    given: dict[str, str], readers: int
+) -> None:
     found = nodes("drive.launch.py", **given)
     assert values(found["/simulator"])["wait_for_subscribers"] == readers
     assert len({"/estimator", "/recorder", "/planner"} & set(found)) == readers
 
 
 @pytest.mark.parametrize("namespace", ["", "rover1"])
-def test_a_drive_does_not_wait_for_nodes_that_leave_the_imu_out(namespace: str, tmp_path: Path) -> None:
+def test_a_drive_does_not_wait_for_nodes_that_leave_the_imu_out(
+    namespace: str, tmp_path: Path
+) -> None:
     """Nobody but the recorder subscribed to it, and after 30 s the simulator gave up."""
     for name in ("estimator", "planner"):
-        (tmp_path / f"{name}.yaml").write_text(f"/**/{name}: {{ros__parameters: {{use_imu: false}}}}\n")
+        (tmp_path / f"{name}.yaml").write_text(
+            f"/**/{name}: {{ros__parameters: {{use_imu: false}}}}\n"
+        )
     found = nodes("drive.launch.py", planner="true", config=str(tmp_path), namespace=namespace)
     assert values(found[f"{namespace}/simulator"])["wait_for_subscribers"] == 1
 
@@ -108,17 +137,33 @@ def test_the_simulated_rover_is_not_handed_on_as_that_of_the_estimates() -> None
 
 
 def test_two_rovers_have_their_own_names_grounds_seeds_and_bags() -> None:
-    found = nodes("two_rovers.launch.py", second="b", output="out", first_state="a.state", second_state="~/b.state")
+    found = nodes(
+        "two_rovers.launch.py",
+        second="b",
+        output="out",
+        first_state="a.state",
+        second_state="~/b.state",
+    )
     for key, expected in {"soil": ["loose_sand", "regolith"], "seed": [0, 1]}.items():
         assert [values(found[f"{name}/simulator"])[key] for name in ("rover1", "b")] == expected
-    assert [values(found[f"{name}/recorder"])["output"] for name in ("rover1", "b")] == ["out/rover1", "out/b"]
-    assert [values(found[f"{name}/estimator"])["state.file"] for name in ("rover1", "b")] == ["a.state", "~/b.state"]
+    assert [values(found[f"{name}/recorder"])["output"] for name in ("rover1", "b")] == [
+        "out/rover1",
+        "out/b",
+    ]
+    assert [values(found[f"{name}/estimator"])["state.file"] for name in ("rover1", "b")] == [
+        "a.state",
+        "~/b.state",
+    ]
 
 
 def test_a_recording_is_played_to_nodes_that_live_in_its_time() -> None:
     found = nodes("replay.launch.py", bag="bags/first", namespace="rover1", planner="true")
     assert all(values(node)["use_sim_time"] for node in found.values())
-    (player,) = (each for each in started(FOLDER / "replay.launch.py", bag="bags/first", namespace="rover1") if "cmd" in each.named)
+    (player,) = (
+        each
+        for each in started(FOLDER / "replay.launch.py", bag="bags/first", namespace="rover1")
+        if "cmd" in each.named
+    )
     command = player.named["cmd"]
     assert command[:4] == ["ros2", "bag", "play", "bags/first"]
     assert command[command.index("--topics") + 1 :] == [f"/rover1/{name}" for name in INPUT_TYPES]
@@ -127,7 +172,9 @@ def test_a_recording_is_played_to_nodes_that_live_in_its_time() -> None:
 def test_the_check_finds_an_argument_that_an_included_file_does_not_have(tmp_path: Path) -> None:
     for path in FILES:
         text = path.read_text(encoding="utf-8")
-        (tmp_path / path.name).write_text(text.replace('    "map": (', '    "mop": (') if path.name == "drive.launch.py" else text)
+        (tmp_path / path.name).write_text(
+            text.replace('    "map": (', '    "mop": (') if path.name == "drive.launch.py" else text
+        )
     with pytest.raises(AssertionError, match=r"rover.launch.py has no argument {'mop'}"):
         started(tmp_path / "drive.launch.py")
 
@@ -135,7 +182,9 @@ def test_the_check_finds_an_argument_that_an_included_file_does_not_have(tmp_pat
 def test_slip_is_not_made_with_the_wheel_radius_of_another_rover_than_the_models() -> None:
     with pytest.raises(ValueError, match="give rover:="):
         nodes("rover.launch.py", velocity="visual_odometry", model="paper_rover")
-    found = nodes("rover.launch.py", velocity="visual_odometry", model="paper_rover", rover="paper_rover")
+    found = nodes(
+        "rover.launch.py", velocity="visual_odometry", model="paper_rover", rover="paper_rover"
+    )
     assert values(found["/slip_source"])["rover"] == "paper_rover"
 
 
@@ -145,11 +194,20 @@ def test_a_folder_of_parameter_files_that_is_none_is_refused() -> None:
 
 
 @pytest.mark.parametrize("node", WHEN)
-def test_every_parameter_of_a_file_has_advice_and_the_file_is_strict(node: str, tmp_path: Path) -> None:
+def test_every_parameter_of_a_file_has_advice_and_the_file_is_strict(
+    node: str, tmp_path: Path
+) -> None:
     assert set(WHEN[node]) == {each.name for each in parameters(NODES[node])}
-    assert str(configure(NODES[node], read_parameters(CONFIG / f"{node}.yaml", f"/rover1/{node}"))) == str(NODES[node]())
+    assert str(
+        configure(NODES[node], read_parameters(CONFIG / f"{node}.yaml", f"/rover1/{node}"))
+    ) == str(NODES[node]())
     spoilt = tmp_path / "p.yaml"
     first = next(iter(WHEN[node]))
-    spoilt.write_text((CONFIG / f"{node}.yaml").read_text(encoding="utf-8").replace(f"    {first}:", f"    {first}x:"), encoding="utf-8")
+    spoilt.write_text(
+        (CONFIG / f"{node}.yaml")
+        .read_text(encoding="utf-8")
+        .replace(f"    {first}:", f"    {first}x:"),
+        encoding="utf-8",
+    )
     with pytest.raises(ConfigError, match=f"{first}x"):
         configure(NODES[node], read_parameters(spoilt, f"/{node}"))

@@ -26,13 +26,19 @@ NUMBER = (bool, int, float)
 @cache
 def topics() -> dict[str, str]:
     """Type by topic, from the table that a test holds to the nodes."""
-    rows = re.findall(r"^\| `(/?[\w/]+)` \| `([\w/]+)` \|", (ROOT / "docs/messages.md").read_text(encoding="utf-8"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| `(/?[\w/]+)` \| `([\w/]+)` \|",
+        (ROOT / "docs/messages.md").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
     return {f"/{topic.lstrip('/')}": kind for topic, kind in rows}
 
 
 @cache
 def foxglove() -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((ROOT / "layouts/foxglove.json").read_text(encoding="utf-8"))
+    content: dict[str, Any] = json.loads(
+        (ROOT / "layouts/foxglove.json").read_text(encoding="utf-8")
+    )
     return content
 
 
@@ -50,7 +56,11 @@ def value_at(topic: str, parts: list[str]) -> object:
 
 
 def panels(kind: str) -> dict[str, dict[str, Any]]:
-    return {name: panel for name, panel in foxglove()["configById"].items() if name.startswith(f"{kind}!")}
+    return {
+        name: panel
+        for name, panel in foxglove()["configById"].items()
+        if name.startswith(f"{kind}!")
+    }
 
 
 def paths(kind: str) -> Iterator[tuple[str, list[str]]]:
@@ -93,21 +103,44 @@ def test_the_map_and_the_diagnostics_are_those_that_are_published() -> None:
 def test_every_panel_has_its_place_and_is_of_a_kind_that_the_viewers_have() -> None:
     placed = leaves(foxglove()["layout"])
     for name in list(placed):
-        placed += [leaf for tab in foxglove()["configById"][name].get("tabs", []) for leaf in leaves(tab["layout"])]
+        placed += [
+            leaf
+            for tab in foxglove()["configById"][name].get("tabs", [])
+            for leaf in leaves(tab["layout"])
+        ]
     assert sorted(placed) == sorted(foxglove()["configById"])
-    assert {name.split("!")[0] for name in placed} == {"Plot", "StateTransitions", "3D", "DiagnosticSummary", "Tab"}
+    assert {name.split("!")[0] for name in placed} == {
+        "Plot",
+        "StateTransitions",
+        "3D",
+        "DiagnosticSummary",
+        "Tab",
+    }
 
 
 def test_every_curve_of_plotjuggler_is_a_number_of_a_message() -> None:
-    curves = [str(curve.get("name")) for curve in ET.parse(ROOT / "layouts/plotjuggler.xml").getroot().iter("curve")]
+    curves = [
+        str(curve.get("name"))
+        for curve in ET.parse(ROOT / "layouts/plotjuggler.xml").getroot().iter("curve")
+    ]
     assert len(curves) > 30
     for curve in curves:
-        topic = max((topic for topic in topics() if curve.startswith(f"{topic}/")), key=len, default=curve)
-        assert isinstance(value_at(topic, curve.removeprefix(f"{topic}/").split("/")), NUMBER), curve
+        topic = max(
+            (topic for topic in topics() if curve.startswith(f"{topic}/")), key=len, default=curve
+        )
+        assert isinstance(value_at(topic, curve.removeprefix(f"{topic}/").split("/")), NUMBER), (
+            curve
+        )
 
 
 @pytest.mark.parametrize(
-    ("topic", "fields"), [("/wheel_slip", ["slop[0]"]), ("/wheel_slip", ["slip[6]"]), ("/wheel_slop", ["slip[0]"]), ("/odom", ["twist.x"])]
+    ("topic", "fields"),
+    [
+        ("/wheel_slip", ["slop[0]"]),
+        ("/wheel_slip", ["slip[6]"]),
+        ("/wheel_slop", ["slip[0]"]),
+        ("/odom", ["twist.x"]),
+    ],
 )
 def test_the_check_finds_what_does_not_exist(topic: str, fields: list[str]) -> None:
     with pytest.raises((KeyError, AttributeError, AssertionError)):

@@ -30,7 +30,9 @@ from terramechanics.vehicle.rover import load_rover
 from tests.drives import Event, drive_messages
 
 TESTS = Path(__file__).parent
-EVERY_STEP = "test_it_waits_for_its_subscribers_publishes_every_step_on_every_topic_and_ends_by_itself"
+EVERY_STEP = (
+    "test_it_waits_for_its_subscribers_publishes_every_step_on_every_topic_and_ends_by_itself"
+)
 OFF, ON = False, True
 WAITS = "test_without_the_subscribers_that_it_waits_for_it_says_which_topics_miss_them"
 cached_model: Callable[[str], LoadedModel] = cache(load_model)
@@ -64,12 +66,19 @@ def same(events: list[Event]) -> list[Event]:
     return events
 
 
-def answers(values: dict[str, Any], change: Callable[[list[Event]], list[Event]], seconds: float = 2.0) -> list[Answer]:
+def answers(
+    values: dict[str, Any], change: Callable[[list[Event]], list[Event]], seconds: float = 2.0
+) -> list[Answer]:
     """What the estimator says to a drive of which some messages still wait at the end."""
     config = configure(EstimatorConfig, values)
     pipeline = Pipeline(cached_model(config.model), config)
     events = change(list(drive_messages(Types().make, seconds)))
-    return [answer for topic, _, message in events if topic in pipeline.inputs for answer in pipeline.add(topic, message)]
+    return [
+        answer
+        for topic, _, message in events
+        if topic in pipeline.inputs
+        for answer in pipeline.add(topic, message)
+    ]
 
 
 def rows(given: list[Answer]) -> set[str]:
@@ -100,11 +109,15 @@ class Case(NamedTuple):
 
 def no_variance(topic: str, *fields: str) -> Callable[[list[Event]], list[Event]]:
     sizes = {"orientation_covariance": 9, "linear_acceleration_covariance": 9}
-    return lambda events: spoiled(events, topic, **{name: np.zeros(sizes.get(name, 36)) for name in fields})
+    return lambda events: spoiled(
+        events, topic, **{name: np.zeros(sizes.get(name, 36)) for name in fields}
+    )
 
 
 def no_pitch_variance(events: list[Event]) -> list[Event]:
-    return no_variance("odom", "pose__covariance")(no_variance("imu", "orientation_covariance")(events))
+    return no_variance("odom", "pose__covariance")(
+        no_variance("imu", "orientation_covariance")(events)
+    )
 
 
 ESTIMATOR = {
@@ -113,15 +126,36 @@ ESTIMATOR = {
     "use_imu": Case(OFF, lambda a, b: "acceleration" in rows(a) - rows(b)),
     "use_moments": Case(OFF, lambda a, b: "moment" in rows(a) - rows(b)),
     "prior.cohesion_mean": Case(
-        3000.0, lambda a, b: mean(b)[0] > 2900.0 > mean(a)[0], {"prior.cohesion_mean": 1500.0, "prior.cohesion_sd": 10.0}
+        3000.0,
+        lambda a, b: mean(b)[0] > 2900.0 > mean(a)[0],
+        {"prior.cohesion_mean": 1500.0, "prior.cohesion_sd": 10.0},
     ),
-    "prior.cohesion_sd": Case(10.0, lambda a, b: sd(b)[0] <= 10.0 < sd(a)[0], {"prior.cohesion_mean": 1500.0, "prior.cohesion_sd": 900.0}),
-    "prior.tan_phi_mean": Case(0.9, lambda a, b: mean(b)[1] > 0.85 > mean(a)[1], {"prior.tan_phi_mean": 0.6, "prior.tan_phi_sd": 0.01}),
-    "prior.tan_phi_sd": Case(0.001, lambda a, b: sd(b)[1] <= 0.001 < sd(a)[1], {"prior.tan_phi_mean": 0.6, "prior.tan_phi_sd": 0.2}),
-    "prior.soil": Case("regolith", lambda a, b: b[-1].update.estimate.soil_probability[2] > a[-1].update.estimate.soil_probability[2]),
+    "prior.cohesion_sd": Case(
+        10.0,
+        lambda a, b: sd(b)[0] <= 10.0 < sd(a)[0],
+        {"prior.cohesion_mean": 1500.0, "prior.cohesion_sd": 900.0},
+    ),
+    "prior.tan_phi_mean": Case(
+        0.9,
+        lambda a, b: mean(b)[1] > 0.85 > mean(a)[1],
+        {"prior.tan_phi_mean": 0.6, "prior.tan_phi_sd": 0.01},
+    ),
+    "prior.tan_phi_sd": Case(
+        0.001,
+        lambda a, b: sd(b)[1] <= 0.001 < sd(a)[1],
+        {"prior.tan_phi_mean": 0.6, "prior.tan_phi_sd": 0.2},
+    ),
+    "prior.soil": Case(
+        "regolith",
+        lambda a, b: (
+            b[-1].update.estimate.soil_probability[2] > a[-1].update.estimate.soil_probability[2]
+        ),
+    ),
     "drift": Case(0.5, lambda a, b: sd(b)[0] > sd(a)[0]),
     "standstill_speed": Case(1.0, lambda a, b: outcomes(b) == {Outcome.STANDSTILL} != outcomes(a)),
-    "gate_probability": Case(0.1, lambda a, b: Outcome.GATED in outcomes(b) - outcomes(a), seconds=6.0),
+    "gate_probability": Case(
+        0.1, lambda a, b: Outcome.GATED in outcomes(b) - outcomes(a), seconds=6.0
+    ),
     "slip_minimum": Case(
         0.0,
         lambda a, b: outcomes(b) == {Outcome.OUT_OF_RANGE} != outcomes(a),
@@ -143,10 +177,14 @@ ESTIMATOR = {
         change=no_variance("odom", "twist__covariance"),
     ),
     "default_sd.pitch": Case(
-        0.01, lambda a, b: (outcomes(a), outcomes(b)) == ({Outcome.BAD_DEVIATION}, {Outcome.ACCEPTED}), change=no_pitch_variance
+        0.01,
+        lambda a, b: (outcomes(a), outcomes(b)) == ({Outcome.BAD_DEVIATION}, {Outcome.ACCEPTED}),
+        change=no_pitch_variance,
     ),
     "default_sd.acceleration": Case(
-        0.02, lambda a, b: "acceleration" in rows(b) - rows(a), change=no_variance("imu", "linear_acceleration_covariance")
+        0.02,
+        lambda a, b: "acceleration" in rows(b) - rows(a),
+        change=no_variance("imu", "linear_acceleration_covariance"),
     ),
     "pairing_tolerance": Case(0.02, lambda a, b: len(b) > len(a) == 0, change=late_odometry),
     "pairing_timeout": Case(0.1, lambda a, b: len(b) == len(a) + 4, change=without("imu")),
@@ -156,13 +194,18 @@ ESTIMATOR = {
 @pytest.mark.parametrize("name", ESTIMATOR)
 def test_a_parameter_of_the_estimator_changes_what_it_says(name: str) -> None:
     case = ESTIMATOR[name]
-    plain, changed = (answers(case.beside | given, case.change, case.seconds) for given in ({}, {name: case.value}))
+    plain, changed = (
+        answers(case.beside | given, case.change, case.seconds)
+        for given in ({}, {name: case.value})
+    )
     assert case.differs(plain, changed)
 
 
 def test_the_rover_file_names_the_wheels(tmp_path: Path) -> None:
     path = tmp_path / "rover.yaml"
-    path.write_text((PRESETS / "rovers/mars_rover.yaml").read_text().replace("front_left", "bow_port"))
+    path.write_text(
+        (PRESETS / "rovers/mars_rover.yaml").read_text().replace("front_left", "bow_port")
+    )
     assert outcomes(answers({"rover": str(path)}, same, 0.5)) == {Outcome.WRONG_WHEELS}
 
 
@@ -175,10 +218,24 @@ def readings(values: dict[str, Any], steps: int) -> tuple[SimulatorConfig, list[
 def sensed(values: dict[str, Any]) -> str:
     """Everything that a short drive publishes, and the truth, as text."""
     config, read = readings({"noise": 0.0} | values, 20 if "profile" in values else 3)
-    return str([(reading.truth, step_messages(reading, config, round(reading.time * 1e9), n)) for n, reading in enumerate(read)])
+    return str(
+        [
+            (reading.truth, step_messages(reading, config, round(reading.time * 1e9), n))
+            for n, reading in enumerate(read)
+        ]
+    )
 
 
-SOIL = {"n": 1.0, "k_c": 1000.0, "k_phi": 1.4e6, "shear_modulus": 0.03, "c1": 0.2, "c2": 0.3, "cohesion": 1200.0, "tan_phi": 0.5}
+SOIL = {
+    "n": 1.0,
+    "k_c": 1000.0,
+    "k_phi": 1.4e6,
+    "shear_modulus": 0.03,
+    "c1": 0.2,
+    "c2": 0.3,
+    "cohesion": 1200.0,
+    "tan_phi": 0.5,
+}
 SIMULATOR: dict[str, tuple[Any, dict[str, Any]]] = {
     "rover": ("paper_rover", {}),
     "soil": ("compact_sand", {}),
@@ -218,16 +275,24 @@ def followed(values: dict[str, Any], steps: int = 9) -> tuple[str, list[float]]:
 
 
 @pytest.mark.parametrize(("name", "value"), COMMANDS)
-def test_a_parameter_of_velocity_commands_changes_how_they_are_followed(name: str, value: float) -> None:
+def test_a_parameter_of_velocity_commands_changes_how_they_are_followed(
+    name: str, value: float
+) -> None:
     assert followed({}) != followed({name: value})
 
 
-def test_a_shorter_interval_syncs_the_recording_more_often(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_shorter_interval_syncs_the_recording_more_often(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     counts: list[int] = []
     for given in ({}, {"fsync_interval": 0.01}):
         synced: list[int] = []
         monkeypatch.setattr("os.fsync", synced.append)
-        with BagWriter(tmp_path / str(len(counts)), recording=True, sync_interval_s=configure(RecorderConfig, given).fsync_interval_s):
+        with BagWriter(
+            tmp_path / str(len(counts)),
+            recording=True,
+            sync_interval_s=configure(RecorderConfig, given).fsync_interval_s,
+        ):
             before = len(synced)
             threading.Event().wait(0.3)
             counts.append(len(synced) - before)
@@ -236,69 +301,155 @@ def test_a_shorter_interval_syncs_the_recording_more_often(tmp_path: Path, monke
 
 
 ELSEWHERE = {
-    "dashboard port": "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken",
-    "dashboard address": "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken",
-    "dashboard rate": "terrain_estimator/dashboard/test_web.py::test_it_takes_and_answers_at_its_rate",
-    "dashboard window": "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is",
-    "dashboard points": "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is",
+    "dashboard port": (
+        "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken"
+    ),
+    "dashboard address": (
+        "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken"
+    ),
+    "dashboard rate": (
+        "terrain_estimator/dashboard/test_web.py::test_it_takes_and_answers_at_its_rate"
+    ),
+    "dashboard window": (
+        "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is"
+    ),
+    "dashboard points": (
+        "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is"
+    ),
     "estimator auto_start": "system/test_lifecycle.py::test_a_service_that_cannot_do_it_says_why",
     "estimator state.file": "system/test_lifecycle.py::with_state",
     "estimator state.autosave_period": "system/test_lifecycle.py::with_state",
-    "recorder auto_start": "system/test_lifecycle.py::test_a_recorder_writes_while_it_is_active_and_notes_who_estimated",
+    "recorder auto_start": (
+        "system/test_lifecycle.py::test_a_recorder_writes_while_it_is_active_and_notes_who_estimated"
+    ),
     "estimator rover": "test_parameters_change_behaviour.py::test_the_rover_file_names_the_wheels",
-    "recorder fsync_interval": "test_parameters_change_behaviour.py::test_a_shorter_interval_syncs_the_recording_more_often",
+    "recorder fsync_interval": (
+        "test_parameters_change_behaviour.py::test_a_shorter_interval_syncs_the_recording_more_often"
+    ),
     "recorder output": "system/test_recorder.py::record",
-    "recorder split.size": "system/test_hosted_recorder.py::test_a_long_recording_goes_on_in_the_next_file",
-    "recorder split.duration": "system/test_hosted_recorder.py::test_a_long_recording_goes_on_in_the_next_file",
+    "recorder split.size": (
+        "system/test_hosted_recorder.py::test_a_long_recording_goes_on_in_the_next_file"
+    ),
+    "recorder split.duration": (
+        "system/test_hosted_recorder.py::test_a_long_recording_goes_on_in_the_next_file"
+    ),
     "recorder topics": "system/test_recorder.py::record",
-    "planner slip_limit": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
-    "planner sinkage_limit": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
-    "planner stop_probability": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
-    "planner pull_deviation": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
-    "planner window": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
-    "planner reaction_time": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
-    "planner deceleration": "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice",
-    "planner standstill_speed": "terrain_estimator/planning/test_planner.py::test_ticking_encoders_are_told_from_driving",
-    "planner use_torque": "terrain_estimator/planning/test_inputs.py::test_a_sensor_that_is_switched_off_is_not_used",
-    "planner use_imu": "terrain_estimator/planning/test_inputs.py::test_a_sensor_that_is_switched_off_is_not_used",
-    "planner pairing_tolerance": "terrain_estimator/planning/test_inputs.py::test_messages_are_paired_as_the_estimator_pairs_them",
-    "planner pairing_timeout": "terrain_estimator/planning/test_inputs.py::test_messages_are_paired_as_the_estimator_pairs_them",
-    "planner period": "system/test_planner.py::test_it_advises_once_a_period_and_says_when_it_does_not_know_yet",
-    "planner rover": "system/test_planner.py::test_it_advises_once_a_period_and_says_when_it_does_not_know_yet",
+    "planner slip_limit": (
+        "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice"
+    ),
+    "planner sinkage_limit": (
+        "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice"
+    ),
+    "planner stop_probability": (
+        "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice"
+    ),
+    "planner pull_deviation": (
+        "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice"
+    ),
+    "planner window": (
+        "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice"
+    ),
+    "planner reaction_time": (
+        "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice"
+    ),
+    "planner deceleration": (
+        "terrain_estimator/planning/test_planner.py::test_each_parameter_changes_the_advice"
+    ),
+    "planner standstill_speed": (
+        "terrain_estimator/planning/test_planner.py::test_ticking_encoders_are_told_from_driving"
+    ),
+    "planner use_torque": (
+        "terrain_estimator/planning/test_inputs.py::test_a_sensor_that_is_switched_off_is_not_used"
+    ),
+    "planner use_imu": (
+        "terrain_estimator/planning/test_inputs.py::test_a_sensor_that_is_switched_off_is_not_used"
+    ),
+    "planner pairing_tolerance": (
+        "terrain_estimator/planning/test_inputs.py::test_messages_are_paired_as_the_estimator_pairs_them"
+    ),
+    "planner pairing_timeout": (
+        "terrain_estimator/planning/test_inputs.py::test_messages_are_paired_as_the_estimator_pairs_them"
+    ),
+    "planner period": (
+        "system/test_planner.py::test_it_advises_once_a_period_and_says_when_it_does_not_know_yet"
+    ),
+    "planner rover": (
+        "system/test_planner.py::test_it_advises_once_a_period_and_says_when_it_does_not_know_yet"
+    ),
     "planner model": "system/test_planner.py::test_what_is_wrong_is_named",
     "simulator duration": f"system/test_simulator.py::{EVERY_STEP}",
     "simulator epoch": f"system/test_simulator.py::{EVERY_STEP}",
     "simulator wait_for_subscribers": f"system/test_simulator.py::{WAITS}",
     "simulator wait_timeout": f"system/test_simulator.py::{WAITS}",
     "simulator publish_clock": "system/test_simulator.py::test_the_clock_has_one_owner",
-    "simulator real_time_factor": "system/test_simulator.py::test_a_real_time_factor_below_one_stretches_the_wall_time",
-    "slip_source rover": "system/test_slip_source.py::test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels",
-    "slip_source velocity_type": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
-    "slip_source body_frame": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
-    "slip_source standstill_speed": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
-    "slip_source radius_deviation": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
-    "slip_source rate_deviation": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
-    "slip_source default_sd.velocity": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
-    "slip_source pairing_tolerance": "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published",
-    "terrain_map spacing": "terrain_estimator/test_track.py::test_points_are_a_spacing_apart_and_carry_what_was_estimated_there",
-    "terrain_map points": "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets",
-    "terrain_map period": "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets",
-    "terrain_map pairing_tolerance": "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets",
-    "watch period": "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates",
-    "watch report": "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates",
-    "watch real_time_factor": "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates",
+    "simulator real_time_factor": (
+        "system/test_simulator.py::test_a_real_time_factor_below_one_stretches_the_wall_time"
+    ),
+    "slip_source rover": (
+        "system/test_slip_source.py::test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels"
+    ),
+    "slip_source velocity_type": (
+        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+    ),
+    "slip_source body_frame": (
+        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+    ),
+    "slip_source standstill_speed": (
+        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+    ),
+    "slip_source radius_deviation": (
+        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+    ),
+    "slip_source rate_deviation": (
+        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+    ),
+    "slip_source default_sd.velocity": (
+        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+    ),
+    "slip_source pairing_tolerance": (
+        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+    ),
+    "terrain_map spacing": (
+        "terrain_estimator/test_track.py::test_points_are_a_spacing_apart_and_carry_what_was_estimated_there"
+    ),
+    "terrain_map points": (
+        "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"
+    ),
+    "terrain_map period": (
+        "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"
+    ),
+    "terrain_map pairing_tolerance": (
+        "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"
+    ),
+    "watch period": (
+        "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
+    ),
+    "watch report": (
+        "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
+    ),
+    "watch real_time_factor": (
+        "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
+    ),
 }
 """Parameters of whole processes, and the test that would fail if one had no effect."""
 
 
 def test_no_parameter_is_without_a_test() -> None:
-    here = {f"estimator {name}" for name in ESTIMATOR} | {f"simulator {name}" for name in (*SIMULATOR, *(name for name, _ in COMMANDS))}
-    assert here | set(ELSEWHERE) == {f"{node} {entry.name}" for node, config in NODES.items() for entry in parameters(config)}
+    here = {f"estimator {name}" for name in ESTIMATOR} | {
+        f"simulator {name}" for name in (*SIMULATOR, *(name for name, _ in COMMANDS))
+    }
+    assert here | set(ELSEWHERE) == {
+        f"{node} {entry.name}" for node, config in NODES.items() for entry in parameters(config)
+    }
 
 
 @pytest.mark.parametrize(("parameter", "test"), ELSEWHERE.items(), ids=ELSEWHERE)
 def test_the_test_that_is_named_uses_the_parameter(parameter: str, test: str) -> None:
     path, function = test.split("::")
     text = (TESTS / path).read_text(encoding="utf-8")
-    [found] = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef) and node.name == function]
+    [found] = [
+        node
+        for node in ast.parse(text).body
+        if isinstance(node, ast.FunctionDef) and node.name == function
+    ]
     assert parameter.split()[1] in (ast.get_source_segment(text, found) or "")

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """make soak: 24 simulated hours of three rovers through the core, and two hours of three rovers over DDS at four times real time.
 
-With four processors the core runs beside the DDS part, in processes that give way to it, and all of it takes 38 minutes; with fewer the
-three rovers over DDS need them all, so the core's hours follow. Each part goes on until its hours or its time are over. The result, in
-out/soak.json and docs/faults.md, says how far both came. Exit codes: 0 all was run and nothing grows, 1 something grows or a part fell
-short of its hours or its rate, 2 a process failed.
+With four processors the core runs beside the DDS part, in processes that give way to it, and all of
+it takes 38 minutes; with fewer the three rovers over DDS need them all, so the core's hours follow.
+Each part goes on until its hours or its time are over. The result, in out/soak.json and
+docs/faults.md, says how far both came. Exit codes: 0 all was run and nothing grows, 1 something
+grows or a part fell short of its hours or its rate, 2 a process failed.
 """
 
 import argparse
@@ -37,23 +38,48 @@ START_S = 120.0
 
 def main(arguments: list[str] | None = None) -> int:
     """Run both parts, judge, write; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="make soak", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=MINUTES, help="of wall time for all (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("out/soak.json"), help="file of the result (default: %(default)s)")
-    parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
+    parser = argparse.ArgumentParser(
+        prog="make soak", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--minutes", type=float, default=MINUTES, help="of wall time for all (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/soak.json"),
+        help="file of the result (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--page",
+        type=Path,
+        default=PAGE,
+        help="whose section is replaced (default: docs/faults.md)",
+    )
     options = parser.parse_args(arguments)
     begun_s, where = time.monotonic(), machine()
     try:
         core, series = soak(60.0 * options.minutes)
-        trends = [each for place, samples in enumerate(core, 1) for each in core_trends(f"rover{place}", samples)]
+        trends = [
+            each
+            for place, samples in enumerate(core, 1)
+            for each in core_trends(f"rover{place}", samples)
+        ]
         trends += [each for rover in series for each in live_trends(rover)]
     except (AssertionError, ChildProcessError, ValueError) as error:
         print(f"soak: {error}", file=sys.stderr)
         return 2
     ran = Ran.of(core, series, (time.monotonic() - begun_s) / 60.0)
-    record: dict[str, object] = {"machine": where, "ran": asdict(ran), "short": list(ran.shortfalls())}
+    record: dict[str, object] = {
+        "machine": where,
+        "ran": asdict(ran),
+        "short": list(ran.shortfalls()),
+    }
     record |= {"test": inspect.getdoc(trend), "trends": [each.record() for each in trends]}
-    record |= {"series": [asdict(rover) for rover in series], "samples": [[asdict(each) for each in samples] for samples in core]}
+    record |= {
+        "series": [asdict(rover) for rover in series],
+        "samples": [[asdict(each) for each in samples] for samples in core],
+    }
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     replace_section(options.page, HEADING, section(trends, ran))
@@ -67,8 +93,12 @@ def soak(seconds: float) -> tuple[list[list[Sample]], list[live.Series]]:
         files = [folder / f"rover{number}.json" for number in range(1, ROVERS + 1)]
         children = _cores(CORE_SHARE * seconds, files) if AT_ONCE else []
         try:
-            series = live.drive(ROVERS, DDS_HOURS, DDS_SHARE * seconds, folder, lambda text: print(text, flush=True))
-            children = children or _cores(CORE_SHARE * seconds - (time.monotonic() - begun_s), files)
+            series = live.drive(
+                ROVERS, DDS_HOURS, DDS_SHARE * seconds, folder, lambda text: print(text, flush=True)
+            )
+            children = children or _cores(
+                CORE_SHARE * seconds - (time.monotonic() - begun_s), files
+            )
             for child in children:
                 code = child.wait(max(1.0, seconds + START_S - (time.monotonic() - begun_s)))
                 if code != 0:
@@ -78,12 +108,17 @@ def soak(seconds: float) -> tuple[list[list[Sample]], list[live.Series]]:
         finally:
             for child in children:
                 child.kill()
-        return [[Sample(**each) for each in json.loads(file.read_text(encoding="utf-8"))] for file in files], series
+        return [
+            [Sample(**each) for each in json.loads(file.read_text(encoding="utf-8"))]
+            for file in files
+        ], series
 
 
 def _cores(seconds: float, files: list[Path]) -> list[subprocess.Popen[bytes]]:
     module = [sys.executable, "-m", "benchmarks.soak.core"]
-    given = ([str(number), str(HOURS), str(seconds), str(file)] for number, file in enumerate(files, 1))
+    given = (
+        [str(number), str(HOURS), str(seconds), str(file)] for number, file in enumerate(files, 1)
+    )
     return [subprocess.Popen([*module, *each]) for each in given]  # noqa: S603 - ourselves
 
 
@@ -95,7 +130,8 @@ def verdict(trends: list[Trend], ran: Ran) -> int:
         print(f"SHORT {text}")
     for each in trends:
         print(
-            f"{'GROWS' if each.grows else 'flat '} {each.what}: level {each.level:.4g}, growth {each.growth:.2g} (allowed {each.allowed:g})"
+            f"{'GROWS' if each.grows else 'flat '} {each.what}: level {each.level:.4g}, growth"
+            f" {each.growth:.2g} (allowed {each.allowed:g})"
         )
     return 1 if short or any(each.grows for each in trends) else 0
 

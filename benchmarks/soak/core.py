@@ -51,10 +51,14 @@ class Sample:
     troubled: float  # messages that were lost, late or without a partner, so far
 
 
-def run(pipeline: Pipeline, drive: Iterator[Event], make: Make, hours: float, seconds: float) -> list[Sample]:
+def run(
+    pipeline: Pipeline, drive: Iterator[Event], make: Make, hours: float, seconds: float
+) -> list[Sample]:
     """Answer the sets of a drive until the ``hours`` of it or the ``seconds`` of wall time are over."""
     process, outcomes, not_finite = psutil.Process(), Counter(dict.fromkeys(Outcome, 0)), 0
-    table = np.zeros((SAMPLES + 2, len(dataclasses.fields(Sample))))  # at once, so that what is watched does not grow by the watching
+    table = np.zeros(
+        (SAMPLES + 2, len(dataclasses.fields(Sample)))
+    )  # at once, so that what is watched does not grow by the watching
     wanted, taken, begun_s, next_s = round(hours * 3600e9 / STEP_NS), 0, time.monotonic(), 0.0
     spent_s, since = time.thread_time(), 0
     answers = (answer for topic, _, message in drive for answer in pipeline.add(topic, message))
@@ -69,7 +73,15 @@ def run(pipeline: Pipeline, drive: Iterator[Event], make: Make, hours: float, se
         abnormal = sum(count for outcome, count in outcomes.items() if outcome not in NORMAL)
         memory_mb = process.memory_info().rss / 1e6
         done_hours, blocks = (step + 1) * STEP_NS / 3600e9, sys.getallocatedblocks()
-        table[taken] = (done_hours, memory_mb, blocks, set_us, abnormal, not_finite, troubled(pipeline))
+        table[taken] = (
+            done_hours,
+            memory_mb,
+            blocks,
+            set_us,
+            abnormal,
+            not_finite,
+            troubled(pipeline),
+        )
         taken += 1
         if past_s >= seconds or step + 1 == wanted:
             break
@@ -86,7 +98,9 @@ def finite(update: Update) -> bool:
 
 def troubled(pipeline: Pipeline) -> int:
     """Messages that were not simply paired."""
-    return sum(count.unpaired + count.out_of_order + count.lost for count in pipeline.counters.values())
+    return sum(
+        count.unpaired + count.out_of_order + count.lost for count in pipeline.counters.values()
+    )
 
 
 def main(rover: str, hours: str, seconds: str, path: str) -> None:
@@ -97,8 +111,16 @@ def main(rover: str, hours: str, seconds: str, path: str) -> None:
     drive = long_drive(make, 3600.0 * float(hours), int(rover))
     first = next(drive)  # for which the drive is simulated
     os.nice(NICENESS)
-    samples = run(pipeline, chain([first], drive), make, float(hours), float(seconds) - (time.monotonic() - begun_s))
-    Path(path).write_text(json.dumps([dataclasses.asdict(sample) for sample in samples]), encoding="utf-8")
+    samples = run(
+        pipeline,
+        chain([first], drive),
+        make,
+        float(hours),
+        float(seconds) - (time.monotonic() - begun_s),
+    )
+    Path(path).write_text(
+        json.dumps([dataclasses.asdict(sample) for sample in samples]), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -26,7 +26,10 @@ FACTOR = 4.0
 START_S = 120.0
 DEEP = QoSProfile(depth=1000)
 SAMPLES, SHORTEST_S = 360, 0.5
-UNUSUAL = frozenset(outcome.name for outcome in Outcome if not outcome.used) - {"STANDSTILL", "GATED"}
+UNUSUAL = frozenset(outcome.name for outcome in Outcome if not outcome.used) - {
+    "STANDSTILL",
+    "GATED",
+}
 """Outcomes that nothing in these drives calls for."""
 
 
@@ -58,8 +61,16 @@ class Watched:
         self._processes = [psutil.Process(each.pid) for each in (estimator, simulator)]
         self._estimates, self._last_s = 0, time.monotonic()
         self.health: Message | None = None
-        watch.create_subscription(factory.message_class(ESTIMATE), f"/{name}/terrain_estimate", self._count, DEEP, raw=True)
-        watch.create_subscription(factory.message_class(HEALTH), f"/{name}/estimator_health", self._keep, DEEP)
+        watch.create_subscription(
+            factory.message_class(ESTIMATE),
+            f"/{name}/terrain_estimate",
+            self._count,
+            DEEP,
+            raw=True,
+        )
+        watch.create_subscription(
+            factory.message_class(HEALTH), f"/{name}/estimator_health", self._keep, DEEP
+        )
 
     def sample(self, seconds: float) -> None:
         """Append to all series."""
@@ -87,12 +98,21 @@ class Watched:
 
 def counters(health: Message) -> dict[str, float]:
     """What should not grow while a rover drives: lost, late and lonely messages, resets, unusual outcomes."""
-    found = {name: float(sum(getattr(health, f"input_{name}"))) for name in ("lost", "out_of_order", "unpaired")}
-    unusual = sum(count for name, count in zip(health.outcome, health.outcome_count, strict=True) if name in UNUSUAL)
+    found = {
+        name: float(sum(getattr(health, f"input_{name}")))
+        for name in ("lost", "out_of_order", "unpaired")
+    }
+    unusual = sum(
+        count
+        for name, count in zip(health.outcome, health.outcome_count, strict=True)
+        if name in UNUSUAL
+    )
     return {**found, "resets": float(health.resets), "unusual outcomes": float(unusual)}
 
 
-def drive(rovers: int, hours: float, seconds: float, folder: Path, say: Callable[[str], None]) -> list[Series]:
+def drive(
+    rovers: int, hours: float, seconds: float, folder: Path, say: Callable[[str], None]
+) -> list[Series]:
     """Drive until every rover has its simulated ``hours``, or the ``seconds`` of wall time are over.
 
     Raises AssertionError where a process ends before.
@@ -100,19 +120,30 @@ def drive(rovers: int, hours: float, seconds: float, folder: Path, say: Callable
     with reserve_domain_id() as domain_id, Starter(folder, domain_id) as start:
         context = Context()
         rclpy.init(context=context, domain_id=domain_id)
-        watch, executor = rclpy.create_node("soak", context=context), SingleThreadedExecutor(context=context)
+        watch, executor = (
+            rclpy.create_node("soak", context=context),
+            SingleThreadedExecutor(context=context),
+        )
         executor.add_node(watch)
         try:
-            watched = [_rover(f"rover{number}", number, watch, start) for number in range(1, rovers + 1)]
+            watched = [
+                _rover(f"rover{number}", number, watch, start) for number in range(1, rovers + 1)
+            ]
             begun_s, taken, next_s = time.monotonic(), 0, 0.0
-            while (past_s := time.monotonic() - begun_s) < seconds and min(rover.series.hours for rover in watched) < hours:
+            while (past_s := time.monotonic() - begun_s) < seconds and min(
+                rover.series.hours for rover in watched
+            ) < hours:
                 executor.spin_once(timeout_sec=0.1)
                 if past_s >= next_s:
                     taken, next_s = taken + 1, past_s + max(SHORTEST_S, seconds / SAMPLES)
                     for rover in watched:
                         rover.sample(past_s)
                     if taken % 30 == 0:
-                        rates = ", ".join(f"{rover.series.rate_hz[-1]:.1f}" for rover in watched if rover.series.rate_hz)
+                        rates = ", ".join(
+                            f"{rover.series.rate_hz[-1]:.1f}"
+                            for rover in watched
+                            if rover.series.rate_hz
+                        )
                         say(f"DDS: {past_s / 60.0:.1f} min, {rates} estimates/s")
             return [rover.series for rover in watched]
         finally:
@@ -126,7 +157,12 @@ def _rover(name: str, seed: int, watch: Node, start: Starter) -> Watched:
     apart = ("-r", f"__ns:=/{name}", "-r", f"/clock:=/{name}/clock")
     estimator = start("terrain_estimator", "estimator", "--ros-args", *apart)
     estimator.wait_for_output("ready", START_S)
-    given = {"seed": seed, "real_time_factor": FACTOR, "wait_for_subscribers": 1, "wait_timeout": START_S}
+    given = {
+        "seed": seed,
+        "real_time_factor": FACTOR,
+        "wait_for_subscribers": 1,
+        "wait_timeout": START_S,
+    }
     parameters = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
     simulator = start("rover_sim_node", "simulator", "--ros-args", *apart, *parameters)
     simulator.wait_for_output("driving", START_S)

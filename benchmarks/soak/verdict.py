@@ -40,7 +40,12 @@ class Ran:
     def of(cls, core: Sequence[Sequence[Sample]], series: Sequence[Series], minutes: float) -> Self:
         """From what was sampled."""
         rates = [float(np.median(rover.rate_hz)) for rover in series]
-        return cls([samples[-1].hours for samples in core], [rover.hours for rover in series], rates, minutes)
+        return cls(
+            [samples[-1].hours for samples in core],
+            [rover.hours for rover in series],
+            rates,
+            minutes,
+        )
 
     def shortfalls(self) -> Iterator[str]:
         """What is less than it should be, in words."""
@@ -52,22 +57,30 @@ class Ran:
         for part, unit, values, least in parts:
             for rover, value in enumerate(values, 1):
                 if value < least:
-                    yield f"{part}, rover{rover}: {value:.3g} {unit}, at least {least:.3g} are wanted"
+                    yield (
+                        f"{part}, rover{rover}: {value:.3g} {unit}, at least {least:.3g} are wanted"
+                    )
 
 
 def core_trends(rover: str, samples: Sequence[Sample]) -> Iterator[Trend]:
     """Of one rover's hours without ROS."""
     hours = [sample.hours for sample in samples]
     for name, allowed in (("memory_mb", MEMORY), ("blocks", MEMORY), ("set_us", TIME)):
-        yield trend(f"core, {rover}: {name}", hours, [getattr(sample, name) for sample in samples], allowed)
+        yield trend(
+            f"core, {rover}: {name}", hours, [getattr(sample, name) for sample in samples], allowed
+        )
     for name in ("abnormal", "not_finite", "troubled"):
-        yield counted(f"core, {rover}: {name}", hours, [getattr(sample, name) for sample in samples])
+        yield counted(
+            f"core, {rover}: {name}", hours, [getattr(sample, name) for sample in samples]
+        )
 
 
 def live_trends(series: Series) -> Iterator[Trend]:
     """Of one rover over DDS."""
     for name in ("estimator_mb", "simulator_mb"):
         yield trend(f"DDS, {series.rover}: {name}", series.seconds, getattr(series, name), MEMORY)
-    yield trend(f"DDS, {series.rover}: rate_hz", series.seconds, series.rate_hz, RATE, both_ways=True)
+    yield trend(
+        f"DDS, {series.rover}: rate_hz", series.seconds, series.rate_hz, RATE, both_ways=True
+    )
     for name, counts in series.counters.items():
         yield counted(f"DDS, {series.rover}: {name}", series.seconds, counts)

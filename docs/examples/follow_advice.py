@@ -24,7 +24,9 @@ class Driver(Node):
         self.wanted = float(self.declare_parameter("speed", 0.15).value)
         self.obey = bool(self.declare_parameter("obey", value=True).value)
         self.allowed, self.stopped = 0.0, False
-        self.steady = Clock(clock_type=ClockType.STEADY_TIME)  # one that is set back would take a dead planner's word for minutes
+        self.steady = Clock(
+            clock_type=ClockType.STEADY_TIME
+        )  # one that is set back would take a dead planner's word for minutes
         self.heard = self.steady.now()
         self.output = self.create_publisher(Twist, "cmd_vel", QoSProfile(depth=50))
         self.create_subscription(TractionAdvice, "traction_advice", self.take, QoSProfile(depth=50))

@@ -19,22 +19,27 @@ SIM_TIME = "use_sim_time"
 
 def given(node: Node) -> dict[str, Any]:
     """Values that the user gave, by parameter name, before any is declared."""
-    return {name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()}
+    return {
+        name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()
+    }
 
 
 def declare(node: Node, config: type[Config], declared_elsewhere: Container[str] = ()) -> Config:
     """Read and declare all parameters of a configuration, read-only; print them and end after ``--dump-config``.
 
-    ROS passes over a parameter that a node does not declare, and over a parameter file without a section for the node; here a
-    misspelt name is an error. A list of strings is taken where words separated by spaces are meant.
+    ROS passes over a parameter that a node does not declare, and over a parameter file without a
+    section for the node; here a misspelt name is an error. A list of strings is taken where words
+    separated by spaces are meant.
 
     Args:
-        node: made with ``automatically_declare_parameters_from_overrides=True``, or what a user gave is not seen.
+        node: made with ``automatically_declare_parameters_from_overrides=True``, or what a user
+            gave is not seen.
         config: made of fields by ``rover_parameters.records``.
         declared_elsewhere: given names that the node's subscriptions declare by themselves.
 
     Raises:
-        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
+        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches
+            no node of this name.
         SystemExit: with code 0 after ``--dump-config``.
     """
     values = given(node)
@@ -43,7 +48,12 @@ def declare(node: Node, config: type[Config], declared_elsewhere: Container[str]
     if type(clock := values.get(SIM_TIME, False)) is not bool:
         raise ConfigError(f"parameter {SIM_TIME}: expected true or false, got {clock!r}")
     elsewhere = [key for key in values if key in declared_elsewhere]
-    result = configured(config, name, {key: value for key, value in values.items() if key not in elsewhere}, sys.argv)
+    result = configured(
+        config,
+        name,
+        {key: value for key, value in values.items() if key not in elsewhere},
+        sys.argv,
+    )
     if DUMP in sys.argv:
         print(template(name, result))  # noqa: T201 - the user asked for it
         sys.exit()
@@ -53,15 +63,23 @@ def declare(node: Node, config: type[Config], declared_elsewhere: Container[str]
     for entry in parameters(config):
         if node.has_parameter(entry.name):
             node.undeclare_parameter(entry.name)
-        node.declare_parameter(entry.name, in_force[entry.name], _descriptor(entry), ignore_override=True)
+        node.declare_parameter(
+            entry.name, in_force[entry.name], _descriptor(entry), ignore_override=True
+        )
     return result
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
     """Descriptor with the range as ROS knows it; where ROS cannot hold the range, its words do."""
-    descriptor = ParameterDescriptor(description=entry.meaning, additional_constraints=entry.limits, read_only=True)
+    descriptor = ParameterDescriptor(
+        description=entry.meaning, additional_constraints=entry.limits, read_only=True
+    )
     if entry.range and isinstance(entry.default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=entry.low, to_value=entry.high)]
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=entry.low, to_value=entry.high)
+        ]
     elif entry.range:
-        descriptor.integer_range = [IntegerRange(from_value=int(entry.low), to_value=int(entry.high))]
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(entry.low), to_value=int(entry.high))
+        ]
     return descriptor

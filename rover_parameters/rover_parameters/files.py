@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameter files and assignments in the form of ROS 2, read strictly and without ROS.
 
-ROS itself passes over a section that matches no node, and a misspelt node or ``ros__parameters`` with it.
+ROS itself passes over a section that matches no node, and a misspelt node or ``ros__parameters``
+with it.
 """
 
 import itertools
@@ -26,21 +27,30 @@ _SECTION = "ros__parameters"
 RecordT = TypeVar("RecordT")
 
 
-def configured(record: type[RecordT], node: str, given: Mapping[str, Any], arguments: Sequence[str]) -> RecordT:
+def configured(
+    record: type[RecordT], node: str, given: Mapping[str, Any], arguments: Sequence[str]
+) -> RecordT:
     """The configuration of ``node``, a full name, from what ROS took for its parameters and the files of its command line.
 
     A list of strings is taken where words separated by spaces are meant.
 
     Raises:
-        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches no node of this name.
+        ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches
+            no node of this name.
     """
     for path in parameter_files(arguments):
         read_parameters(path, node)
-    return configure(record, {name: _words(value) for name, value in without_those_of_ros(given).items()})
+    return configure(
+        record, {name: _words(value) for name, value in without_those_of_ros(given).items()}
+    )
 
 
 def _words(value: object) -> object:
-    return " ".join(value) if isinstance(value, list) and all(isinstance(word, str) for word in value) else value
+    return (
+        " ".join(value)
+        if isinstance(value, list) and all(isinstance(word, str) for word in value)
+        else value
+    )
 
 
 def read_parameters(path: Path, node: str) -> dict[str, Any]:
@@ -49,19 +59,31 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
     Without those of ROS and of quality of service, which have no meaning outside of a node.
 
     Raises:
-        ConfigError: the file cannot be read, is no parameter file, or has no section that matches the node.
+        ConfigError: the file cannot be read, is no parameter file, or has no section that matches
+            the node.
     """
     content = read_yaml(path)
     sections = list(_sections(content, "", path)) if isinstance(content, Mapping) else []
     found = [values for name, values in sections if _matches(name, node)]
     if not found:
         names = [name for name, _ in sections]
-        what = f"its sections are {', '.join(names)}: {nearest(node, names)}" if names else "it has none at all"
-        raise ConfigError(f"{path}: no section is for the node {node} ({node.rsplit('/', 1)[-1]}: {{{_SECTION}: {{...}}}}); {what}")
+        what = (
+            f"its sections are {', '.join(names)}: {nearest(node, names)}"
+            if names
+            else "it has none at all"
+        )
+        raise ConfigError(
+            f"{path}: no section is for the node {node} ({node.rsplit('/', 1)[-1]}: {{{_SECTION}:"
+            f" {{...}}}}); {what}"
+        )
     merged: dict[str, Any] = {}
     for values in found:
         merged |= flatten(values)
-    return {name: value for name, value in without_those_of_ros(merged).items() if not name.startswith(OVERRIDES)}
+    return {
+        name: value
+        for name, value in without_those_of_ros(merged).items()
+        if not name.startswith(OVERRIDES)
+    }
 
 
 def without_those_of_ros(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,7 +111,9 @@ def parse_assignment(text: str) -> tuple[str, Any]:
         raise ConfigError(f"parameter {name}: {value!r} is not valid YAML: {error}") from error
 
 
-def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _sections(
+    tree: Mapping[Any, Any], prefix: str, path: Path
+) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Full name and parameters of every section; namespaces may be nested mappings."""
     for key, value in tree.items():
         name = f"{prefix}/{str(key).strip('/')}"
@@ -97,7 +121,10 @@ def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tupl
             raise ConfigError(f"{path}: {name}: expected {_SECTION}: {{...}}, got {value!r}")
         if _SECTION in value:
             if set(value) != {_SECTION} or not isinstance(value[_SECTION], Mapping):
-                raise ConfigError(f"{path}: section {name}: expected {_SECTION}: {{...}} alone, got {', '.join(map(str, value))}")
+                raise ConfigError(
+                    f"{path}: section {name}: expected {_SECTION}: {{...}} alone, got"
+                    f" {', '.join(map(str, value))}"
+                )
             yield name, value[_SECTION]
         else:
             yield from _sections(value, name, path)
@@ -106,5 +133,8 @@ def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tupl
 def _matches(section: str, node: str) -> bool:
     """Whether a section's name, in which * stands for one word and ** for any number of them, is that of the node."""
     words = section.strip("/").split("/")
-    pattern = "".join("(/[^/]+)*" if word == "**" else "/[^/]+" if word == "*" else re.escape(f"/{word}") for word in words)
+    pattern = "".join(
+        "(/[^/]+)*" if word == "**" else "/[^/]+" if word == "*" else re.escape(f"/{word}")
+        for word in words
+    )
     return re.fullmatch(pattern, node) is not None

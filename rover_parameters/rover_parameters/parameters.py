@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a program: a tree of frozen dataclasses, of which every leaf has one flat, public name.
 
-The fields are those of :mod:`rover_parameters.records`, each with a default. From this one definition come the declaration to
-ROS, ``--help``, ``--dump-config`` and the page of parameters. A group's name is a prefix (``change.soil``), except for an
-``INLINE`` one, which only orders the code.
+The fields are those of :mod:`rover_parameters.records`, each with a default. From this one
+definition come the declaration to ROS, ``--help``, ``--dump-config`` and the page of parameters. A
+group's name is a prefix (``change.soil``), except for an ``INLINE`` one, which only orders the
+code.
 """
 
 import dataclasses
@@ -45,7 +46,11 @@ class Parameter:
             return ""
         if math.isinf(self.high):
             return f"{'above' if self.exclusive else 'at least'} {self.low:g}"
-        return f"above {self.low:g}, at most {self.high:g}" if self.exclusive else f"{self.low:g} to {self.high:g}"
+        return (
+            f"above {self.low:g}, at most {self.high:g}"
+            if self.exclusive
+            else f"{self.low:g} to {self.high:g}"
+        )
 
     @property
     def range(self) -> tuple[float, float] | None:
@@ -73,21 +78,30 @@ def parameters(record: type[Any]) -> Iterator[Parameter]:
         metadata, unit = item.metadata, item.metadata.get("unit", "1")
         low, high = metadata.get("low", -math.inf), metadata.get("high", math.inf)
         yield Parameter(
-            name, item.default, metadata["description"], "" if unit == "1" else unit, low, high, metadata.get("exclusive", False)
+            name,
+            item.default,
+            metadata["description"],
+            "" if unit == "1" else unit,
+            low,
+            high,
+            metadata.get("exclusive", False),
         )
 
 
 def configure(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
     """Build a configuration from flat or nested values; what is not given keeps its default.
 
-    Raises ConfigError that names the parameter for an unknown name, a wrong type or a value out of range.
+    Raises ConfigError that names the parameter for an unknown name, a wrong type or a value out of
+    range.
     """
     flat = flatten(values)
     leaves = {name: (hint, item) for name, hint, item in _leaves(record, "")}
     for name in flat:
         if name not in leaves:
             raise ConfigError(f"unknown parameter {name}: {nearest(name, leaves)}")
-    converted = {name: _converted(*leaves[name], value, f"parameter {name}") for name, value in flat.items()}
+    converted = {
+        name: _converted(*leaves[name], value, f"parameter {name}") for name, value in flat.items()
+    }
     return _made(record, converted, "")
 
 
@@ -106,18 +120,32 @@ def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested mappings as one flat mapping with dotted names, as ROS does it with parameter files."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
-        flat |= flatten(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+        flat |= (
+            flatten(value, f"{prefix}{key}.")
+            if isinstance(value, Mapping)
+            else {f"{prefix}{key}": value}
+        )
     return flat
 
 
 def usage(program: str, example: str, record: type[Any]) -> str:
     """What ``--help`` says: every parameter with default, range and unit."""
-    lines = [f"usage: {program} [--help] [--dump-config] [--ros-args [-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ...]"]
-    lines += [f"for instance --ros-args -p {example}; --dump-config prints the parameters in force as a parameter file", ""]
+    options = "[-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ..."
+    lines = [f"usage: {program} [--help] [--dump-config] [--ros-args {options}]"]
+    lines += [
+        (
+            f"for instance --ros-args -p {example}; --dump-config prints the parameters in force as"
+            " a parameter file"
+        ),
+        "",
+    ]
     for each in parameters(record):
         default = f"'{each.default}'" if isinstance(each.default, str) else each.shown_default
         limits = f", {each.limits}" if each.limits else ""
-        lines += [f"  {each.name} (default {default}{limits}{f' {each.unit}' if each.unit else ''})", f"      {each.description}"]
+        lines += [
+            f"  {each.name} (default {default}{limits}{f' {each.unit}' if each.unit else ''})",
+            f"      {each.description}",
+        ]
     return "\n".join(lines)
 
 
@@ -138,7 +166,9 @@ def table(record: type[Any]) -> str:
     lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
     for each in parameters(record):
         default = f"`{each.shown_default}`" if each.shown_default else ""
-        lines.append(f"| `{each.name}` | {default} | {each.unit} | {each.limits} | {each.description} |")
+        lines.append(
+            f"| `{each.name}` | {default} | {each.unit} | {each.limits} | {each.description} |"
+        )
     return "\n".join(lines)
 
 
@@ -167,7 +197,12 @@ def _values(config: object) -> Iterator[Value]:
 
 def _converted(hint: Any, item: Any, value: object, where: str) -> Value:
     """A default of NaN says "not given", and may be given."""
-    if isinstance(value, float) and math.isnan(value) and isinstance(item.default, float) and math.isnan(item.default):
+    if (
+        isinstance(value, float)
+        and math.isnan(value)
+        and isinstance(item.default, float)
+        and math.isnan(item.default)
+    ):
         return value
     converted: Value = convert(hint, value, item, where)
     return converted

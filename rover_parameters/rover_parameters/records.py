@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strict reading of configuration files: YAML into frozen dataclasses.
 
-An unknown key is an error that names it and the nearest right one, at every level; so are a missing key, a key given
-twice, a wrong type and a value outside its range. An int where a float is meant is accepted. A range is declared once,
-on the dataclass field, with :func:`number`.
+An unknown key is an error that names it and the nearest right one, at every level; so are a missing
+key, a key given twice, a wrong type and a value outside its range. An int where a float is meant is
+accepted. A range is declared once, on the dataclass field, with :func:`number`.
 """
 
 import dataclasses
@@ -39,16 +39,26 @@ def number(
 ) -> Any:
     """Dataclass field of a number (or a tuple of numbers) with its meaning, unit and range.
 
-    ``exclusive`` takes the lower end out of the range: ``low=0, exclusive=True`` means positive. ``key`` is its public name as
-    a parameter (:mod:`rover_parameters.parameters`) where that is not the field's.
+    ``exclusive`` takes the lower end out of the range: ``low=0, exclusive=True`` means positive.
+    ``key`` is its public name as a parameter (:mod:`rover_parameters.parameters`) where that is not
+    the field's.
     """
-    metadata = {"description": description, "unit": unit, "low": low, "high": high, "exclusive": exclusive, "key": key}
+    metadata = {
+        "description": description,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "exclusive": exclusive,
+        "key": key,
+    }
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def entry(description: str, default: Any = dataclasses.MISSING, *, key: str = "", empty: bool = False) -> Any:
+def entry(
+    description: str, default: Any = dataclasses.MISSING, *, key: str = "", empty: bool = False
+) -> Any:
     """Dataclass field of anything but a number, with its meaning; ``key`` as for a number.
 
     A text may be empty where its default is, or where ``empty`` says so.
@@ -99,12 +109,19 @@ def build(record: type[RecordT], content: object, where: str) -> RecordT:
     for key in content:
         if key not in fields:
             raise ConfigError(f"{where}: unknown key {key!r}: {nearest(key, fields)}")
-    needed = [name for name, item in fields.items() if item.default is item.default_factory is dataclasses.MISSING]
+    needed = [
+        name
+        for name, item in fields.items()
+        if item.default is item.default_factory is dataclasses.MISSING
+    ]
     missing = [name for name in needed if name not in content]
     if missing:
         raise ConfigError(f"{where}: missing key {missing[0]!r}")
     hints = get_type_hints(record)
-    values = {key: convert(hints[key], value, fields[key], f"{where}: {key}") for key, value in content.items()}
+    values = {
+        key: convert(hints[key], value, fields[key], f"{where}: {key}")
+        for key, value in content.items()
+    }
     try:
         return record(**values)
     except ConfigError as error:
@@ -126,14 +143,20 @@ def convert(hint: Any, value: object, field: Any, where: str) -> Any:
     return converted
 
 
-def _convert_sequence(kinds: tuple[Any, ...], value: object, field: Any, where: str) -> tuple[Any, ...]:
+def _convert_sequence(
+    kinds: tuple[Any, ...], value: object, field: Any, where: str
+) -> tuple[Any, ...]:
     if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping):
         raise ConfigError(f"{where}: expected a list, got {_shown(value)}")
     items = list(value)
     wanted = len(items) if kinds[-1] is Ellipsis else len(kinds)
     if len(items) != wanted or not (items or field.default == ()):
-        raise ConfigError(f"{where}: expected a list of {wanted or 'at least 1'} values, got {len(items)}")
-    return tuple(convert(kinds[0], item, field, f"{where}[{index}]") for index, item in enumerate(items))
+        raise ConfigError(
+            f"{where}: expected a list of {wanted or 'at least 1'} values, got {len(items)}"
+        )
+    return tuple(
+        convert(kinds[0], item, field, f"{where}[{index}]") for index, item in enumerate(items)
+    )
 
 
 def _text(value: object, where: str, *, empty: bool) -> str:
@@ -160,7 +183,9 @@ def _real(value: object, where: str) -> float:
     try:
         return float(value)
     except OverflowError as error:
-        raise ConfigError(f"{where}: a whole number of more than 300 digits, too large to calculate with") from error
+        raise ConfigError(
+            f"{where}: a whole number of more than 300 digits, too large to calculate with"
+        ) from error
 
 
 def _check_range(value: float, limits: Mapping[str, Any], where: str) -> None:
@@ -170,7 +195,10 @@ def _check_range(value: float, limits: Mapping[str, Any], where: str) -> None:
         unit = limits.get("unit", "1")
         bound = "above" if limits.get("exclusive", False) else "at least"
         upper = f" and at most {high:g}" if high < math.inf else ""
-        raise ConfigError(f"{where}: {value:g} is outside its range: a finite number {bound} {low:g}{upper} [{unit}] is expected")
+        raise ConfigError(
+            f"{where}: {value:g} is outside its range: a finite number {bound} {low:g}{upper}"
+            f" [{unit}] is expected"
+        )
 
 
 def _shown(value: object) -> str:
@@ -181,8 +209,14 @@ def _written_out(node: yaml.Node, known: dict[int, int]) -> int:
     """Values of a tree whose aliases are written out: nine lines can be a thousand million, and one that contains itself has no end."""
     if id(node) not in known:
         known[id(node)] = LARGEST_TREE + 1  # as long as it is not known
-        children = itertools.chain(*node.value) if isinstance(node, yaml.MappingNode) else node.value
-        known[id(node)] = 1 + (0 if isinstance(node, yaml.ScalarNode) else sum(_written_out(child, known) for child in children))
+        children = (
+            itertools.chain(*node.value) if isinstance(node, yaml.MappingNode) else node.value
+        )
+        known[id(node)] = 1 + (
+            0
+            if isinstance(node, yaml.ScalarNode)
+            else sum(_written_out(child, known) for child in children)
+        )
     return known[id(node)]
 
 
@@ -192,15 +226,26 @@ class _StrictLoader(yaml.SafeLoader):
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
         if node is not None and _written_out(node, {}) > LARGEST_TREE:
-            raise yaml.constructor.ConstructorError(None, None, f"more than {LARGEST_TREE} values when its aliases are written out", None)
+            raise yaml.constructor.ConstructorError(
+                None,
+                None,
+                f"more than {LARGEST_TREE} values when its aliases are written out",
+                None,
+            )
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         for key in keys:
             if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", node.start_mark)
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key!r} is given twice", node.start_mark
+                )
         return super().construct_mapping(node, deep)
 
 
-_StrictLoader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789"))
+_StrictLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)

@@ -17,7 +17,13 @@ FOLLOW = "cmd_vel"
 def _override(name: str) -> Any:  # noqa: ANN401 (a dataclass field of type float)
     """The field of Soil with that name, as one that may be left out."""
     original = next(item for item in dataclasses.fields(Soil) if item.name == name)
-    return field(default=math.nan, metadata={**original.metadata, "description": f"{original.metadata['description']}; nan: the soil's"})
+    return field(
+        default=math.nan,
+        metadata={
+            **original.metadata,
+            "description": f"{original.metadata['description']}; nan: the soil's",
+        },
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +41,9 @@ class SoilOverrides:
 
     def given(self) -> dict[str, float]:
         """The values that are not nan."""
-        return {name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)}
+        return {
+            name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +52,9 @@ class GroundChange:
 
     soil: str = entry("soil behind the change, a name or a YAML file; empty: no change", "")
     position: float = number("place along the track where it begins", "m", 0.0, 1e6, default=5.0)
-    transition: float = number("length over which it comes in; 0: sharply", "m", 0.0, 1e6, default=0.0)
+    transition: float = number(
+        "length over which it comes in; 0: sharply", "m", 0.0, 1e6, default=0.0
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,28 +66,70 @@ class SimulatorConfig:
     soil_overrides: SoilOverrides = field(default_factory=SoilOverrides)
     change: GroundChange = field(default_factory=GroundChange)
     schedule: str = entry("drive: S1, S2, S3, S4, or cmd_vel to follow velocity commands", "S1")
-    profile: str = entry("terrain: flat, hills, ramp or step; empty: what belongs to the schedule (cmd_vel: flat)", "")
-    ramp_grade: float = number("slope of the ramp, positive where it climbs", "rad", -0.5, 0.5, default=math.radians(3.0))
+    profile: str = entry(
+        "terrain: flat, hills, ramp or step; empty: what belongs to the schedule (cmd_vel: flat)",
+        "",
+    )
+    ramp_grade: float = number(
+        "slope of the ramp, positive where it climbs", "rad", -0.5, 0.5, default=math.radians(3.0)
+    )
     step_rise: float = number("height of the step, which is 1 m long", "m", -0.3, 0.3, default=0.05)
-    effect: str = entry("effect that the nominal model lacks, a name of docs/effects.md; empty: none", "")
-    effect_size: float = number("its size, in the effect's unit; 0: no effect", "unit of the effect", default=0.0)
-    effect_axle: int = number("axle that it acts on, from the front, where it acts on one", "1", 0, 2, default=2)
-    noise: float = number("factor of the sensors' standard deviations; 0: exact values", "1", 0.0, 100.0, default=1.0)
-    seed: int = number("of everything random: the same seed gives the same run", "1", 0, 2**31 - 1, default=0)
-    duration: float = number("simulated time after which the simulator ends; 0: it does not end by itself", "s", 0.0, 1e6, default=0.0)
+    effect: str = entry(
+        "effect that the nominal model lacks, a name of docs/effects.md; empty: none", ""
+    )
+    effect_size: float = number(
+        "its size, in the effect's unit; 0: no effect", "unit of the effect", default=0.0
+    )
+    effect_axle: int = number(
+        "axle that it acts on, from the front, where it acts on one", "1", 0, 2, default=2
+    )
+    noise: float = number(
+        "factor of the sensors' standard deviations; 0: exact values", "1", 0.0, 100.0, default=1.0
+    )
+    seed: int = number(
+        "of everything random: the same seed gives the same run", "1", 0, 2**31 - 1, default=0
+    )
+    duration: float = number(
+        "simulated time after which the simulator ends; 0: it does not end by itself",
+        "s",
+        0.0,
+        1e6,
+        default=0.0,
+    )
     rate: float = number("samples per second of simulated time", "Hz", 1.0, 50.0, default=10.0)
     real_time_factor: float = number("simulated seconds per second", "1", 0.01, 1000.0, default=1.0)
-    publish_clock: bool = entry("publish simulated time on /clock; always done where real_time_factor is not 1", default=False)
-    epoch: float = number("simulated time of the start, where it is published on /clock", "s", 0.0, 2.0**31 - 1e6, default=0.0)
+    publish_clock: bool = entry(
+        "publish simulated time on /clock; always done where real_time_factor is not 1",
+        default=False,
+    )
+    epoch: float = number(
+        "simulated time of the start, where it is published on /clock",
+        "s",
+        0.0,
+        2.0**31 - 1e6,
+        default=0.0,
+    )
     body_frame: str = entry("frame of the rover's body", "base_link")
     odom_frame: str = entry("frame of the track", "odom")
-    wait_for_subscribers: int = number("subscribers that every topic must have before the drive starts", "1", 0, 100, default=0)
-    wait_timeout: float = number("time after which waiting for them is an error", "s", 0.1, 3600.0, default=30.0)
-    cmd_vel_timeout: float = number(
-        "simulated time after which a velocity command is stale and the rover stops", "s", 0.1, 60.0, default=0.5
+    wait_for_subscribers: int = number(
+        "subscribers that every topic must have before the drive starts", "1", 0, 100, default=0
     )
-    cmd_vel_acceleration: float = number("bound of the commanded acceleration", "m/s^2", 0.001, 10.0, default=0.2)
-    cmd_vel_limit: float = number("highest velocity command that is accepted", "m/s", 0.001, 10.0, default=1.0)
+    wait_timeout: float = number(
+        "time after which waiting for them is an error", "s", 0.1, 3600.0, default=30.0
+    )
+    cmd_vel_timeout: float = number(
+        "simulated time after which a velocity command is stale and the rover stops",
+        "s",
+        0.1,
+        60.0,
+        default=0.5,
+    )
+    cmd_vel_acceleration: float = number(
+        "bound of the commanded acceleration", "m/s^2", 0.001, 10.0, default=0.2
+    )
+    cmd_vel_limit: float = number(
+        "highest velocity command that is accepted", "m/s", 0.001, 10.0, default=1.0
+    )
 
     @property
     def owns_clock(self) -> bool:

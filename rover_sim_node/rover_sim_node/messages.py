@@ -55,7 +55,9 @@ def clock_message(stamp_ns: int) -> Clock:
     return Clock(clock=time_message(stamp_ns))
 
 
-def step_messages(reading: Reading, config: SimulatorConfig, stamp_ns: int, sequence: int) -> dict[str, Any]:
+def step_messages(
+    reading: Reading, config: SimulatorConfig, stamp_ns: int, sequence: int
+) -> dict[str, Any]:
     """The messages of one step, by topic, all with the same stamp."""
     body = Header(stamp=time_message(stamp_ns), frame_id=config.body_frame)
     track = Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame)
@@ -68,11 +70,15 @@ def step_messages(reading: Reading, config: SimulatorConfig, stamp_ns: int, sequ
     }
 
 
-def truth_message(truth: Truth, config: SimulatorConfig, stamp_ns: int, sequence: int) -> TerrainTruth:
+def truth_message(
+    truth: Truth, config: SimulatorConfig, stamp_ns: int, sequence: int
+) -> TerrainTruth:
     """The true ground, and the effect that is switched on; with the size 0 none is."""
     cohesion, tan_phi = truth.strength
     effects = [describe(config.effect)] if config.effect and config.effect_size else []
-    constants = {_TRUTH_FIELDS[name]: value for name, value in zip(CONSTANTS, truth.constants, strict=True)}
+    constants = {
+        _TRUTH_FIELDS[name]: value for name, value in zip(CONSTANTS, truth.constants, strict=True)
+    }
     return TerrainTruth(
         header=Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame),
         sequence=sequence,
@@ -91,7 +97,13 @@ def truth_message(truth: Truth, config: SimulatorConfig, stamp_ns: int, sequence
 def _slip(reading: Reading, header: Header, sequence: int) -> WheelSlip:
     measured = reading.measured
     names = list(reading.rover.wheel_names)
-    return WheelSlip(header=header, sequence=sequence, wheel=names, slip=_doubles(measured.slip), slip_stddev=_doubles(measured.slip_sd))
+    return WheelSlip(
+        header=header,
+        sequence=sequence,
+        wheel=names,
+        slip=_doubles(measured.slip),
+        slip_stddev=_doubles(measured.slip_sd),
+    )
 
 
 def _sinkage(reading: Reading, header: Header, sequence: int) -> WheelSinkage:
@@ -113,7 +125,9 @@ def _odometry(reading: Reading, header: Header, body_frame: str) -> Odometry:
     message.pose.pose.position.x, message.pose.pose.position.z = reading.odometry
     message.pose.pose.orientation = _orientation(float(measured.pitch))
     by_x, by_z = reading.odometry_variance
-    message.pose.covariance = _diagonal(by_x, FIXED, by_z, FIXED, float(measured.pitch_sd) ** 2, FIXED)
+    message.pose.covariance = _diagonal(
+        by_x, FIXED, by_z, FIXED, float(measured.pitch_sd) ** 2, FIXED
+    )
     message.twist.twist.linear.x = float(measured.velocity)
     message.twist.covariance = _diagonal(float(measured.velocity_sd) ** 2, *[FIXED] * 5)
     # The rate of pitch is not measured.
@@ -123,7 +137,10 @@ def _odometry(reading: Reading, header: Header, body_frame: str) -> Odometry:
 
 def _joint_states(reading: Reading, header: Header) -> JointState:
     measured = reading.measured
-    rocker, unknown = 0.0, math.nan  # left and right move alike, so the rocker does not turn against the body
+    rocker, unknown = (
+        0.0,
+        math.nan,
+    )  # left and right move alike, so the rocker does not turn against the body
     return JointState(
         header=header,
         name=[*reading.rover.wheel_names, *SUSPENSION_JOINTS],

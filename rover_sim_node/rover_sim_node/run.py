@@ -16,7 +16,13 @@ from terramechanics.effects import describe, make_effect
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.schedules import PROFILES, SCHEDULES
-from terramechanics.simulation.sensors import Measurement, Noise, acceleration_bias, measure, per_wheel
+from terramechanics.simulation.sensors import (
+    Measurement,
+    Noise,
+    acceleration_bias,
+    measure,
+    per_wheel,
+)
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Profile, Ramp, Step
@@ -65,15 +71,28 @@ class Run:
         self._ground = _ground(config)
         self._noise = Noise(factor=config.noise)
         drive, self._sensing = torch.Generator(), torch.Generator()
-        # Sensors have a generator of their own, so that their noise does not depend on what the drive draws.
+        # Sensors have a generator of their own, so that their noise does not depend on what the
+        # drive draws.
         drive.manual_seed(2 * config.seed)
         self._sensing.manual_seed(2 * config.seed + 1)
         self.commands = VelocityCommands(self.rover, config) if config.schedule == FOLLOW else None
         if self.commands is None and config.schedule not in SCHEDULES:
-            raise ConfigError(f"parameter schedule: {config.schedule!r} is unknown, give one of {', '.join(SCHEDULES)}, {FOLLOW}")
+            raise ConfigError(
+                f"parameter schedule: {config.schedule!r} is unknown, give one of"
+                f" {', '.join(SCHEDULES)}, {FOLLOW}"
+            )
         schedule = self.commands or config.schedule
         self._step = 1.0 / config.rate
-        self._simulation, self._schedule = start(self.rover, self._ground, schedule, drive, 1, _profile(config), self._step, _plant(config))
+        self._simulation, self._schedule = start(
+            self.rover,
+            self._ground,
+            schedule,
+            drive,
+            1,
+            _profile(config),
+            self._step,
+            _plant(config),
+        )
         self._bias = acceleration_bias(self._noise, 1, self._sensing)
         self._wheel_angle = torch.zeros(len(self.rover.wheels), dtype=torch.float64)
         self._odometry, self._variance = (0.0, 0.0), (0.0, 0.0)
@@ -85,7 +104,13 @@ class Run:
         time = (self._simulation.steps + 1) * self._step
         sample = self._simulation.step(self._schedule.kind, self._schedule.command(time))
         measured = _first(
-            measure(self.rover, per_wheel(self.rover, self._simulation.sensed(sample)), self._noise, self._bias, self._sensing)
+            measure(
+                self.rover,
+                per_wheel(self.rover, self._simulation.sensed(sample)),
+                self._noise,
+                self._bias,
+                self._sensing,
+            )
         )
         self._wheel_angle = self._wheel_angle + self._step * measured.wheel_rate
         self._integrate(measured)
@@ -119,20 +144,34 @@ class Run:
     def _truth(self, sample: Sample) -> Truth:
         place = float(sample.contact[0, MIDDLE])
         patch = self._ground.patches[self._ground.patch_at(place)]
-        constants, strength = sample.constants[0, MIDDLE].tolist(), sample.strength[0, MIDDLE].tolist()
+        constants, strength = (
+            sample.constants[0, MIDDLE].tolist(),
+            sample.strength[0, MIDDLE].tolist(),
+        )
         blending = place < patch.start + patch.transition
-        return Truth(patch.name, place if blending else patch.start + patch.transition, tuple(constants), (strength[0], strength[1]))
+        return Truth(
+            patch.name,
+            place if blending else patch.start + patch.transition,
+            tuple(constants),
+            (strength[0], strength[1]),
+        )
 
 
 def _first(measured: Measurement) -> Measurement:
     """The measurement of the one rover in a batch of one; scalars stay tensors of no dimension."""
-    return Measurement(*(getattr(measured, field.name)[0] for field in dataclasses.fields(Measurement)))
+    return Measurement(
+        *(getattr(measured, field.name)[0] for field in dataclasses.fields(Measurement))
+    )
 
 
 def _ground(config: SimulatorConfig) -> Ground:
     patches = [Patch.of(load_soil(config.soil).with_values(**config.soil_overrides.given()))]
     if config.change.soil:
-        patches.append(Patch.of(load_soil(config.change.soil), config.change.position, config.change.transition))
+        patches.append(
+            Patch.of(
+                load_soil(config.change.soil), config.change.position, config.change.transition
+            )
+        )
     return Ground(patches)
 
 
@@ -152,5 +191,8 @@ def _profile(config: SimulatorConfig) -> str | Profile:
     if config.profile == "step":
         return Step(config.step_rise)
     if config.profile not in ("", *PROFILES):
-        raise ConfigError(f"parameter profile: {config.profile!r} is unknown, give one of {', '.join(PROFILES)}, ramp, step or nothing")
+        raise ConfigError(
+            f"parameter profile: {config.profile!r} is unknown, give one of {', '.join(PROFILES)},"
+            " ramp, step or nothing"
+        )
     return config.profile

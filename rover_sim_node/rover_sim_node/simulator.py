@@ -58,7 +58,9 @@ class SimulatorNode(Node):
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         self.config = declare(self, SimulatorConfig)
         self.run = Run(self.config)
-        self._outputs = {topic: self.create_publisher(kind, topic, QOS) for topic, kind in TYPES.items()}
+        self._outputs = {
+            topic: self.create_publisher(kind, topic, QOS) for topic, kind in TYPES.items()
+        }
         self._truth_output = self.create_publisher(TerrainTruth, "ground_truth/terrain", LATCHED)
         self._clock_output: Publisher | None = None
         self._truth: Truth | None = None
@@ -71,7 +73,11 @@ class SimulatorNode(Node):
     def unmatched(self) -> list[str]:
         """Topics that have fewer subscribers than the run has to wait for."""
         wanted = self.config.wait_for_subscribers
-        return [topic for topic, output in self._outputs.items() if output.get_subscription_count() < wanted]
+        return [
+            topic
+            for topic, output in self._outputs.items()
+            if output.get_subscription_count() < wanted
+        ]
 
     def own_clock(self) -> None:
         """Start to publish the clock. Raises SimulatorError where somebody else does."""
@@ -81,32 +87,57 @@ class SimulatorNode(Node):
     def check_clock(self, expected: int) -> None:
         """Raise SimulatorError where the clock has more publishers than ``expected``."""
         if self.count_publishers(CLOCK) > expected:
-            found = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in self.get_publishers_info_by_topic(CLOCK)}
+            found = {
+                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                for info in self.get_publishers_info_by_topic(CLOCK)
+            }
             # A publisher can be discovered before the node that it belongs to.
-            names = sorted("a node not yet known by name" if "UNKNOWN" in name else name for name in found)
+            names = sorted(
+                "a node not yet known by name" if "UNKNOWN" in name else name for name in found
+            )
             raise SimulatorError(
-                f"{CLOCK} has more than one owner: {', '.join(names)}. Stop the other, or simulate in real time without it."
+                f"{CLOCK} has more than one owner: {', '.join(names)}. Stop the other, or simulate"
+                " in real time without it."
             )
 
     def begin(self) -> None:
         """Fix the stamp of the start: the epoch where the clock is simulated, else the present."""
-        self._start_ns = round(self.config.epoch * SECOND_NS) if self.config.owns_clock else self.get_clock().now().nanoseconds
+        self._start_ns = (
+            round(self.config.epoch * SECOND_NS)
+            if self.config.owns_clock
+            else self.get_clock().now().nanoseconds
+        )
         if self._clock_output is not None:
             self._clock_output.publish(clock_message(self._start_ns))
 
     def compose(self, reading: Reading) -> list[tuple[Publisher, Any]]:
         """What is to be published when the step of this reading is due, in this order."""
         stamp_ns = self._start_ns + round(reading.time * SECOND_NS)
-        due: list[tuple[Publisher, Any]] = [(self._clock_output, clock_message(stamp_ns))] if self._clock_output is not None else []
-        if self._truth is None or (reading.truth.constants, reading.truth.strength) != (self._truth.constants, self._truth.strength):
-            due.append((self._truth_output, truth_message(reading.truth, self.config, stamp_ns, self._truths)))
+        due: list[tuple[Publisher, Any]] = (
+            [(self._clock_output, clock_message(stamp_ns))]
+            if self._clock_output is not None
+            else []
+        )
+        if self._truth is None or (reading.truth.constants, reading.truth.strength) != (
+            self._truth.constants,
+            self._truth.strength,
+        ):
+            due.append(
+                (
+                    self._truth_output,
+                    truth_message(reading.truth, self.config, stamp_ns, self._truths),
+                )
+            )
             self._truth, self._truths = reading.truth, self._truths + 1
         messages = step_messages(reading, self.config, stamp_ns, self._sequence)
         due += [(self._outputs[topic], message) for topic, message in messages.items()]
         self._sequence += 1
         if reading.stuck and not self._warned_stuck:
             self._warned_stuck = True
-            self.get_logger().warning(f"the rover is stuck at {reading.position:.2f} m, {reading.time:.1f} s after the start")
+            self.get_logger().warning(
+                f"the rover is stuck at {reading.position:.2f} m, {reading.time:.1f} s after the"
+                " start"
+            )
         return due
 
     def finish(self) -> None:
@@ -119,9 +150,13 @@ class SimulatorNode(Node):
         commands = self.run.commands
         if commands is None:
             return
-        refusal = commands.request((linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z))
+        refusal = commands.request(
+            (linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z)
+        )
         if refusal:
-            self.get_logger().error(f"velocity command refused: {refusal}", throttle_duration_sec=LOG_PERIOD_S)
+            self.get_logger().error(
+                f"velocity command refused: {refusal}", throttle_duration_sec=LOG_PERIOD_S
+            )
 
 
 class Simulator:
@@ -141,7 +176,9 @@ class Simulator:
             self._node.own_clock()
         self._wait_for_subscribers()
         effect = f", effect {config.effect} of size {config.effect_size:g}" if config.effect else ""
-        self._node.get_logger().info(f"driving {config.schedule} on {config.soil} with {config.rover}{effect}")
+        self._node.get_logger().info(
+            f"driving {config.schedule} on {config.soil} with {config.rover}{effect}"
+        )
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would make a step late
         self._drive()
@@ -149,7 +186,9 @@ class Simulator:
 
     def _drive(self) -> None:
         config = self._node.config
-        first = self._node.run.step()  # the slowest step, since torch sets itself up: before there is a deadline
+        first = (
+            self._node.run.step()
+        )  # the slowest step, since torch sets itself up: before there is a deadline
         self._node.begin()
         pace = Pace(1.0 / config.rate / config.real_time_factor)
         due = self._node.compose(first)
@@ -162,7 +201,8 @@ class Simulator:
             due = self._node.compose(self._node.run.step())
             if pace.remaining_s() < -LATE_S:
                 self._node.get_logger().warning(
-                    f"late by {-pace.remaining_s():.1f} s: lower real_time_factor", throttle_duration_sec=LOG_PERIOD_S
+                    f"late by {-pace.remaining_s():.1f} s: lower real_time_factor",
+                    throttle_duration_sec=LOG_PERIOD_S,
                 )
             if config.owns_clock and pace.done % round(config.rate) == 0:
                 self._node.check_clock(1)
@@ -181,8 +221,9 @@ class Simulator:
             if time.monotonic() > deadline:
                 wanted = self._node.config.wait_for_subscribers
                 raise SimulatorError(
-                    f"after {self._node.config.wait_timeout:g} s {', '.join(missing)} had fewer than {wanted} subscribers: "
-                    "start those nodes in the same namespace and ROS_DOMAIN_ID, or leave wait_for_subscribers out"
+                    f"after {self._node.config.wait_timeout:g} s {', '.join(missing)} had fewer"
+                    f" than {wanted} subscribers: start those nodes in the same namespace and"
+                    " ROS_DOMAIN_ID, or leave wait_for_subscribers out"
                 )
             self._executor.spin_once(timeout_sec=0.02)
 
@@ -207,8 +248,13 @@ def main() -> int:
             print(usage("simulator", "soil:=regolith", SimulatorConfig))  # noqa: T201 - the user asked for it
             return 0
         if unknown := [word for word in others if word != DUMP]:
-            return _refuse(f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p soil:=loose_sand; --help lists them", 2)
-        # With rclpy's own handlers the context would end at the signal, and the readers would lose what is on its way.
+            return _refuse(
+                f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p"
+                " soil:=loose_sand; --help lists them",
+                2,
+            )
+        # With rclpy's own handlers the context would end at the signal, and the readers would lose
+        # what is on its way.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; a damaged parameter file ends here
         return _refuse(str(error), 2)

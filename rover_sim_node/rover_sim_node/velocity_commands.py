@@ -24,24 +24,33 @@ class VelocityCommands:
         """The rover starts at rest. Raises ConfigError where every command would be stale before the next sample."""
         if config.cmd_vel_timeout + _ROUNDING < 1.0 / config.rate:
             raise ConfigError(
-                f"parameter cmd_vel_timeout: {config.cmd_vel_timeout:g} s is over before the next sample, {1.0 / config.rate:g} s later: "
-                "the rover would never move; give more, or a higher rate"
+                f"parameter cmd_vel_timeout: {config.cmd_vel_timeout:g} s is over before the next"
+                f" sample, {1.0 / config.rate:g} s later: the rover would never move; give more, or"
+                " a higher rate"
             )
         self.start_velocity = torch.zeros(1, dtype=torch.float64)
         self._rover, self._config = rover, config
         self._wanted, self._speed = 0.0, 0.0
         self._fresh_until, self._now = -math.inf, 0.0
 
-    def request(self, linear: tuple[float, float, float], angular: tuple[float, float, float]) -> str:
+    def request(
+        self, linear: tuple[float, float, float], angular: tuple[float, float, float]
+    ) -> str:
         """Take a velocity command [m/s], [rad/s]. Returns why it is refused, an empty text where it is not."""
         if not all(math.isfinite(value) for value in (*linear, *angular)):
             return "it is not finite"
         if any(angular):
-            return f"the simulated rover is planar and cannot turn: angular is {angular}, expected zeros"
+            return (
+                f"the simulated rover is planar and cannot turn: angular is {angular}, expected"
+                " zeros"
+            )
         if any(linear[1:]):
             return f"the simulated rover moves along x alone: linear is {linear}"
         if not 0.0 <= linear[0] <= self._config.cmd_vel_limit:
-            return f"linear.x is {linear[0]:g} m/s, outside 0 to {self._config.cmd_vel_limit:g}: the simulated rover drives forward"
+            return (
+                f"linear.x is {linear[0]:g} m/s, outside 0 to {self._config.cmd_vel_limit:g}: the"
+                " simulated rover drives forward"
+            )
         self._wanted = linear[0]
         self._fresh_until = self._now + self._config.cmd_vel_timeout
         return ""
@@ -52,4 +61,6 @@ class VelocityCommands:
         most = self._config.cmd_vel_acceleration * (time - self._now)
         self._speed += min(max(wanted - self._speed, -most), most)
         self._now = time
-        return torch.full((1, self._rover.axles), self._speed / self._rover.wheel_radius, dtype=torch.float64)
+        return torch.full(
+            (1, self._rover.axles), self._speed / self._rover.wheel_radius, dtype=torch.float64
+        )

@@ -55,7 +55,9 @@ class Setting:
     soil: str
     schedule: str = "S1"
     spread: float = 0.0  # [1] of the soil constants
-    truth: str = "prior"  # where c and tan phi come from: the models' prior, or the range of the paper's tests
+    truth: str = (  # where c and tan phi come from: the models' prior, or the range of the paper's tests
+        "prior"
+    )
     rows: tuple[str, ...] = (EVERY_ROW,)
     times_s: tuple[float, ...] = TIMES_S  # [s] at which it is judged; a drive lasts until the last
 
@@ -113,11 +115,22 @@ class Part:
 def settings() -> list[Setting]:
     """Every setting of the tables."""
     every = ("v", "v+L", *TARGET_ROWS)
-    cells = [Setting(rover, soil, spread=spread, rows=every) for rover in ROVERS for soil in SOILS for spread in (0.0, WRONG)]
+    cells = [
+        Setting(rover, soil, spread=spread, rows=every)
+        for rover in ROVERS
+        for soil in SOILS
+        for spread in (0.0, WRONG)
+    ]
     for rover in ROVERS:
-        cells += [Setting(rover, "loose_sand", schedule, rows=("v", *TARGET_ROWS)) for schedule in ("S2", "S3", "S4")]
+        cells += [
+            Setting(rover, "loose_sand", schedule, rows=("v", *TARGET_ROWS))
+            for schedule in ("S2", "S3", "S4")
+        ]
         cells.append(Setting(rover, "loose_sand", truth="paper", rows=("v", *TARGET_ROWS)))
-        cells += [Setting(rover, "loose_sand", spread=spread, rows=SHIPPED_ROWS, times_s=LONG_TIMES_S) for spread in (0.0, WRONG)]
+        cells += [
+            Setting(rover, "loose_sand", spread=spread, rows=SHIPPED_ROWS, times_s=LONG_TIMES_S)
+            for spread in (0.0, WRONG)
+        ]
     return cells
 
 
@@ -134,13 +147,20 @@ def seed_of(setting: Setting, seed: int, batch: int) -> int:
 def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
     """Simulate a batch of drives of a setting and judge every row set and model on them.
 
-    In the first SIDE_BATCHES of the main settings the models that ship are judged, too; the first of all is compared with the
-    grid and says what the net contributes.
+    In the first SIDE_BATCHES of the main settings the models that ship are judged, too; the first
+    of all is compared with the grid and says what the net contributes.
     """
     rover, soil = load_rover(setting.rover), load_soil(setting.soil)
     truth = PAPER_BAND if setting.truth == "paper" else FROM_PRIOR
     drives = draw_drives(
-        rover, soil, setting.schedule, episodes, setting.spread, seed_of(setting, seed, batch), truth, duration_s=setting.times_s[-1]
+        rover,
+        soil,
+        setting.schedule,
+        episodes,
+        setting.spread,
+        seed_of(setting, seed, batch),
+        truth,
+        duration_s=setting.times_s[-1],
     )
     physics = physics_alone(rover, soil, exact=not setting.spread)
     part = Part({}, [], [])
@@ -156,7 +176,9 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
     return part
 
 
-def _judge_shipped(part: Part, setting: Setting, drives: Drives, rows: str, bound: Tensor, batch: int) -> None:
+def _judge_shipped(
+    part: Part, setting: Setting, drives: Drives, rows: str, bound: Tensor, batch: int
+) -> None:
     """Judge the model that ships, and with every row what its net contributes."""
     loaded = load_model(setting.rover)
     model = restore(loaded)
@@ -165,7 +187,9 @@ def _judge_shipped(part: Part, setting: Setting, drives: Drives, rows: str, boun
     if rows != EVERY_ROW:
         return
     without = restore(loaded, trust=0.0)
-    part.judged[rows, "without net"] = judge(_run(without, drives, rows), drives, bound, without.prior_sd)
+    part.judged[rows, "without net"] = judge(
+        _run(without, drives, rows), drives, bound, without.prior_sd
+    )
     if batch == 0:
         known = [each.name for each in loaded.metadata.soils].index(setting.soil)
         part.net.append(_share(model, known, drives, trace, setting))
@@ -181,8 +205,14 @@ def cells(setting: Setting, parts: Sequence[Part]) -> list[Cell]:
     times, lines = setting.times_s, []
     for key, judgements in found.items():
         judged = accuracy.pool(judgements)
-        scores = [(time, accuracy.score(accuracy.until(judged, count))) for count, time in enumerate(times, 1)]
-        lines += [Cell(*place, *key, times[-1], *scored) for scored in (scores if times == LONG_TIMES_S else scores[-1:])]
+        scores = [
+            (time, accuracy.score(accuracy.until(judged, count)))
+            for count, time in enumerate(times, 1)
+        ]
+        lines += [
+            Cell(*place, *key, times[-1], *scored)
+            for scored in (scores if times == LONG_TIMES_S else scores[-1:])
+        ]
     return lines
 
 
@@ -194,7 +224,13 @@ def _bounds(model: PAlpaca, drives: Drives, setting: Setting) -> Tensor:
 
 
 def _run(model: PAlpaca, drives: Drives, rows: str, times_s: Sequence[float] = TIMES_S) -> Trace:
-    return run(model, drives.tasks.measured, observation_times(times_s), drives.ends, row_mask(rows, model.axles))
+    return run(
+        model,
+        drives.tasks.measured,
+        observation_times(times_s),
+        drives.ends,
+        row_mask(rows, model.axles),
+    )
 
 
 def _check(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> ReferenceCheck:
@@ -204,13 +240,19 @@ def _check(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> Re
     shifts, spreads, edges = [], [], []
     for episode in chosen:
         mean, covariance = trace.mean[episode, -1], trace.covariance[episode, -1]
-        reference = grid_posterior(model, drives.tasks.measured[episode], int(drives.ends[episode]), mask)
+        reference = grid_posterior(
+            model, drives.tasks.measured[episode], int(drives.ends[episode]), mask
+        )
         sd = reference.covariance.diagonal().sqrt()
         shifts.append((mean - reference.mean).abs() / sd)
         spreads.append(covariance.diagonal().sqrt() / sd)
         edges.append(reference.edge)
     shift, spread = torch.stack(shifts), torch.stack(spreads)
-    distances = (_pair(shift.median(0).values), _pair(shift.amax(0)), _pair(spread.median(0).values))
+    distances = (
+        _pair(shift.median(0).values),
+        _pair(shift.amax(0)),
+        _pair(spread.median(0).values),
+    )
     return ReferenceCheck(setting.rover, setting.soil, len(chosen), *distances, max(edges))
 
 
@@ -231,4 +273,11 @@ def _share(model: PAlpaca, soil: int, drives: Drives, trace: Trace, setting: Set
     columns = torch.where(rows.used.unsqueeze(-1) > 0.0, model.learnt(flat), 0.0)
     learnt = (columns @ final[:, 2 : model.first_constant]).squeeze(-1)
     share = learnt.square().mean(0).sqrt() / nominal.square().mean(0).sqrt()
-    return NetShare(setting.rover, setting.soil, setting.spread, float(share[0]), float(share[1]), float(share[2 : 2 + model.axles].mean()))
+    return NetShare(
+        setting.rover,
+        setting.soil,
+        setting.spread,
+        float(share[0]),
+        float(share[1]),
+        float(share[2 : 2 + model.axles].mean()),
+    )

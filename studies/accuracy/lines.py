@@ -19,8 +19,12 @@ class Claim:
     """What the published intervals of one parameter claim after a cell's time."""
 
     least: float  # smallest published deviation of any drive, over its bound [1]
-    unfounded: float  # share of drives whose status calls it identified while the bound would not [1]
-    covered: Share | None  # by the 95 % interval, of the drives whose status calls it identified; None where there is none
+    unfounded: (
+        float  # share of drives whose status calls it identified while the bound would not [1]
+    )
+    covered: (
+        Share | None
+    )  # by the 95 % interval, of the drives whose status calls it identified; None where there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +39,40 @@ def lines(setting: Setting, parts: Sequence[Part]) -> list[Line]:
     """The lines that all parts of a setting give together."""
     found = []
     for cell in cells(setting, parts):
-        judged = pool([part.judged[cell.rows, cell.model] for part in parts if (cell.rows, cell.model) in part.judged])
+        judged = pool(
+            [
+                part.judged[cell.rows, cell.model]
+                for part in parts
+                if (cell.rows, cell.model) in part.judged
+            ]
+        )
         judged = until(judged, setting.times_s.index(cell.after_s) + 1)
-        place = (cell.rover, cell.soil, cell.schedule, cell.spread, cell.truth, cell.rows, cell.model, cell.duration_s, cell.after_s)
+        place = (
+            cell.rover,
+            cell.soil,
+            cell.schedule,
+            cell.spread,
+            cell.truth,
+            cell.rows,
+            cell.model,
+            cell.duration_s,
+            cell.after_s,
+        )
         found.append(Line(*place, cell.score, _claim(judged, 0), _claim(judged, 1)))
     return found
 
 
 def _claim(judged: Judged, parameter: int) -> Claim:
-    deviation, bound = judged.covariance[:, -1, parameter, parameter].sqrt(), judged.least[:, -1, parameter]
-    inside = (judged.mean[:, -1, parameter] - judged.truth[:, parameter]).abs() < norm.ppf(0.975) * deviation
-    identified, could_be = (_identified(value, judged.prior_sd[:, parameter]) for value in (deviation, bound))
+    deviation, bound = (
+        judged.covariance[:, -1, parameter, parameter].sqrt(),
+        judged.least[:, -1, parameter],
+    )
+    inside = (judged.mean[:, -1, parameter] - judged.truth[:, parameter]).abs() < norm.ppf(
+        0.975
+    ) * deviation
+    identified, could_be = (
+        _identified(value, judged.prior_sd[:, parameter]) for value in (deviation, bound)
+    )
     return Claim(
         least=float((deviation / bound).min()),
         unfounded=float((identified & ~could_be).double().mean()),

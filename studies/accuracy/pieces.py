@@ -18,8 +18,17 @@ _OTHER = "reference and net"
 
 def write_part(part: Part, path: Path) -> None:
     """Write a record, whole or not at all."""
-    arrays = {"|".join((*key, field)): value.numpy() for key, judged in part.judged.items() for field, value in judged._asdict().items()}
-    said = json.dumps({"reference": list(map(dataclasses.asdict, part.reference)), "net": list(map(dataclasses.asdict, part.net))})
+    arrays = {
+        "|".join((*key, field)): value.numpy()
+        for key, judged in part.judged.items()
+        for field, value in judged._asdict().items()
+    }
+    said = json.dumps(
+        {
+            "reference": list(map(dataclasses.asdict, part.reference)),
+            "net": list(map(dataclasses.asdict, part.net)),
+        }
+    )
     write_record(arrays | {_OTHER: np.array(said)}, path)
 
 
@@ -34,4 +43,8 @@ def read_part(path: Path) -> Part | None:
         rows, model, field = name.split("|")
         fields.setdefault((rows, model), {})[field] = torch.from_numpy(values)
     judged = {key: Judged(**values) for key, values in fields.items()}
-    return Part(judged, [ReferenceCheck(**each) for each in said["reference"]], [NetShare(**each) for each in said["net"]])
+    return Part(
+        judged,
+        [ReferenceCheck(**each) for each in said["reference"]],
+        [NetShare(**each) for each in said["net"]],
+    )

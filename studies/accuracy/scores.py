@@ -18,7 +18,15 @@ from torch import Tensor
 from studies.batched import Trace
 from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 from terrain_estimator.learning.departures import HIDDEN, Family, random_plant
-from terrain_estimator.learning.tasks import BENCHMARK, AboveZero, Range, Tasks, degrees, measure_tasks, random_ground
+from terrain_estimator.learning.tasks import (
+    BENCHMARK,
+    AboveZero,
+    Range,
+    Tasks,
+    degrees,
+    measure_tasks,
+    random_ground,
+)
 from terrain_estimator.learning.training import PRIOR
 from terrain_estimator.model.packing import SCALAR_FIELDS, SCALARS
 from terramechanics.simulation.sensors import Noise
@@ -92,15 +100,21 @@ class Score:
     nis: float  # misfit of a block over its degrees of freedom, 1 for a consistent estimator
     nis_above_95: float  # share of blocks above the 95 % quantile of chi-square
     velocity_coverage_95: float  # of the one-step predictive interval
-    velocity_spread: float  # median over drives of the median predicted deviation, over that of the sensor [1]
-    velocity_calibration: float  # rms predicted deviation over rms innovation, 1 for a consistent estimator
+    velocity_spread: (
+        float  # median over drives of the median predicted deviation, over that of the sensor [1]
+    )
+    velocity_calibration: (
+        float  # rms predicted deviation over rms innovation, 1 for a consistent estimator
+    )
     velocity_nll: float  # mean negative log predictive density of the velocity [nat]
 
 
 def row_mask(rows: str, axles: int) -> Tensor:
     """The mask [A + 5] that belongs to a name in ROWS."""
     velocity, load, torque, moment = ROWS[rows]
-    return torch.tensor([velocity, load, *([torque] * axles), 0, moment, moment], dtype=torch.float64)
+    return torch.tensor(
+        [velocity, load, *([torque] * axles), 0, moment, moment], dtype=torch.float64
+    )
 
 
 def draw_drives(
@@ -116,8 +130,8 @@ def draw_drives(
 ) -> Drives:
     """Simulate and measure episodes of ``duration_s`` [s] with c and tan phi as ``truth`` says.
 
-    Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family ``hidden`` acts in a share
-    HIDDEN of the episodes. The same seed gives the same drives.
+    Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family
+    ``hidden`` acts in a share HIDDEN of the episodes. The same seed gives the same drives.
     """
     generator = torch.Generator().manual_seed(seed)
     ground = random_ground(soil, episodes, generator, spread, truth)
@@ -155,7 +169,12 @@ def judge(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor) -> Judg
     """Compare a trace with the truth at the K times of the trace. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2] of the model."""
     counted = ~torch.isnan(trace.misfit) & (trace.degrees > 0)
     quantile = torch.from_numpy(chi2.ppf(0.95, trace.degrees.numpy()))
-    blocks = [trace.misfit, trace.degrees, torch.ones_like(trace.misfit), (trace.misfit > quantile).double()]
+    blocks = [
+        trace.misfit,
+        trace.degrees,
+        torch.ones_like(trace.misfit),
+        (trace.misfit > quantile).double(),
+    ]
     settled = slice(round(_SETTLED_S / TIME_STEP), None)
     innovation, variance = trace.innovation[:, settled], trace.variance[:, settled]
     scaled = innovation.square() / variance
@@ -170,7 +189,9 @@ def judge(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor) -> Judg
         prior_sd=prior_sd.expand_as(drives.tasks.strength),
         stuck=(drives.ends < trace.innovation.shape[1]).double(),
         blocks=torch.stack([torch.where(counted, value, 0.0).sum(1) for value in blocks], 1),
-        velocity=torch.stack([torch.where(torch.isnan(innovation), 0.0, value).sum(1) for value in velocity], 1),
+        velocity=torch.stack(
+            [torch.where(torch.isnan(innovation), 0.0, value).sum(1) for value in velocity], 1
+        ),
         velocity_sd=variance.sqrt().nanmedian(1).values,
     )
 
@@ -182,7 +203,11 @@ def pool(parts: Sequence[Judged]) -> Judged:
 
 def until(judged: Judged, times: int) -> Judged:
     """The same, judged at the first ``times`` times; blocks and velocity are those of whole drives still."""
-    return judged._replace(mean=judged.mean[:, :times], covariance=judged.covariance[:, :times], least=judged.least[:, :times])
+    return judged._replace(
+        mean=judged.mean[:, :times],
+        covariance=judged.covariance[:, :times],
+        least=judged.least[:, :times],
+    )
 
 
 def score(judged: Judged) -> Score:
@@ -191,7 +216,9 @@ def score(judged: Judged) -> Score:
     error = (judged.mean - truth).abs()
     sd = _deviation(judged.covariance)
     parameters = [
-        _score_parameter(error[..., k], sd[..., k], judged.least[..., k], truth[..., k], judged.prior_sd[:, k])
+        _score_parameter(
+            error[..., k], sd[..., k], judged.least[..., k], truth[..., k], judged.prior_sd[:, k]
+        )
         for k in range(len(PARAMETERS))
     ]
     last = judged.mean[:, -1] - judged.truth, judged.covariance[:, -1]
@@ -217,7 +244,9 @@ def _deviation(covariance: Tensor) -> Tensor:
     return covariance.diagonal(dim1=-2, dim2=-1).sqrt()
 
 
-def _score_parameter(error: Tensor, sd: Tensor, least: Tensor, truth: Tensor, prior_sd: Tensor) -> ParameterScore:
+def _score_parameter(
+    error: Tensor, sd: Tensor, least: Tensor, truth: Tensor, prior_sd: Tensor
+) -> ParameterScore:
     """``error``, published ``sd`` and bound ``least`` [N, K] of one parameter, ``truth`` [N, 1], ``prior_sd`` [N]."""
     relative = error / truth
 

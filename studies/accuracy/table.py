@@ -82,20 +82,36 @@ def page(run: Run) -> str:
     """The whole page."""
     hills, shipped = over_hills(run.cells, "physics"), over_hills(run.cells, "shipped")
     long = [line for line in run.cells if line.duration_s > TIMES_S[-1]]
-    others = [line for line in run.cells if (line.schedule, line.truth) != ("S1", "prior") and line.model == "physics"]
-    said = {"date": run.date, "episodes": run.episodes, "seed": run.seed, "done": _drives(hills), "side": _drives(shipped)}
+    others = [
+        line
+        for line in run.cells
+        if (line.schedule, line.truth) != ("S1", "prior") and line.model == "physics"
+    ]
+    said = {
+        "date": run.date,
+        "episodes": run.episodes,
+        "seed": run.seed,
+        "done": _drives(hills),
+        "side": _drives(shipped),
+    }
     said["c"] = f"{PRIOR.cohesion_pa / 1e3:g} +- {PRIOR.cohesion_sd_pa / 1e3:g}"
     said["tan"] = f"{PRIOR.tan_phi:g} +- {PRIOR.tan_phi_sd:g}"
     head = ("what", "target", "found", "met")
     parts = [
         LICENCE + _INTRODUCTION.format(**said),
-        f"## Targets, physics alone, {_drives(hills)} drives a cell\n\n" + table(head, verdicts(run.cells, "physics")) + _REASONS,
-        f"## Targets, the models that ship, {_drives(shipped)} drives a cell\n\n" + table(head, verdicts(run.cells, "shipped")),
+        f"## Targets, physics alone, {_drives(hills)} drives a cell\n\n"
+        + table(head, verdicts(run.cells, "physics"))
+        + _REASONS,
+        f"## Targets, the models that ship, {_drives(shipped)} drives a cell\n\n"
+        + table(head, verdicts(run.cells, "shipped")),
         "## After 40 s over hills (S1), physics alone\n\n" + _final(hills),
         "## After 40 s over hills (S1), the models that ship\n\n" + _final(shipped),
         "## Error over time over hills (S1), physics alone\n\n" + _over_time(hills),
         "## Long drives over hills (S1), physics alone\n\n" + _LONG + _long(long),
-        "## Other schedules and the paper's test band, physics alone\n\n" + _final(others) + "\n" + _over_time(others),
+        "## Other schedules and the paper's test band, physics alone\n\n"
+        + _final(others)
+        + "\n"
+        + _over_time(others),
         "## The velocity filter, and what the status says\n\n" + _velocity([*hills, *shipped]),
         "## Distance from a grid reference\n\n" + _reference(run.reference),
         "## Share and ablation of the net\n\n" + _net(run),
@@ -110,7 +126,14 @@ def _drives(lines: list[Line]) -> int:
 def _place(cell: Line) -> tuple[str, ...]:
     schedule = "paper band" if cell.truth == "paper" else cell.schedule
     constants, drives = "5 %" if cell.spread else "exact", str(cell.score.episodes)
-    return cell.rover.removesuffix("_rover"), cell.soil.removesuffix("_sand"), schedule, constants, cell.rows, drives
+    return (
+        cell.rover.removesuffix("_rover"),
+        cell.soil.removesuffix("_sand"),
+        schedule,
+        constants,
+        cell.rows,
+        drives,
+    )
 
 
 _PLACE = ("rover", "soil", "drive", "constants", "rows", "drives")
@@ -135,7 +158,12 @@ def _final(cells: list[Line]) -> str:
         for parameter in (score.cohesion, score.tan_phi):
             errors = f"{_percent(parameter.median_error[-1])} / {_percent(parameter.p90_error[-1])}"
             line += [errors, _percent(parameter.bound[-1]), f"{parameter.ratio_to_bound[-1]:.2f}"]
-        shares = (score.cohesion.coverage_95, score.tan_phi.coverage_95, score.cohesion.coverage_68, score.tan_phi.coverage_68)
+        shares = (
+            score.cohesion.coverage_95,
+            score.tan_phi.coverage_95,
+            score.cohesion.coverage_68,
+            score.tan_phi.coverage_68,
+        )
         line += [_coverage(share) for share in (*shares, score.joint_coverage_95)]
         lines.append([*line, f"{score.nis:.2f}", f"{score.nll:.2f}", _percent(score.stuck)])
     return table(head, lines)
@@ -143,21 +171,40 @@ def _final(cells: list[Line]) -> str:
 
 def _over_time(cells: list[Line]) -> str:
     head = (*_PLACE, *(f"{name} {time:g} s" for name in ("c", "tan phi") for time in TIMES_S))
-    lines = [[*_place(cell), *_errors(cell.score.cohesion), *_errors(cell.score.tan_phi)] for cell in cells]
-    return "Median / 90th percentile of the relative error in %, in brackets the bound.\n\n" + table(head, lines)
+    lines = [
+        [*_place(cell), *_errors(cell.score.cohesion), *_errors(cell.score.tan_phi)]
+        for cell in cells
+    ]
+    return (
+        "Median / 90th percentile of the relative error in %, in brackets the bound.\n\n"
+        + table(head, lines)
+    )
 
 
 def _errors(parameter: ParameterScore) -> list[str]:
     series = zip(parameter.median_error, parameter.p90_error, parameter.bound, strict=True)
-    return [f"{_percent(median)} / {_percent(high)} ({_percent(bound)})" for median, high, bound in series]
+    return [
+        f"{_percent(median)} / {_percent(high)} ({_percent(bound)})"
+        for median, high, bound in series
+    ]
 
 
 def _long(cells: list[Line]) -> str:
-    head = (*_PLACE, "after s", "c median % (bound)", "tan phi median % (bound)", "c in 95 %", "tan phi in 95 %", "both in 95 % ellipse")
+    head = (
+        *_PLACE,
+        "after s",
+        "c median % (bound)",
+        "tan phi median % (bound)",
+        "c in 95 %",
+        "tan phi in 95 %",
+        "both in 95 % ellipse",
+    )
     lines = []
     for cell in cells:
         both = (cell.score.cohesion, cell.score.tan_phi)
-        errors = [f"{_percent(found.median_error[-1])} ({_percent(found.bound[-1])})" for found in both]
+        errors = [
+            f"{_percent(found.median_error[-1])} ({_percent(found.bound[-1])})" for found in both
+        ]
         shares = [*(found.coverage_95 for found in both), cell.score.joint_coverage_95]
         lines.append([*_place(cell), f"{cell.after_s:g}", *errors, *map(_coverage, shares)])
     return table(head, lines)
@@ -165,59 +212,123 @@ def _long(cells: list[Line]) -> str:
 
 def _velocity(cells: list[Line]) -> str:
     explanation = (
-        "Spread is the median predicted deviation over that of the velocity sensor: more than 1, as the force that moves the rover is\n"
-        "known through noisy slip and sinkage. Calibration is the rms predicted deviation over the rms innovation. Identified is the\n"
-        "share of drives whose status calls the parameter identified (at most a tenth of the prior's variance left), in brackets of those\n"
-        "where the bound would not be. Covered is the share of the drives called identified whose 95 % interval holds the truth.\n"
-        "Narrowest is the 1 % quantile of the published deviation over the bound, in brackets the least of any drive.\n\n"
+        "Spread is the median predicted deviation over that of the velocity sensor: more than 1, as"
+        " the force that moves the rover is\nknown through noisy slip and sinkage. Calibration is"
+        " the rms predicted deviation over the rms innovation. Identified is the\nshare of drives"
+        " whose status calls the parameter identified (at most a tenth of the prior's variance"
+        " left), in brackets of those\nwhere the bound would not be. Covered is the share of the"
+        " drives called identified whose 95 % interval holds the truth.\nNarrowest is the 1 %"
+        " quantile of the published deviation over the bound, in brackets the least of any"
+        " drive.\n\n"
     )
-    said = (f"{name} {what}" for name in ("c", "tan phi") for what in ("identified %", "covered", "narrowest"))
+    said = (
+        f"{name} {what}"
+        for name in ("c", "tan phi")
+        for what in ("identified %", "covered", "narrowest")
+    )
     lines = []
     for cell in cells:
         score = cell.score
-        line = [*_place(cell), cell.model, _percent(score.velocity_coverage_95), f"{score.velocity_spread:.2f}"]
+        line = [
+            *_place(cell),
+            cell.model,
+            _percent(score.velocity_coverage_95),
+            f"{score.velocity_spread:.2f}",
+        ]
         line += [f"{score.velocity_calibration:.2f}", f"{score.velocity_nll:.2f}"]
-        lines.append([*line, *_claimed(score.cohesion, cell.cohesion), *_claimed(score.tan_phi, cell.tan_phi)])
-    return explanation + table((*_PLACE, "model", "in 95 %", "spread", "calibration", "NLL", *said), lines)
+        lines.append(
+            [
+                *line,
+                *_claimed(score.cohesion, cell.cohesion),
+                *_claimed(score.tan_phi, cell.tan_phi),
+            ]
+        )
+    return explanation + table(
+        (*_PLACE, "model", "in 95 %", "spread", "calibration", "NLL", *said), lines
+    )
 
 
 def _claimed(parameter: ParameterScore, claim: Claim) -> tuple[str, str, str]:
     covered = _coverage(claim.covered) if claim.covered else ""
-    return f"{_percent(parameter.identified)} ({_percent(claim.unfounded)})", covered, f"{parameter.narrowest:.2f} ({claim.least:.2f})"
+    return (
+        f"{_percent(parameter.identified)} ({_percent(claim.unfounded)})",
+        covered,
+        f"{parameter.narrowest:.2f} ({claim.least:.2f})",
+    )
 
 
 def _reference(checks: list[ReferenceCheck]) -> str:
     explanation = (
-        "The posterior on a grid over (c, tan phi), with velocity and bias marginalised exactly at each point, from the same block rows;\n"
-        f"rows {EVERY_ROW}, exact constants. Distances in standard deviations of the grid posterior, c / tan phi.\n\n"
+        "The posterior on a grid over (c, tan phi), with velocity and bias marginalised exactly at"
+        f" each point, from the same block rows;\nrows {EVERY_ROW}, exact constants. Distances in"
+        " standard deviations of the grid posterior, c / tan phi.\n\n"
     )
-    head = ("rover", "soil", "episodes", "median shift", "largest shift", "published / grid deviation")
+    head = (
+        "rover",
+        "soil",
+        "episodes",
+        "median shift",
+        "largest shift",
+        "published / grid deviation",
+    )
     lines = []
     for check in checks:
         pairs = (check.median_shift, check.largest_shift, check.spread_ratio)
-        lines.append([check.rover, check.soil, str(check.episodes), *(f"{a:.3f} / {b:.3f}" for a, b in pairs)])
+        lines.append(
+            [
+                check.rover,
+                check.soil,
+                str(check.episodes),
+                *(f"{a:.3f} / {b:.3f}" for a, b in pairs),
+            ]
+        )
     return explanation + table(head, lines)
 
 
 def _net(run: Run) -> str:
     explanation = (
-        "The models that ship, with their learnt columns and without them, on the same drives; both have the soil constants as\n"
-        "parameters. Physics is the model of the tables above, which takes exact constants for exact. The share is the rms of the learnt\n"
-        "part of a row over that of its nominal part, at the last posterior mean.\n\n"
+        "The models that ship, with their learnt columns and without them, on the same drives; both"
+        " have the soil constants as\nparameters. Physics is the model of the tables above, which"
+        " takes exact constants for exact. The share is the rms of the learnt\npart of a row over"
+        " that of its nominal part, at the last posterior mean.\n\n"
     )
     shares = {(share.rover, share.soil, share.spread): share for share in run.net}
     lines = []
     for cell in run.cells:
         share = shares.get((cell.rover, cell.soil, cell.spread))
-        if share is None or (cell.schedule, cell.truth, cell.duration_s, cell.rows) != ("S1", "prior", TIMES_S[-1], EVERY_ROW):
+        if share is None or (cell.schedule, cell.truth, cell.duration_s, cell.rows) != (
+            "S1",
+            "prior",
+            TIMES_S[-1],
+            EVERY_ROW,
+        ):
             continue
-        said = f"{_percent(share.velocity)} / {_percent(share.load)} / {_percent(share.torque)}" if cell.model == "shipped" else ""
+        said = (
+            f"{_percent(share.velocity)} / {_percent(share.load)} / {_percent(share.torque)}"
+            if cell.model == "shipped"
+            else ""
+        )
         lines.append([*_place(cell), cell.model, *_ablation(cell), said])
-    head = (*_PLACE, "model", "c %", "tan phi %", "c in 95 %", "tan phi in 95 %", "NLL", "velocity NLL", "share v / L / M %")
+    head = (
+        *_PLACE,
+        "model",
+        "c %",
+        "tan phi %",
+        "c in 95 %",
+        "tan phi in 95 %",
+        "NLL",
+        "velocity NLL",
+        "share v / L / M %",
+    )
     return explanation + table(head, lines)
 
 
 def _ablation(cell: Line) -> list[str]:
     score = cell.score
     errors = [_percent(score.cohesion.median_error[-1]), _percent(score.tan_phi.median_error[-1])]
-    return [*errors, *(_coverage(p.coverage_95) for p in (score.cohesion, score.tan_phi)), f"{score.nll:.2f}", f"{score.velocity_nll:.3f}"]
+    return [
+        *errors,
+        *(_coverage(p.coverage_95) for p in (score.cohesion, score.tan_phi)),
+        f"{score.nll:.2f}",
+        f"{score.velocity_nll:.3f}",
+    ]

@@ -28,7 +28,12 @@ Verdict = tuple[str, str, str, str]
 
 def over_hills(lines: Sequence[Line], model: str) -> list[Line]:
     """Lines of a model that the targets are for: drives of 40 s over hills, truth from the whole prior."""
-    return [line for line in lines if (line.schedule, line.truth, line.duration_s, line.model) == ("S1", "prior", TIMES_S[-1], model)]
+    return [
+        line
+        for line in lines
+        if (line.schedule, line.truth, line.duration_s, line.model)
+        == ("S1", "prior", TIMES_S[-1], model)
+    ]
 
 
 def verdicts(lines: Sequence[Line], model: str) -> list[Verdict]:
@@ -38,21 +43,38 @@ def verdicts(lines: Sequence[Line], model: str) -> list[Verdict]:
     fewer = [line for line in every if line.rows not in TARGET_ROWS]
     compact = [line for line in meant if line.soil == "compact_sand"]
     found = [*_median_errors(meant)]
-    found += _worst("error / bound where identified, worst cell", f"at most {MOST_OF_BOUND}", meant, _ratio)
+    found += _worst(
+        "error / bound where identified, worst cell", f"at most {MOST_OF_BOUND}", meant, _ratio
+    )
     for rows, chosen in (("", meant), (", v and v+L", fewer)):
         found += _of_both(f"coverage of the 95 % interval{rows}", chosen, _BANDS_95, _shares_95)
-    found += _of_both("the same, of drives whose status says identified, every row set", every, _BANDS_95, _shares_identified)
+    found += _of_both(
+        "the same, of drives whose status says identified, every row set",
+        every,
+        _BANDS_95,
+        _shares_identified,
+    )
     for rows, chosen in (("", meant), (", v and v+L", fewer)):
         found += _of_both(f"coverage of the 68 % interval{rows}", chosen, _BANDS_68, _shares_68)
     found += _worst("compact sand: share of drives that call c identified", "0", compact, _claims)
     found += _narrowest("compact sand: least deviation of c / bound of any drive", compact)
-    found += _worst("identified, though the bound of the drive would not be: share of drives", "0", meant, _unfounded)
+    found += _worst(
+        "identified, though the bound of the drive would not be: share of drives",
+        "0",
+        meant,
+        _unfounded,
+    )
     found += _worst("the same, v and v+L", "0", fewer, _unfounded)
     return [*found, *_velocity(meant)]
 
 
 def _parameters(line: Line) -> Iterator[tuple[str, ParameterScore, Claim]]:
-    yield from zip(_NAMES, (line.score.cohesion, line.score.tan_phi), (line.cohesion, line.tan_phi), strict=True)
+    yield from zip(
+        _NAMES,
+        (line.score.cohesion, line.score.tan_phi),
+        (line.cohesion, line.tan_phi),
+        strict=True,
+    )
 
 
 def _yes(met: bool) -> str:  # noqa: FBT001 (one flag, its name is the function's)
@@ -70,10 +92,17 @@ def _median_errors(lines: list[Line]) -> Iterator[Verdict]:
                 found = (line.score.cohesion.median_error[-1], line.score.tan_phi.median_error[-1])
                 target = f"c {100 * cohesion:g} %, tan phi {100 * tan_phi:g} %"
                 said = f"c {100 * found[0]:.1f} %, tan phi {100 * found[1]:.1f} %"
-                yield f"median error, {_name(line)}", target, said, _yes(found[0] <= cohesion and found[1] <= tan_phi)
+                yield (
+                    f"median error, {_name(line)}",
+                    target,
+                    said,
+                    _yes(found[0] <= cohesion and found[1] <= tan_phi),
+                )
 
 
-def _worst(what: str, target: str, lines: list[Line], judge: Callable[[Line], tuple[float, bool, str]]) -> list[Verdict]:
+def _worst(
+    what: str, target: str, lines: list[Line], judge: Callable[[Line], tuple[float, bool, str]]
+) -> list[Verdict]:
     if not lines:
         return []
     value, met, where = max((judge(line) for line in lines), key=lambda found: found[0])
@@ -103,7 +132,14 @@ def _narrowest(what: str, lines: list[Line]) -> list[Verdict]:
         return []
     least, where = min((line.cohesion.least, _name(line)) for line in lines)
     usual = min(line.score.cohesion.narrowest for line in lines)
-    return [(what, "at least 1", f"{least:.2f} ({where}); 99 % of the drives of any cell have {usual:.2f}", _yes(least >= 1.0))]
+    return [
+        (
+            what,
+            "at least 1",
+            f"{least:.2f} ({where}); 99 % of the drives of any cell have {usual:.2f}",
+            _yes(least >= 1.0),
+        )
+    ]
 
 
 def _shares_95(line: Line) -> Iterator[tuple[str, Share]]:
@@ -126,14 +162,25 @@ def _of_both(
 ) -> Iterator[Verdict]:
     """Coverage of the cells with exact constants, and of those with wrong ones."""
     for constants, wrong, band in bands:
-        shares = [(s, f"{name}, {_name(line)}") for line in lines if bool(line.spread) == wrong for name, s in shares_of(line)]
+        shares = [
+            (s, f"{name}, {_name(line)}")
+            for line in lines
+            if bool(line.spread) == wrong
+            for name, s in shares_of(line)
+        ]
         if not shares:
             continue
-        missed = [f"{where}: {100 * share.share:.1f}" for share, where in shares if not _touches(share, band)]
+        missed = [
+            f"{where}: {100 * share.share:.1f}"
+            for share, where in shares
+            if not _touches(share, band)
+        ]
         lowest, highest = min(s.share for s, _ in shares), max(s.share for s, _ in shares)
         found = f"{100 * lowest:.1f} to {100 * highest:.1f} %"
         found += f"; {len(missed)} of {len(shares)} outside: {'; '.join(missed)}" if missed else ""
-        target = f"{100 * band[0]:g} to {100 * band[1]:g} %, missed only if the 99 % limits exclude it"
+        target = (
+            f"{100 * band[0]:g} to {100 * band[1]:g} %, missed only if the 99 % limits exclude it"
+        )
         yield f"{what}, {constants}", target, found, _yes(not missed)
 
 
@@ -145,15 +192,29 @@ def _velocity(lines: list[Line]) -> Iterator[Verdict]:
     if not lines:
         return
     covered = [line.score.velocity_coverage_95 for line in lines]
-    yield "velocity filter, coverage of the 95 % interval", "93 to 97 %", *_within(covered, 0.93, 0.97, 100.0, " %")
+    yield (
+        "velocity filter, coverage of the 95 % interval",
+        "93 to 97 %",
+        *_within(covered, 0.93, 0.97, 100.0, " %"),
+    )
     ratio = [line.score.velocity_calibration for line in lines]
-    yield "velocity filter, rms predicted deviation / rms innovation", "0.8 to 1.2", *_within(ratio, 0.8, 1.2)
+    yield (
+        "velocity filter, rms predicted deviation / rms innovation",
+        "0.8 to 1.2",
+        *_within(ratio, 0.8, 1.2),
+    )
     for rover in dict.fromkeys(line.rover for line in lines):
         spread = [line.score.velocity_spread for line in lines if line.rover == rover]
-        yield f"velocity filter, predicted deviation / noise of the sensor, {rover}", "0.8 to 1.2", *_within(spread, 0.8, 1.2)
+        yield (
+            f"velocity filter, predicted deviation / noise of the sensor, {rover}",
+            "0.8 to 1.2",
+            *_within(spread, 0.8, 1.2),
+        )
 
 
-def _within(values: list[float], low: float, high: float, unit: float = 1.0, name: str = "") -> tuple[str, str]:
+def _within(
+    values: list[float], low: float, high: float, unit: float = 1.0, name: str = ""
+) -> tuple[str, str]:
     digits = 1 if name else 2
     said = f"{unit * min(values):.{digits}f} to {unit * max(values):.{digits}f}{name}"
     return said, _yes(low <= min(values) and max(values) <= high)

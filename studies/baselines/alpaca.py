@@ -32,13 +32,17 @@ class MatrixNormal:
 def update_all(phi: Tensor, x: Tensor, mean: Tensor, precision: Tensor) -> MatrixNormal:
     """``phi`` [batch, T, n_phi], ``x`` [batch, T, n_x]; prior ``mean`` [n_x, n_phi], ``precision`` [n_phi, n_phi]."""
     batch, _, size = phi.shape
-    inverse = torch.cholesky_solve(torch.eye(size, dtype=torch.float64), cholesky(precision)).expand(batch, size, size)
+    inverse = torch.cholesky_solve(
+        torch.eye(size, dtype=torch.float64), cholesky(precision)
+    ).expand(batch, size, size)
     Q = (mean @ precision).expand(batch, *mean.shape)
     means, covariances = [Q @ inverse], [inverse]
     for feature, value in zip(phi.unbind(1), x.unbind(1), strict=True):
         spread = torch.einsum("bij,bj->bi", inverse, feature)
         shrink = 1.0 + (feature * spread).sum(-1)
-        inverse = symmetrize(inverse - spread.unsqueeze(-1) * spread.unsqueeze(-2) / shrink.view(-1, 1, 1))
+        inverse = symmetrize(
+            inverse - spread.unsqueeze(-1) * spread.unsqueeze(-2) / shrink.view(-1, 1, 1)
+        )
         Q = Q + value.unsqueeze(-1) * feature.unsqueeze(-2)
         means.append(Q @ inverse)
         covariances.append(inverse)
@@ -58,7 +62,14 @@ class Alpaca:
             phi, _ = self.model.features(drives)
             noise = self.model.noise()
             mean, precision = self.model.prior()
-            posterior = update_all(phi, drives.increment.unsqueeze(-1), mean.unsqueeze(0), torch.diag(precision) * noise**2)
+            posterior = update_all(
+                phi,
+                drives.increment.unsqueeze(-1),
+                mean.unsqueeze(0),
+                torch.diag(precision) * noise**2,
+            )
         change = torch.einsum("btxd,btd->btx", posterior.mean[:, :-1], phi)[..., 0]
         epistemic = torch.einsum("btd,btde,bte->bt", phi, posterior.covariance[:, :-1], phi)
-        return Estimates(velocity=drives.velocity[:, :-1] + change, velocity_sd=noise * (1.0 + epistemic).sqrt())
+        return Estimates(
+            velocity=drives.velocity[:, :-1] + change, velocity_sd=noise * (1.0 + epistemic).sqrt()
+        )

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Blocks of velocity rows with the velocity as a state and the noise of slip and sinkage carried along, batched over drives.
 
-A block of n samples has two rows over (c [kPa], tan phi, velocity before, velocity after), l counted from 0::
+A block of n samples has two rows over (c [kPa], tan phi, velocity before, velocity after), l
+counted from 0::
 
     mean of measured v_1..v_n = v_before + SUM_l (n - l) / n dv_l(c, tan phi)
     0                         = v_before - v_after + SUM_l dv_l(c, tan phi)
@@ -41,28 +42,44 @@ class Block:
 
 
 def propagate(
-    slip: Tensor, slip_sd: Tensor, sinkage: Tensor, sinkage_sd: Tensor, constants: Tensor, vehicle: Vehicle, forces: Forces
+    slip: Tensor,
+    slip_sd: Tensor,
+    sinkage: Tensor,
+    sinkage_sd: Tensor,
+    constants: Tensor,
+    vehicle: Vehicle,
+    forces: Forces,
 ) -> Inputs:
     """Central differences over plus and minus one deviation of every wheel's slip and sinkage [batch, time, axles]."""
 
     def features(slips: Tensor, sinkages: Tensor) -> Tensor:
-        return velocity_features(slips.unsqueeze(-1), sinkages.unsqueeze(-1), constants.unsqueeze(-2), vehicle, forces)
+        return velocity_features(
+            slips.unsqueeze(-1), sinkages.unsqueeze(-1), constants.unsqueeze(-2), vehicle, forces
+        )
 
     constants = constants.expand(slip.shape[0], 6).view(-1, 1, 1, 6)
     shallow = torch.minimum(sinkage_sd, 0.9 * sinkage).clamp(min=1e-12)
     by_slip = 0.5 * (features(slip + slip_sd, sinkage) - features(slip - slip_sd, sinkage))
-    by_depth = 0.5 * (features(slip, sinkage + shallow) - features(slip, sinkage - shallow)) * (sinkage_sd / shallow).unsqueeze(-1)
+    by_depth = (
+        0.5
+        * (features(slip, sinkage + shallow) - features(slip, sinkage - shallow))
+        * (sinkage_sd / shallow).unsqueeze(-1)
+    )
     return Inputs(features(slip, sinkage).sum(-2), torch.cat([by_slip, by_depth], -2))
 
 
-def make_block(inputs: Inputs, first: int, count: int, velocity: Tensor, velocity_sd: Tensor) -> Block:
+def make_block(
+    inputs: Inputs, first: int, count: int, velocity: Tensor, velocity_sd: Tensor
+) -> Block:
     """The block of ``count`` samples from ``first`` on; ``velocity`` [batch, time] is measured at their ends."""
     chosen = slice(first, first + count)
     remaining = torch.arange(count, 0, -1, dtype=torch.float64) / count
     weight = torch.stack([remaining, torch.ones_like(remaining)])
     features = weight @ inputs.features[:, chosen]
     noise = torch.einsum("ql,blea->bqlea", weight, inputs.noise[:, chosen]).flatten(2, 3)
-    states = torch.tensor([[1.0, 0.0], [1.0, -1.0]], dtype=torch.float64).expand(features.shape[0], 2, 2)
+    states = torch.tensor([[1.0, 0.0], [1.0, -1.0]], dtype=torch.float64).expand(
+        features.shape[0], 2, 2
+    )
     measured = velocity[:, chosen].mean(1)
     return Block(
         linear=torch.cat([features[..., :2], states], -1),

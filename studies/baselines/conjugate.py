@@ -5,7 +5,8 @@
     Lambda_t = Phi_t' Sigma_eps^-1 Phi_t + Lambda_(t-1)        q_t = q_(t-1) + Phi_t' Sigma_eps^-1 (x_t - phi_t)
     kbar_t = Lambda_t^-1 q_t                                    x_(t+1) ~ N(Phi kbar_t + phi, Phi Lambda_t^-1 Phi' + Sigma_eps)
 
-(Banerjee et al. eqs. 20 to 23). The sums over time are running sums, so that no loop over time is needed.
+(Banerjee et al. eqs. 20 to 23). The sums over time are running sums, so that no loop over time is
+needed.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,9 @@ def regress(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -
     """
     batch, _, size = features.shape
     start = precision.expand(batch, 1, size, size)
-    gathered = torch.cat([start, start + (features.unsqueeze(-1) * features.unsqueeze(-2)).cumsum(1)], 1)
+    gathered = torch.cat(
+        [start, start + (features.unsqueeze(-1) * features.unsqueeze(-2)).cumsum(1)], 1
+    )
     pull = (precision @ mean).expand(batch, 1, size)
     pull = torch.cat([pull, pull + (features * target.unsqueeze(-1)).cumsum(1)], 1)
     factor = cholesky(gathered)
@@ -41,12 +44,21 @@ def regress(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -
 def marginal_deviation(posterior: Posterior, count: int) -> Tensor:
     """Marginal standard deviations of the first ``count`` parameters after every row, [batch, T + 1, count]."""
     size = posterior.mean.shape[-1]
-    directions = torch.eye(size, count, dtype=torch.float64).expand(*posterior.mean.shape[:2], size, count)
-    return torch.linalg.solve_triangular(posterior.factor, directions, upper=False).square().sum(-2).sqrt()
+    directions = torch.eye(size, count, dtype=torch.float64).expand(
+        *posterior.mean.shape[:2], size, count
+    )
+    return (
+        torch.linalg.solve_triangular(posterior.factor, directions, upper=False)
+        .square()
+        .sum(-2)
+        .sqrt()
+    )
 
 
 def predict(posterior: Posterior, features: Tensor) -> tuple[Tensor, Tensor]:
     """Mean and variance, without the noise, of every row of ``features`` [batch, T, D] given the rows before it; [batch, T]."""
     mean = (features * posterior.mean[:, :-1]).sum(-1)
-    half = torch.linalg.solve_triangular(posterior.factor[:, :-1], features.unsqueeze(-1), upper=False)
+    half = torch.linalg.solve_triangular(
+        posterior.factor[:, :-1], features.unsqueeze(-1), upper=False
+    )
     return mean, half.square().sum((-2, -1))

@@ -22,4 +22,6 @@ class ConstantGuess:
     def estimate(self, drives: Drives) -> Estimates:
         """See Method."""
         guess = torch.tensor([self.cohesion_pa, math.tan(self.angle)], dtype=torch.float64)
-        return Estimates(parameters=guess.expand(*drives.slip.shape[:2], 2), velocity=drives.velocity[:, :-1])
+        return Estimates(
+            parameters=guess.expand(*drives.slip.shape[:2], 2), velocity=drives.velocity[:, :-1]
+        )

@@ -29,8 +29,9 @@ class Vehicle:
 class Drives:
     """Shapes [batch, time, axles] of wheels, [batch, time] of the body. Sample j holds over (t_(j-1), t_j].
 
-    ``slip`` and ``sinkage`` are measured, with standard deviations; torque and load of one wheel are true, as the paper
-    hands them to Iagnemma's method, the torque being also the commanded input. ``velocity`` has one more sample, t_0.
+    ``slip`` and ``sinkage`` are measured, with standard deviations; torque and load of one wheel
+    are true, as the paper hands them to Iagnemma's method, the torque being also the commanded
+    input. ``velocity`` has one more sample, t_0.
     """
 
     slip: Tensor
@@ -50,7 +51,9 @@ class Drives:
     def subset(self, index: Tensor) -> "Drives":
         """The drives of that index or mask."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
-        return Drives(**{name: value if value.ndim == 0 else value[index] for name, value in values.items()})
+        return Drives(
+            **{name: value if value.ndim == 0 else value[index] for name, value in values.items()}
+        )
 
     @property
     def increment(self) -> Tensor:
@@ -61,12 +64,16 @@ class Drives:
 class Forces(Protocol):
     """Contact forces affine in (c [Pa], tan phi): [..., 3, 3], rows N, T, M, columns c, tan phi, 1."""
 
-    def __call__(self, slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float) -> Tensor:
+    def __call__(
+        self, slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float
+    ) -> Tensor:
         """See terramechanics.contact.stresses."""
         ...
 
 
-def quadrature_forces(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float) -> Tensor:
+def quadrature_forces(
+    slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float
+) -> Tensor:
     """The stress integrals with 6 points a piece."""
     return wheel_forces(slip, sinkage, constants, radius, width, quadrature())
 
@@ -75,11 +82,15 @@ closed_form_forces: Forces = wheel_forces_linear_stress
 """The paper's f0 to f4."""
 
 
-def velocity_features(slip: Tensor, sinkage: Tensor, constants: Tensor, vehicle: Vehicle, forces: Forces) -> Tensor:
+def velocity_features(
+    slip: Tensor, sinkage: Tensor, constants: Tensor, vehicle: Vehicle, forces: Forces
+) -> Tensor:
     """Change of velocity in one step, affine in (c [kPa], tan phi): [..., 3] (Banerjee et al. eq. 17 on level ground).
 
     ``slip`` and ``sinkage`` [..., axles], ``constants`` [6]; dv = step / m SUM_k p T_k.
     """
-    traction = forces(slip, sinkage, constants, vehicle.radius_m, vehicle.width_m)[..., 1, :].sum(-2)
+    traction = forces(slip, sinkage, constants, vehicle.radius_m, vehicle.width_m)[..., 1, :].sum(
+        -2
+    )
     unit = torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64)
     return traction * unit * (vehicle.step_s * vehicle.wheels_per_axle / vehicle.mass_kg)

@@ -24,9 +24,10 @@ class Span(Enum):
 class LearntModel(nn.Module):
     """Phi = [Phi_nom Phi_net], k ~ N(mean, diag(precision)^-1), eps ~ N(0, noise^2); the row is the velocity increment.
 
-    The net sees velocity, slips and sinkages, each scaled to order one; the torques that the paper's text lists too are not
-    among the inputs of the authors' code, and would tell the traction without any ground. ``forces`` None leaves the nominal
-    features out. Parameters in the units kPa, 1 and m/s.
+    The net sees velocity, slips and sinkages, each scaled to order one; the torques that the
+    paper's text lists too are not among the inputs of the authors' code, and would tell the
+    traction without any ground. ``forces`` None leaves the nominal features out. Parameters in the
+    units kPa, 1 and m/s.
     """
 
     input_mean: Tensor
@@ -34,7 +35,13 @@ class LearntModel(nn.Module):
     shared: Tensor
 
     def __init__(
-        self, vehicle: Vehicle, constants: Tensor, forces: Forces | None, columns: int = 32, hidden: int = 128, span: Span = Span.FREE
+        self,
+        vehicle: Vehicle,
+        constants: Tensor,
+        forces: Forces | None,
+        columns: int = 32,
+        hidden: int = 128,
+        span: Span = Span.FREE,
     ) -> None:
         """``constants`` [6] of the soil, as assumed. An untrained model; ``scale_inputs`` before it is used."""
         super().__init__()
@@ -50,9 +57,13 @@ class LearntModel(nn.Module):
             nn.Linear(hidden, columns, dtype=torch.float64),
         )
         mean = torch.cat([start.mean()[: self.nominal], torch.zeros(columns, dtype=torch.float64)])
-        net_precision = torch.full((columns,), 0.05**-2.0, dtype=torch.float64)  # 0.05 m/s a step and feature
+        net_precision = torch.full(
+            (columns,), 0.05**-2.0, dtype=torch.float64
+        )  # 0.05 m/s a step and feature
         self.mean = nn.Parameter(mean)
-        self.log_precision = nn.Parameter(torch.cat([start.precision()[: self.nominal], net_precision]).log())
+        self.log_precision = nn.Parameter(
+            torch.cat([start.precision()[: self.nominal], net_precision]).log()
+        )
         self.log_noise = nn.Parameter(torch.tensor(0.02, dtype=torch.float64).log())
         self.register_buffer("input_mean", torch.zeros(INPUTS, dtype=torch.float64))
         self.register_buffer("input_scale", torch.ones(INPUTS, dtype=torch.float64))
@@ -76,7 +87,9 @@ class LearntModel(nn.Module):
         """[batch, time, 3] columns c [kPa], tan phi, 1; empty columns and 0 without nominal features."""
         if self.forces is None:
             return torch.zeros(*drives.slip.shape[:2], 1, dtype=torch.float64)
-        return velocity_features(drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces)
+        return velocity_features(
+            drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces
+        )
 
     def features(self, drives: Drives) -> tuple[Tensor, Tensor]:
         """Phi [batch, time, 2 + columns] and the constant phi_nom [batch, time] of every row."""

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Regression with the velocity kept as a state and the noise of the regressors propagated: the integrated residual.
 
-A block's posterior minimises (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r by Gauss-Newton, S moving with theta: orthogonal
-distance regression (Boggs, Byrd and Schnabel 1987). A bank of nine posteriors starts from a grid over the prior.
+A block's posterior minimises (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r by Gauss-Newton, S
+moving with theta: orthogonal distance regression (Boggs, Byrd and Schnabel 1987). A bank of nine
+posteriors starts from a grid over the prior.
 """
 
 from dataclasses import dataclass
@@ -55,27 +56,42 @@ class IntegratedRegression:
             count = min(BLOCK, drives.slip.shape[1] - first)
             before = mixed
             velocity, spread = follow(inputs, first, count, drives, before)
-            bank = solve(bank, make_block(inputs, first, count, drives.velocity[:, 1:], drives.velocity_sd))
+            bank = solve(
+                bank, make_block(inputs, first, count, drives.velocity[:, 1:], drives.velocity_sd)
+            )
             mixed = mix(bank)
             known = [before] * (count - 1) + [mixed]
             parameters += [mean[:, :2] for mean, _ in known]
-            deviations += [covariance.diagonal(dim1=1, dim2=2)[:, :2].sqrt() for _, covariance in known]
+            deviations += [
+                covariance.diagonal(dim1=1, dim2=2)[:, :2].sqrt() for _, covariance in known
+            ]
             predictions.append(velocity)
             spreads.append(spread)
         unit = torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
         return Estimates(
-            torch.stack(parameters, 1) * unit, torch.stack(deviations, 1) * unit, torch.cat(predictions, 1), torch.cat(spreads, 1)
+            torch.stack(parameters, 1) * unit,
+            torch.stack(deviations, 1) * unit,
+            torch.cat(predictions, 1),
+            torch.cat(spreads, 1),
         )
 
 
 def start_bank(prior: Prior, velocity: Tensor, velocity_sd: Tensor) -> Bank:
     """A grid over the prior whose mixture has the prior's mean and variance; ``velocity`` [batch] is measured."""
-    place, weight = torch.tensor(_PLACE, dtype=torch.float64), torch.tensor(_WEIGHT, dtype=torch.float64)
-    offsets, log_weight = torch.cartesian_prod(place, place), torch.cartesian_prod(weight, weight).log().sum(1)
+    place, weight = (
+        torch.tensor(_PLACE, dtype=torch.float64),
+        torch.tensor(_WEIGHT, dtype=torch.float64),
+    )
+    offsets, log_weight = (
+        torch.cartesian_prod(place, place),
+        torch.cartesian_prod(weight, weight).log().sum(1),
+    )
     left = 1.0 - (weight * place**2).sum()
     theta = prior.mean() + offsets * prior.precision() ** -0.5
     batch, count = velocity.shape[0], theta.shape[0]
-    mean = torch.cat([theta.expand(batch, count, 2), velocity.view(-1, 1, 1).expand(batch, count, 1)], -1)
+    mean = torch.cat(
+        [theta.expand(batch, count, 2), velocity.view(-1, 1, 1).expand(batch, count, 1)], -1
+    )
     precision = torch.diag(torch.cat([prior.precision() / left, velocity_sd.view(1) ** -2.0]))
     return Bank(mean, precision.expand(batch, count, 3, 3), log_weight.expand(batch, count))
 
@@ -89,9 +105,17 @@ def solve(bank: Bank, block: Block) -> Bank:
         mean = mean + _limited(_gauss_newton(start, prior, mean, block)[0], longest)
     step, precision, misfit = _gauss_newton(start, prior, mean, block)
     mean = mean + _limited(step, longest)
-    gained = log_determinant(cholesky(precision)) - precision[..., -1, -1].log() - log_determinant(cholesky(bank.precision))
+    gained = (
+        log_determinant(cholesky(precision))
+        - precision[..., -1, -1].log()
+        - log_determinant(cholesky(bank.precision))
+    )
     flat, rest = drop(mean.flatten(0, 1), precision.flatten(0, 1), 2)
-    return Bank(flat.view_as(bank.mean), rest.view_as(bank.precision), bank.log_weight - 0.5 * (misfit + gained))
+    return Bank(
+        flat.view_as(bank.mean),
+        rest.view_as(bank.precision),
+        bank.log_weight - 0.5 * (misfit + gained),
+    )
 
 
 def _limited(step: Tensor, longest: Tensor) -> Tensor:
@@ -99,13 +123,18 @@ def _limited(step: Tensor, longest: Tensor) -> Tensor:
     return step / (step[..., :2].abs() / longest).amax(-1, keepdim=True).clamp(min=1.0)
 
 
-def _gauss_newton(start: Tensor, prior: Tensor, mean: Tensor, block: Block) -> tuple[Tensor, Tensor, Tensor]:
+def _gauss_newton(
+    start: Tensor, prior: Tensor, mean: Tensor, block: Block
+) -> tuple[Tensor, Tensor, Tensor]:
     """Step [batch, H, 4], precision there and misfit [batch, H] that the step foresees."""
     half = halves(block, mean[..., :2])
     factor = cholesky(row_covariance(block, mean[..., :2], half))
-    residual = (block.target - block.offset).unsqueeze(1) - torch.einsum("bqd,bhd->bhq", block.linear, mean)
+    residual = (block.target - block.offset).unsqueeze(1) - torch.einsum(
+        "bqd,bhd->bhq", block.linear, mean
+    )
     weighted = torch.cholesky_solve(residual.unsqueeze(-1), factor)
-    # The inputs that explain the residual best are shifted by e = G' S^-1 r: so shifted, the features are Phi + G_a e.
+    # The inputs that explain the residual best are shifted by e = G' S^-1 r: so shifted, the
+    # features are Phi + G_a e.
     shift = (half[:, :, :2].transpose(-1, -2) @ weighted.unsqueeze(2)).squeeze(-1).transpose(-1, -2)
     jacobian = block.linear.unsqueeze(1) + nn.functional.pad(shift, [0, 2])
     transposed = jacobian.transpose(-1, -2)
@@ -113,7 +142,11 @@ def _gauss_newton(start: Tensor, prior: Tensor, mean: Tensor, block: Block) -> t
     precision = symmetrize(prior + transposed @ torch.cholesky_solve(jacobian, factor))
     gradient = prior @ pull + transposed @ weighted
     step = torch.cholesky_solve(gradient, cholesky(precision))
-    misfit = (residual.unsqueeze(-1) * weighted).sum((-2, -1)) + (pull * (prior @ pull)).sum((-2, -1)) - (gradient * step).sum((-2, -1))
+    misfit = (
+        (residual.unsqueeze(-1) * weighted).sum((-2, -1))
+        + (pull * (prior @ pull)).sum((-2, -1))
+        - (gradient * step).sum((-2, -1))
+    )
     return step.squeeze(-1), precision, misfit
 
 
@@ -123,11 +156,15 @@ def mix(bank: Bank) -> tuple[Tensor, Tensor]:
     mean = torch.einsum("bh,bhd->bd", weight, bank.mean)
     directions = torch.eye(3, dtype=torch.float64).expand_as(bank.precision)
     spread = bank.mean - mean.unsqueeze(1)
-    covariance = torch.cholesky_solve(directions, cholesky(bank.precision)) + spread.unsqueeze(-1) * spread.unsqueeze(-2)
+    covariance = torch.cholesky_solve(directions, cholesky(bank.precision)) + spread.unsqueeze(
+        -1
+    ) * spread.unsqueeze(-2)
     return mean, symmetrize(torch.einsum("bh,bhde->bde", weight, covariance))
 
 
-def follow(inputs: Inputs, first: int, count: int, drives: Drives, known: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+def follow(
+    inputs: Inputs, first: int, count: int, drives: Drives, known: tuple[Tensor, Tensor]
+) -> tuple[Tensor, Tensor]:
     """Predicted velocity and its deviation, noise of the measurement included, of every sample of a block; [batch, count]."""
     expected, covariance = known
     theta = torch.cat([expected[:, :2], torch.ones_like(expected[:, :1])], -1)
@@ -137,7 +174,9 @@ def follow(inputs: Inputs, first: int, count: int, drives: Drives, known: tuple[
     for index in range(first, first + count):
         features = inputs.features[:, index]
         mean = mean + (features * theta).sum(-1)
-        uncertain = torch.einsum("bi,bij,bj->b", features[:, :2], covariance[:, :2, :2], features[:, :2])
+        uncertain = torch.einsum(
+            "bi,bij,bj->b", features[:, :2], covariance[:, :2, :2], features[:, :2]
+        )
         shaken = torch.einsum("bea,ba->be", inputs.noise[:, index], theta).square().sum(-1)
         variance = variance + uncertain + shaken
         means.append(mean)
@@ -151,18 +190,27 @@ def follow(inputs: Inputs, first: int, count: int, drives: Drives, known: tuple[
 def cramer_rao(drives: Drives, vehicle: Vehicle, prior: Prior, forces: Forces) -> Tensor:
     """Bound on the deviations of (c [Pa], tan phi) after every drive from velocity, slip and sinkage alone, [batch, 2].
 
-    Rows of single samples at the true inputs, constants and parameters; the prior counts as a measurement.
+    Rows of single samples at the true inputs, constants and parameters; the prior counts as a
+    measurement.
     """
     true = (drives.true_slip, drives.slip_sd, drives.true_sinkage, drives.sinkage_sd)
     inputs = propagate(*true, drives.true_constants, vehicle, forces)
     batch, time = drives.true_slip.shape[:2]
     theta = (drives.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)).unsqueeze(1)
-    precision = torch.diag(torch.cat([prior.precision(), drives.velocity_sd.view(1) ** -2.0])).expand(batch, 3, 3)
+    precision = torch.diag(
+        torch.cat([prior.precision(), drives.velocity_sd.view(1) ** -2.0])
+    ).expand(batch, 3, 3)
     for index in range(time):
         block = make_block(inputs, index, 1, drives.true_velocity[:, 1:], drives.velocity_sd)
         covariance = row_covariance(block, theta, halves(block, theta))[:, 0]
         added = block.linear.transpose(1, 2) @ torch.linalg.solve(covariance, block.linear)
-        _, precision = drop(torch.zeros(batch, 4, dtype=torch.float64), nn.functional.pad(precision, [0, 1, 0, 1]) + added, 2)
+        _, precision = drop(
+            torch.zeros(batch, 4, dtype=torch.float64),
+            nn.functional.pad(precision, [0, 1, 0, 1]) + added,
+            2,
+        )
     directions = torch.eye(3, 2, dtype=torch.float64).expand(batch, 3, 2)
     covariance = torch.cholesky_solve(directions, cholesky(precision))[:, :2]
-    return covariance.diagonal(dim1=1, dim2=2).sqrt() * torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
+    return covariance.diagonal(dim1=1, dim2=2).sqrt() * torch.tensor(
+        [PA_PER_UNIT, 1.0], dtype=torch.float64
+    )

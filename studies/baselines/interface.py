@@ -33,9 +33,13 @@ class Prior:
 class Estimates:
     """What a method says after every sample. None where it says nothing of the kind."""
 
-    parameters: Tensor | None = None  # [batch, time, 2] c [Pa], tan phi, from the samples up to this one
+    parameters: Tensor | None = (
+        None  # [batch, time, 2] c [Pa], tan phi, from the samples up to this one
+    )
     deviation: Tensor | None = None  # [batch, time, 2] their marginal standard deviations
-    velocity: Tensor | None = None  # [batch, time] [m/s] predicted for this sample from those before it and its own inputs
+    velocity: Tensor | None = (
+        None  # [batch, time] [m/s] predicted for this sample from those before it and its own inputs
+    )
     velocity_sd: Tensor | None = None  # [batch, time] deviation of what that sample will measure
 
 

@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import PA_PER_UNIT, Drives, Forces, Vehicle, closed_form_forces, velocity_features
+from studies.baselines.drives import (
+    PA_PER_UNIT,
+    Drives,
+    Forces,
+    Vehicle,
+    closed_form_forces,
+    velocity_features,
+)
 from studies.baselines.interface import Estimates
 
 DIFFUSE = 1e6
@@ -26,18 +33,24 @@ class RecursiveLeastSquares:
 
     def estimate(self, drives: Drives) -> Estimates:
         """See Method."""
-        features = velocity_features(drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces)
+        features = velocity_features(
+            drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces
+        )
         target = drives.increment - features[..., 2]
         estimate = recursive_least_squares(features[..., :2], target, self.forgetting)
         change = (features[..., :2] * estimate[:, :-1]).sum(-1)
         unit = torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
-        return Estimates(parameters=estimate[:, 1:] * unit, velocity=drives.velocity[:, :-1] + change + features[..., 2])
+        return Estimates(
+            parameters=estimate[:, 1:] * unit,
+            velocity=drives.velocity[:, :-1] + change + features[..., 2],
+        )
 
 
 def recursive_least_squares(features: Tensor, target: Tensor, forgetting: float) -> Tensor:
     """Estimates after 0, 1, ... rows, [batch, T + 1, D], from ``features`` [batch, T, D] and ``target`` [batch, T].
 
-    gain = P phi / (lambda + phi' P phi)        k <- k + gain (x - phi' k)        P <- (P - gain phi' P) / lambda
+    gain = P phi / (lambda + phi' P phi)        k <- k + gain (x - phi' k)        P <- (P - gain
+    phi' P) / lambda
     """
     batch, _, size = features.shape
     P = (DIFFUSE * torch.eye(size, dtype=torch.float64)).expand(batch, size, size)

@@ -8,7 +8,14 @@ import torch
 from torch import Tensor
 
 from studies.baselines.conjugate import marginal_deviation, predict, regress
-from studies.baselines.drives import PA_PER_UNIT, Drives, Forces, Vehicle, closed_form_forces, velocity_features
+from studies.baselines.drives import (
+    PA_PER_UNIT,
+    Drives,
+    Forces,
+    Vehicle,
+    closed_form_forces,
+    velocity_features,
+)
 from studies.baselines.interface import Estimates, Prior
 
 
@@ -24,7 +31,9 @@ class LinearModel:
 
     def estimate(self, drives: Drives) -> Estimates:
         """See Method."""
-        features = velocity_features(drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces)
+        features = velocity_features(
+            drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces
+        )
         noise = drives.velocity_sd * 2.0**0.5
         linear, target = features[..., :2] / noise, (drives.increment - features[..., 2]) / noise
         posterior = regress(linear, target, self.prior.mean(), torch.diag(self.prior.precision()))

@@ -25,7 +25,9 @@ class PaperPAlpaca:
             features, constant = self.model.features(drives)
             noise = self.model.noise()
             mean, precision = self.model.prior()
-            posterior = regress(features / noise, (drives.increment - constant) / noise, mean, torch.diag(precision))
+            posterior = regress(
+                features / noise, (drives.increment - constant) / noise, mean, torch.diag(precision)
+            )
             change, variance = predict(posterior, features)
         velocity = drives.velocity[:, :-1] + change + constant
         velocity_sd = (variance + noise**2).sqrt()

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """calibrate_discovery: the thresholds of find_missing_effect, from simulated runs of which the truth is known.
 
-Nothing missing but soil constants wrong by up to 5 %; each effect of the library, its size swinging a little in the course of a drive,
-since no real effect keeps exactly to a law; and each with the effect taken out of the library, so that no name is right.
-Every case is written as it comes, and a file that has some is continued.
+Nothing missing but soil constants wrong by up to 5 %; each effect of the library, its size swinging
+a little in the course of a drive, since no real effect keeps exactly to a law; and each with the
+effect taken out of the library, so that no name is right. Every case is written as it comes, and a
+file that has some is continued.
 """
 
 import argparse
@@ -22,7 +23,16 @@ from studies.calibration.thresholds import Sample, sample, thresholds
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.discovery import Blocks, Nominal, Run, RunError, Study, cut, nominal_of, testable
+from terrain_estimator.discovery import (
+    Blocks,
+    Nominal,
+    Run,
+    RunError,
+    Study,
+    cut,
+    nominal_of,
+    testable,
+)
 from terrain_estimator.discovery.evidence.verdict import Gains
 from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis
 from terrain_estimator.discovery.hypotheses.parts import Part
@@ -68,20 +78,32 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point: 0 done, 2 a file cannot be read or written."""
     torch.set_num_threads(1)
     options = _parser().parse_args(arguments)
-    plan = [("", k) for k in range(options.nulls)] + [(name, k) for k in range(options.cases) for name in testable()]
+    plan = [("", k) for k in range(options.nulls)] + [
+        (name, k) for k in range(options.cases) for name in testable()
+    ]
     try:
         done = _read(options.samples)
-        with ProgressReport(f"calibrate_discovery: {len(plan)} cases") as report, options.samples.open("a", encoding="utf-8") as output:
+        with (
+            ProgressReport(f"calibrate_discovery: {len(plan)} cases") as report,
+            options.samples.open("a", encoding="utf-8") as output,
+        ):
             for number, (truth, k) in enumerate(plan):
                 report.at(number / len(plan), truth or "nothing missing")
                 if (truth, options.seed + k) not in done:
                     found = _case(truth, k, options.seed)
                     done[truth, options.seed + k] = found
-                    output.write(json.dumps({"truth": truth, "seed": options.seed + k, **_plain(found)}) + "\n")
+                    output.write(
+                        json.dumps({"truth": truth, "seed": options.seed + k, **_plain(found)})
+                        + "\n"
+                    )
                     output.flush()
         chosen = thresholds(list(done.values()))
         nulls = sum(not truth for truth, _ in done)
-        counts = {"seeds": sorted({seed for _, seed in done}), "nulls": nulls, "effects": len(done) - nulls}
+        counts = {
+            "seeds": sorted({seed for _, seed in done}),
+            "nulls": nulls,
+            "effects": len(done) - nulls,
+        }
         record = dataclasses.asdict(chosen) | counts
         options.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
@@ -92,18 +114,43 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="calibrate_discovery", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--nulls", type=int, default=40, help="cases in which nothing is missing (default: %(default)s)")
-    parser.add_argument("--cases", type=int, default=6, help="cases of each effect (default: %(default)s)")
-    parser.add_argument("--seed", type=SEED, default=7_000_000, help="of all that is drawn (default: %(default)s)")
-    parser.add_argument("--samples", type=Path, default=Path("out/calibration.jsonl"), help="file of the cases (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("out/thresholds.json"), help="file of the thresholds (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="calibrate_discovery",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--nulls",
+        type=int,
+        default=40,
+        help="cases in which nothing is missing (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--cases", type=int, default=6, help="cases of each effect (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=SEED, default=7_000_000, help="of all that is drawn (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--samples",
+        type=Path,
+        default=Path("out/calibration.jsonl"),
+        help="file of the cases (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/thresholds.json"),
+        help="file of the thresholds (default: %(default)s)",
+    )
     return parser
 
 
 def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
     """The soil and the runs of case ``k``: some drives, the effect the same in all."""
-    generator = torch.Generator().manual_seed(seed + k + 1000 * (1 + list(TYPICAL).index(truth) if truth else 0))
+    generator = torch.Generator().manual_seed(
+        seed + k + 1000 * (1 + list(TYPICAL).index(truth) if truth else 0)
+    )
     rover, name = load_rover("mars_rover"), SOILS[k % len(SOILS)]
     size = TYPICAL[truth] * FACTORS[k // len(SOILS) % len(FACTORS)] if truth else 0.0
     ground = random_ground(load_soil(name), DRIVES, generator)
@@ -113,7 +160,10 @@ def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
     packed = measure_tasks(drive, Noise(), generator).measured
     time = TIME_STEP * torch.arange(packed.shape[1], dtype=torch.float64)
     ends = (~drive.sample.stuck).sum(1).tolist()
-    return name, [Run(f"run {j}", packed[j, :end], drive.seen.wheel_rate[j, :end], time[:end]) for j, end in enumerate(ends)]
+    return name, [
+        Run(f"run {j}", packed[j, :end], drive.seen.wheel_rate[j, :end], time[:end])
+        for j, end in enumerate(ends)
+    ]
 
 
 def _case(truth: str, k: int, seed: int) -> Sample:
@@ -134,11 +184,17 @@ def _usable(runs: list[Run], nominal: Nominal) -> list[Blocks]:
 
 def _plain(found: Sample) -> dict[str, object]:
     """A sample as numbers and names."""
-    return {"with": _plain_gains(found.with_truth), "without": _plain_gains(found.without_truth) if found.without_truth else None}
+    return {
+        "with": _plain_gains(found.with_truth),
+        "without": _plain_gains(found.without_truth) if found.without_truth else None,
+    }
 
 
 def _plain_gains(gains: Gains) -> dict[str, object]:
-    named = [[[[part.name, part.axle] for part in hypothesis.parts], gain] for hypothesis, gain in gains.named]
+    named = [
+        [[[part.name, part.axle] for part in hypothesis.parts], gain]
+        for hypothesis, gain in gains.named
+    ]
     return {"named": named, "nothing_with": gains.nothing_with, "best_with": gains.best_with}
 
 
@@ -150,12 +206,16 @@ def _read(path: Path) -> dict[tuple[str, int], Sample]:
     found = {}
     for entry in (json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()):
         without = _gains(entry["without"]) if entry["without"] else None
-        found[entry["truth"], entry["seed"]] = Sample(entry["truth"], _gains(entry["with"]), without)
+        found[entry["truth"], entry["seed"]] = Sample(
+            entry["truth"], _gains(entry["with"]), without
+        )
     return found
 
 
 def _gains(plain: dict[str, list[tuple[list[tuple[str, int | None]], float]]]) -> Gains:
-    named = tuple((Hypothesis(tuple(Part(*part) for part in parts)), gain) for parts, gain in plain["named"])
+    named = tuple(
+        (Hypothesis(tuple(Part(*part) for part in parts)), gain) for parts, gain in plain["named"]
+    )
     return Gains(named, float(plain["nothing_with"]), float(plain["best_with"]))  # type: ignore[arg-type]
 
 

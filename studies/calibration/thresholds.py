@@ -45,9 +45,11 @@ def thresholds(samples: Sequence[Sample]) -> Thresholds:
     """The numbers that fit these samples best.
 
       - ``anything``: MARGIN times the largest gain of any null case, at least LEAST.
-    - ``share``: where the fewest cases fall on the wrong side, those with the truth below it and those without above it; the
+    - ``share``: where the fewest cases fall on the wrong side, those with the truth below it and
+      those without above it; the
         middle of all such places.
-      - ``apart``: the largest lead of a wrong name over the right one among those that pass, at least a twentieth.
+      - ``apart``: the largest lead of a wrong name over the right one among those that pass, at
+        least a twentieth.
     """
     nulls = [each.with_truth.explainable for each in samples if not each.truth]
     anything = max([MARGIN * gain for gain in nulls] + [LEAST])
@@ -66,14 +68,19 @@ _HOPELESS = 0.3
 def _lead(each: Sample) -> float:
     """By how much of its gain the best name leads the right one; 0 where it is the right one, 1 where that was not even fitted."""
     gains = each.with_truth
-    right = max((gain for hypothesis, gain in gains.named if hypothesis.names == (each.truth,)), default=0.0)
+    right = max(
+        (gain for hypothesis, gain in gains.named if hypothesis.names == (each.truth,)), default=0.0
+    )
     return 1.0 - right / gains.best
 
 
 def _divide(outside: Sequence[float], inside: Sequence[float]) -> float:
     """Where to cut so that the fewest of ``outside`` lie above and of ``inside`` below."""
     values = sorted({0.0, 1.0, *outside, *inside})
-    wrong = [(sum(x >= high for x in outside) + sum(x < high for x in inside), low, high) for low, high in itertools.pairwise(values)]
+    wrong = [
+        (sum(x >= high for x in outside) + sum(x < high for x in inside), low, high)
+        for low, high in itertools.pairwise(values)
+    ]
     fewest = min(wrong)[0]
     best = [(low, high) for count, low, high in wrong if count == fewest]
     return 0.5 * (best[0][0] + best[-1][1])

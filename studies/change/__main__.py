@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``change``: drive onto other ground and judge how soon the estimator says so and follows; a JSON file and a page of tables.
 
-Drives are computed in parts, each of which is kept: a run that was ended, or had no more time, goes on where it was.
+Drives are computed in parts, each of which is kept: a run that was ended, or had no more time, goes
+on where it was.
 """
 
 import argparse
@@ -70,28 +71,78 @@ def main(argv: list[str] | None = None) -> int:
         compute("change", missing, args.jobs, args.minutes, _keep)
         run = _gathered(parts, args, models)
         if run is None:
-            sys.stderr.write("change: not one part of every line was done in this time; call it again, it goes on where it was\n")
+            sys.stderr.write(
+                "change: not one part of every line was done in this time; call it again, it goes"
+                " on where it was\n"
+            )
             return 1
-        write_results({args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)})
+        write_results(
+            {args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)}
+        )
     except (ModelFileError, ConfigError, OSError) as error:
         sys.stderr.write(f"change: {error}\n")
         return 2
-    sys.stdout.write(f"{args.out} and {args.table}: {len(run.changes)} changes, {sum(score.drives[0] for score in run.changes)} drives\n")
+    sys.stdout.write(
+        f"{args.out} and {args.table}: {len(run.changes)} changes,"
+        f" {sum(score.drives[0] for score in run.changes)} drives\n"
+    )
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     parser.add_argument("--drives", type=int, default=100, help="drives of each change")
-    parser.add_argument("--hours", type=float, default=20.0, help="simulated hours on constant ground, for each rover; 0: none")
-    parser.add_argument("--seed", type=SEED, default=6_000_000, help="of all that is drawn; not the one of any choice")
-    parser.add_argument("--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers, each with its model of several soils")
-    parser.add_argument("--drift", type=float, default=CoreConfig().drift, help="the estimator's parameter drift [1/sqrt(s)]")
-    parser.add_argument("--jobs", type=COUNT, default=os.cpu_count() or 1, help="processes at a time; the results do not depend on it")
-    parser.add_argument("--minutes", type=float, default=0.0, help="after which no part is begun; 0: until all is done")
-    parser.add_argument("--records", type=Path, default=Path("out/change"), help="folder of what is kept of every part")
-    parser.add_argument("--out", type=Path, default=Path("out/change.json"), help="file of all figures")
-    parser.add_argument("--table", type=Path, default=Path("docs/change.md"), help="page of the tables")
+    parser.add_argument(
+        "--hours",
+        type=float,
+        default=20.0,
+        help="simulated hours on constant ground, for each rover; 0: none",
+    )
+    parser.add_argument(
+        "--seed",
+        type=SEED,
+        default=6_000_000,
+        help="of all that is drawn; not the one of any choice",
+    )
+    parser.add_argument(
+        "--rover",
+        nargs="+",
+        choices=ROVERS,
+        default=ROVERS,
+        help="rovers, each with its model of several soils",
+    )
+    parser.add_argument(
+        "--drift",
+        type=float,
+        default=CoreConfig().drift,
+        help="the estimator's parameter drift [1/sqrt(s)]",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=COUNT,
+        default=os.cpu_count() or 1,
+        help="processes at a time; the results do not depend on it",
+    )
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=0.0,
+        help="after which no part is begun; 0: until all is done",
+    )
+    parser.add_argument(
+        "--records",
+        type=Path,
+        default=Path("out/change"),
+        help="folder of what is kept of every part",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/change.json"), help="file of all figures"
+    )
+    parser.add_argument(
+        "--table", type=Path, default=Path("docs/change.md"), help="page of the tables"
+    )
     return parser
 
 
@@ -103,12 +154,24 @@ def _parts(args: argparse.Namespace, config: CoreConfig) -> list[_Part]:
         for change in (Change(rover, *kind) for kind in KINDS):
             for number, drives in enumerate(_shares(args.drives, PART_DRIVES)):
                 name = f"{rover}-{change.before}-{change.after}-{change.gradual_s:g}-{number}-{drives:g}"
-                follow = partial(judge_change, change, config, int(drives), args.seed + zlib.crc32(name.encode()) % 1_000_000)
+                follow = partial(
+                    judge_change,
+                    change,
+                    config,
+                    int(drives),
+                    args.seed + zlib.crc32(name.encode()) % 1_000_000,
+                )
                 found.append((number, (change, Piece(follow, folder / f"{name}.npz"))))
         for constant in (_Constant(rover, soil) for soil in SOILS):
             for number, hours in enumerate(_shares(args.hours / len(SOILS), PART_HOURS)):
                 name = f"{rover}-{constant.soil}-{number}-{hours:g}"
-                watch = partial(judge_constant, *constant, config, hours, args.seed + zlib.crc32(name.encode()) % 1_000_000)
+                watch = partial(
+                    judge_constant,
+                    *constant,
+                    config,
+                    hours,
+                    args.seed + zlib.crc32(name.encode()) % 1_000_000,
+                )
                 found.append((number, (constant, Piece(watch, folder / f"{name}.npz"))))
     return [part for _, part in sorted(found, key=lambda numbered: numbered[0])]
 
@@ -126,7 +189,9 @@ def judge_change(change: Change, config: CoreConfig, drives: int, seed: int) -> 
     return follow_change(change, load_model(change.rover), config, drives, seed)
 
 
-def judge_constant(rover: str, soil: str, config: CoreConfig, hours: float, seed: int) -> FalseAlarms:
+def judge_constant(
+    rover: str, soil: str, config: CoreConfig, hours: float, seed: int
+) -> FalseAlarms:
     """Constant ground with the rover's model."""
     return study_constant(load_model(rover), soil, config, hours, seed)
 
@@ -145,14 +210,30 @@ def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -
         if isinstance(line, Change):
             changes.setdefault(line, []).extend([] if record is None else [Followed(**record)])
         else:
-            found = [] if record is None else [FalseAlarms(**{name: value.item() for name, value in record.items()})]
+            found = (
+                []
+                if record is None
+                else [FalseAlarms(**{name: value.item() for name, value in record.items()})]
+            )
             constant.setdefault(line, []).extend(found)
     followed = [(change, pool(of_change, change)) for change, of_change in changes.items()]
     if not all(len(drives.error) for _, drives in followed) or not all(constant.values()):
         return None
     scores = [score_change(change, drives) for change, drives in followed]
-    alarms = [FalseAlarms(*line, sum(e.hours for e in each), sum(e.alarms for e in each)) for line, each in constant.items()]
-    return Run(datetime.now(UTC).date().isoformat(), args.drives, args.hours, args.seed, args.drift, models, scores, alarms)
+    alarms = [
+        FalseAlarms(*line, sum(e.hours for e in each), sum(e.alarms for e in each))
+        for line, each in constant.items()
+    ]
+    return Run(
+        datetime.now(UTC).date().isoformat(),
+        args.drives,
+        args.hours,
+        args.seed,
+        args.drift,
+        models,
+        scores,
+        alarms,
+    )
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ground that changes under the rover: how soon the estimator says so, and how soon it knows the new ground.
 
-Every drive goes through the whole estimator, gates included. Time counts from the place where the first axle meets the
-new ground; an alarm before it is a false one. A second estimator starts afresh once the last axle has reached it: what it knows is
-what the data of the new ground allow.
+Every drive goes through the whole estimator, gates included. Time counts from the place where the
+first axle meets the new ground; an alarm before it is a false one. A second estimator starts afresh
+once the last axle has reached it: what it knows is what the data of the new ground allow.
 """
 
 import math
@@ -73,7 +73,9 @@ class Followed(NamedTuple):
     crossing_s: NDArray[np.float64]  # [N] until the last axle has crossed
     error: NDArray[np.float64]  # [N, T, 2] relative
     covered: NDArray[np.float64]  # [N, T, 2] 1 or 0
-    fresh: NDArray[np.float64]  # [N, T, 2] relative error of the fresh estimator, of its prior before it started
+    fresh: NDArray[
+        np.float64
+    ]  # [N, T, 2] relative error of the fresh estimator, of its prior before it started
     early_s: NDArray[np.float64]  # [N] time before the crossing
     early_alarms: NDArray[np.float64]  # [N] alarms in it
 
@@ -115,7 +117,9 @@ def drive_over(rover: Rover, change: Change, batch: int, generator: torch.Genera
     return simulate(rover, ground, "S1", duration, generator, batch)
 
 
-def follow_change(change: Change, model: LoadedModel, config: CoreConfig, drives: int, seed: int) -> Followed:
+def follow_change(
+    change: Change, model: LoadedModel, config: CoreConfig, drives: int, seed: int
+) -> Followed:
     """Simulate and follow; drives that get stuck, or end before they know the new ground, are drawn anew, so there may be fewer."""
     rover, generator = model.rover, torch.Generator().manual_seed(seed)
     found: list[Followed] = []
@@ -126,7 +130,11 @@ def follow_change(change: Change, model: LoadedModel, config: CoreConfig, drives
             place = places_of(drive, index, change)
             if place is not None and len(found) < drives:
                 observations = observations_of(measurement, index)
-                found.append(_follow(model, config, observations, _truth(drive, index), place, change.horizon_s))
+                found.append(
+                    _follow(
+                        model, config, observations, _truth(drive, index), place, change.horizon_s
+                    )
+                )
         if len(found) == drives:
             break
     return pool(found, change)
@@ -134,7 +142,9 @@ def follow_change(change: Change, model: LoadedModel, config: CoreConfig, drives
 
 def pool(parts: Sequence[Followed], change: Change) -> Followed:
     """All drives of these parts."""
-    none = Followed(*(np.empty((0, *shape)) for shape in [(), (), *[(change.horizon_s + 1, 2)] * 3, (), ()]))
+    none = Followed(
+        *(np.empty((0, *shape)) for shape in [(), (), *[(change.horizon_s + 1, 2)] * 3, (), ()])
+    )
     return Followed(*(np.concatenate(values) for values in zip(none, *parts, strict=True)))
 
 
@@ -179,7 +189,10 @@ def _follow(
             covered[0, second] = (estimate.lower_95 <= truth[k]) & (truth[k] <= estimate.upper_95)
     delay = min(((k - first) * TIME_STEP for k in risen if k >= first), default=math.inf)
     early = sum(k < first for k in risen)
-    crossing, before, alarms = (np.array([x], dtype=np.float64) for x in ((last - first) * TIME_STEP, first * TIME_STEP, early))
+    crossing, before, alarms = (
+        np.array([x], dtype=np.float64)
+        for x in ((last - first) * TIME_STEP, first * TIME_STEP, early)
+    )
     return Followed(np.array([delay]), crossing, error, covered, afresh, before, alarms)
 
 
@@ -188,12 +201,21 @@ def _error(estimate: Estimate, truth: NDArray[np.float64]) -> NDArray[np.float64
     return relative
 
 
-def study_constant(model: LoadedModel, soil: str, config: CoreConfig, hours: float, seed: int) -> FalseAlarms:
+def study_constant(
+    model: LoadedModel, soil: str, config: CoreConfig, hours: float, seed: int
+) -> FalseAlarms:
     """Count alarms (a probability that rises above ALARM) on ground that does not change; each soil constant is off by up to 5 %."""
     generator, rover = torch.Generator().manual_seed(seed), model.rover
     seconds, alarms, batch = 0.0, 0, min(40, math.ceil(3600.0 * hours / _CONSTANT_S))
     while seconds < 3600.0 * hours:
-        drive = simulate(rover, random_ground(load_soil(soil), batch, generator, _SPREAD), "S1", _CONSTANT_S, generator, batch)
+        drive = simulate(
+            rover,
+            random_ground(load_soil(soil), batch, generator, _SPREAD),
+            "S1",
+            _CONSTANT_S,
+            generator,
+            batch,
+        )
         measurement = measure_drive(rover, drive.sample, Noise(), generator)
         for index in range(batch):
             end = int((~drive.sample.stuck[index]).sum())

@@ -38,7 +38,9 @@ class ChangeScore:
     found: float  # share of drives that told it within the horizon
     delay_median_s: Quantile
     delay_p90_s: Quantile
-    known_s: tuple[float, float]  # c and tan phi: from here on as good as afresh, and covered as the nominal rate allows; all axles across
+    known_s: tuple[
+        float, float
+    ]  # c and tan phi: from here on as good as afresh, and covered as the nominal rate allows; all axles across
     error_15_s: tuple[float, float]  # median relative error after 15 s
     fresh_15_s: tuple[float, float]  # the same of the fresh estimator
     coverage_15_s: tuple[float, float]  # of the 95 % interval after 15 s
@@ -71,39 +73,66 @@ def score_change(change: Change, followed: Followed) -> ChangeScore:
         fresh_15_s=_over(fresh[there[:, 15], 15], np.median),
         coverage_15_s=_over(covered[there[:, 15], 15], np.mean),
         coverage_40_s=_over(covered[there[:, 40], 40], np.mean),
-        before=FalseAlarms(change.rover, change.before, float(followed.early_s.sum()) / 3600.0, int(followed.early_alarms.sum())),
+        before=FalseAlarms(
+            change.rover,
+            change.before,
+            float(followed.early_s.sum()) / 3600.0,
+            int(followed.early_alarms.sum()),
+        ),
     )
 
 
-def _over(values: NDArray[np.float64], figure: Callable[..., NDArray[np.float64]]) -> tuple[float, float]:
+def _over(
+    values: NDArray[np.float64], figure: Callable[..., NDArray[np.float64]]
+) -> tuple[float, float]:
     """A figure of c and of tan phi over the drives that are left [n, 2], NaN where none is."""
-    return (float(figure(values[:, 0])), float(figure(values[:, 1]))) if len(values) else (math.nan, math.nan)
+    return (
+        (float(figure(values[:, 0])), float(figure(values[:, 1])))
+        if len(values)
+        else (math.nan, math.nan)
+    )
 
 
-def _known(error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]) -> float:
+def _known(
+    error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]
+) -> float:
     """First second from which on the median error is near the fresh one's and the coverage is not excluded by its limits.
 
-    A second in which no drive is left tells nothing, so it is not a good one; infinite where the last second is not good.
+    A second in which no drive is left tells nothing, so it is not a good one; infinite where the
+    last second is not good.
     """
-    good = [_good(error[:, second], covered[:, second], fresh[:, second]) for second in range(error.shape[1])]
+    good = [
+        _good(error[:, second], covered[:, second], fresh[:, second])
+        for second in range(error.shape[1])
+    ]
     bad = [second for second, well in enumerate(good) if not well]
     if not good[-1]:
         return math.inf
     return float(bad[-1] + 1) if bad else 0.0
 
 
-def _good(error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]) -> bool:
+def _good(
+    error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]
+) -> bool:
     there = ~np.isnan(error)
     if not there.any():
         return False
     share = share_of(torch.from_numpy(covered[there] > 0.0))
-    return bool(np.median(error[there]) <= WORSE * np.median(fresh[there])) and share.high >= NOMINAL
+    return (
+        bool(np.median(error[there]) <= WORSE * np.median(fresh[there])) and share.high >= NOMINAL
+    )
 
 
 def quantile_of(values: NDArray[np.float64], share: float) -> Quantile:
     """The quantile of a sample, with the order statistics between which the true one lies with CONFIDENCE."""
     ordered, count = np.sort(values), values.shape[0]
-    low, high = (int(binom.ppf(0.5 + side * CONFIDENCE / 2.0, count, share)) for side in (-1.0, 1.0))
+    low, high = (
+        int(binom.ppf(0.5 + side * CONFIDENCE / 2.0, count, share)) for side in (-1.0, 1.0)
+    )
     last = count - 1
     place = min(max(math.ceil(share * count) - 1, 0), last)
-    return Quantile(float(ordered[place]), float(ordered[min(max(low - 1, 0), last)]), float(ordered[min(high, last)]))
+    return Quantile(
+        float(ordered[place]),
+        float(ordered[min(max(low - 1, 0), last)]),
+        float(ordered[min(high, last)]),
+    )

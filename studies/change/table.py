@@ -29,7 +29,10 @@ class Run:
     constant: list[FalseAlarms]
 
 
-_LICENCE = "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier: Apache-2.0\n-->\n"
+_LICENCE = (
+    "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier:"
+    " Apache-2.0\n-->\n"
+)
 _INTRODUCTION = """# Ground that changes
 
 Written by `ros2 run terrain_estimator change` (the second half of `make accuracy`) on {date}, seed {seed}, drift {drift:g}, with the
@@ -50,8 +53,16 @@ all, and those that still drive after 15 s and after 40 s.
 
 def page(run: Run) -> str:
     """The whole page."""
-    facts = {"date": run.date, "drives": run.drives, "hours": run.hours, "seed": run.seed, "drift": run.drift}
-    introduction = _INTRODUCTION.format(confidence=100.0 * CONFIDENCE, models=", ".join(run.models), **facts)
+    facts = {
+        "date": run.date,
+        "drives": run.drives,
+        "hours": run.hours,
+        "seed": run.seed,
+        "drift": run.drift,
+    }
+    introduction = _INTRODUCTION.format(
+        confidence=100.0 * CONFIDENCE, models=", ".join(run.models), **facts
+    )
     parts = [
         _LICENCE + introduction,
         "## Targets\n\n" + _table(("what", "target", "found", "met"), _targets(run)),
@@ -67,8 +78,12 @@ def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 
 def _name(score: ChangeScore) -> str:
-    before, after = (soil.removesuffix("_sand") for soil in (score.change.before, score.change.after))
-    return f"{before} to {after}" + (f", {score.change.gradual_s:g} s" if score.change.gradual_s else "")
+    before, after = (
+        soil.removesuffix("_sand") for soil in (score.change.before, score.change.after)
+    )
+    return f"{before} to {after}" + (
+        f", {score.change.gradual_s:g} s" if score.change.gradual_s else ""
+    )
 
 
 def _yes(met: bool) -> str:  # noqa: FBT001 (one flag, its name is the function's)
@@ -81,12 +96,33 @@ def _targets(run: Run) -> list[tuple[str, str, str, str]]:
         if score.change.gradual_s == 0.0:
             where = f"{score.change.rover}, {_name(score)}"
             median, known = score.delay_median_s.value, max(score.known_s)
-            lines.append((f"told, median, {where}", f"{FOUND_WITHIN_S:g} s", _time(median), _yes(median <= FOUND_WITHIN_S)))
-            lines.append((f"known again, {where}", f"{KNOWN_WITHIN_S:g} s", _time(known), _yes(known <= KNOWN_WITHIN_S)))
+            lines.append(
+                (
+                    f"told, median, {where}",
+                    f"{FOUND_WITHIN_S:g} s",
+                    _time(median),
+                    _yes(median <= FOUND_WITHIN_S),
+                )
+            )
+            lines.append(
+                (
+                    f"known again, {where}",
+                    f"{KNOWN_WITHIN_S:g} s",
+                    _time(known),
+                    _yes(known <= KNOWN_WITHIN_S),
+                )
+            )
     for rover, alarms, hours in _totals([*run.constant, *(score.before for score in run.changes)]):
         limit = rate_limits(alarms, hours)[1]
         said = f"{alarms / hours:.2f} in {hours:.1f} h, at most {limit:.2f}"
-        lines.append((f"false alarms an hour, {rover}", f"{ALARMS_PER_HOUR:g}", said, _yes(alarms / hours <= ALARMS_PER_HOUR)))
+        lines.append(
+            (
+                f"false alarms an hour, {rover}",
+                f"{ALARMS_PER_HOUR:g}",
+                said,
+                _yes(alarms / hours <= ALARMS_PER_HOUR),
+            )
+        )
     return lines
 
 
@@ -97,10 +133,26 @@ def _changes(scores: list[ChangeScore]) -> str:
     )  # fmt: skip
     lines = []
     for score in scores:
-        line = [score.change.rover.removesuffix("_rover"), _name(score), " / ".join(map(str, score.drives))]
+        line = [
+            score.change.rover.removesuffix("_rover"),
+            _name(score),
+            " / ".join(map(str, score.drives)),
+        ]
         line += [f"{score.crossing_s:.1f}", f"{100.0 * score.found:.0f}"]
-        line += [_quantile(score.delay_median_s), _quantile(score.delay_p90_s), " / ".join(map(_seconds, score.known_s))]
-        line += [_both(values, 100.0, 1) for values in (score.error_15_s, score.fresh_15_s, score.coverage_15_s, score.coverage_40_s)]
+        line += [
+            _quantile(score.delay_median_s),
+            _quantile(score.delay_p90_s),
+            " / ".join(map(_seconds, score.known_s)),
+        ]
+        line += [
+            _both(values, 100.0, 1)
+            for values in (
+                score.error_15_s,
+                score.fresh_15_s,
+                score.coverage_15_s,
+                score.coverage_40_s,
+            )
+        ]
         lines.append(line)
     return _table(head, lines)
 
@@ -123,12 +175,24 @@ def _both(values: tuple[float, float], factor: float, digits: int) -> str:
 
 def _alarms(run: Run) -> str:
     head = ("rover", "soil", "drives", "hours", "alarms", "an hour", "limits")
-    entries = [(entry, "constant") for entry in run.constant] + [(score.before, f"before {_name(score)}") for score in run.changes]
+    entries = [(entry, "constant") for entry in run.constant] + [
+        (score.before, f"before {_name(score)}") for score in run.changes
+    ]
     lines = []
     for entry, drives in entries:
         low, high = rate_limits(entry.alarms, entry.hours)
         rate = f"{entry.alarms / entry.hours:.2f}"
-        lines.append([entry.rover, entry.soil, drives, f"{entry.hours:.1f}", str(entry.alarms), rate, f"{low:.2f} to {high:.2f}"])
+        lines.append(
+            [
+                entry.rover,
+                entry.soil,
+                drives,
+                f"{entry.hours:.1f}",
+                str(entry.alarms),
+                rate,
+                f"{low:.2f} to {high:.2f}",
+            ]
+        )
     return _table(head, lines)
 
 
@@ -136,4 +200,7 @@ def _totals(entries: list[FalseAlarms]) -> list[tuple[str, int, float]]:
     """Rover, alarms and hours over all soils."""
     rovers = list(dict.fromkeys(entry.rover for entry in entries))
     chosen = [[entry for entry in entries if entry.rover == rover] for rover in rovers]
-    return [(rover, sum(e.alarms for e in part), sum(e.hours for e in part)) for rover, part in zip(rovers, chosen, strict=True)]
+    return [
+        (rover, sum(e.alarms for e in part), sum(e.hours for e in part))
+        for rover, part in zip(rovers, chosen, strict=True)
+    ]

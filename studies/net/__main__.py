@@ -30,16 +30,41 @@ HEADER = """| plant | | c error, median | tan phi error | coverage of 95 % of c 
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 2: the model cannot be read or a file cannot be written."""
     torch.set_num_threads(1)
-    parser = argparse.ArgumentParser(prog="net_study", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--model", default="", help="name or file of the model; default: the one that the estimator takes")
-    parser.add_argument("--soil", default="", help="name of the soil that is driven on; default: the first that the model knows")
-    parser.add_argument("--plant", nargs="+", choices=PLANTS, default=list(PLANTS), help="plants to drive")
-    parser.add_argument("--episodes", type=COUNT, default=200, help="drives of 40 s a plant")
-    parser.add_argument("--seed", type=SEED, default=7_000_000, help="of all that is drawn; not the one of any training")
-    parser.add_argument(
-        "--trust", nargs="+", type=_probability, default=[], help="prior probabilities that the net has a say; default: the model's"
+    parser = argparse.ArgumentParser(
+        prog="net_study",
+        description=__doc__,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("--out", type=Path, default=Path("out/net_study.json"), help="file of all figures")
+    parser.add_argument(
+        "--model",
+        default="",
+        help="name or file of the model; default: the one that the estimator takes",
+    )
+    parser.add_argument(
+        "--soil",
+        default="",
+        help="name of the soil that is driven on; default: the first that the model knows",
+    )
+    parser.add_argument(
+        "--plant", nargs="+", choices=PLANTS, default=list(PLANTS), help="plants to drive"
+    )
+    parser.add_argument("--episodes", type=COUNT, default=200, help="drives of 40 s a plant")
+    parser.add_argument(
+        "--seed",
+        type=SEED,
+        default=7_000_000,
+        help="of all that is drawn; not the one of any training",
+    )
+    parser.add_argument(
+        "--trust",
+        nargs="+",
+        type=_probability,
+        default=[],
+        help="prior probabilities that the net has a say; default: the model's",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/net_study.json"), help="file of all figures"
+    )
     args = parser.parse_args(argv)
     try:
         loaded = load_model(args.model)
@@ -48,10 +73,24 @@ def main(argv: list[str] | None = None) -> int:
         results = []
         with ProgressReport(f"net_study: {loaded.model_id}") as report:
             for index, plant in enumerate(args.plant):
-                results.append(compare(rover, soil, physics, candidates, plant, args.episodes, args.seed + list(PLANTS).index(plant)))
+                results.append(
+                    compare(
+                        rover,
+                        soil,
+                        physics,
+                        candidates,
+                        plant,
+                        args.episodes,
+                        args.seed + list(PLANTS).index(plant),
+                    )
+                )
                 report.at((index + 1) / len(args.plant), plant)
         args.out.parent.mkdir(parents=True, exist_ok=True)
-        figures = {"model": loaded.model_id, "seed": args.seed, "plants": list(map(_figures, results))}
+        figures = {
+            "model": loaded.model_id,
+            "seed": args.seed,
+            "plants": list(map(_figures, results)),
+        }
         args.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     except (ModelFileError, OSError) as error:
         sys.stderr.write(f"net_study: {error}\n")
@@ -63,7 +102,10 @@ def main(argv: list[str] | None = None) -> int:
 def _figures(result: Comparison) -> dict[str, Any]:
     """All that was measured: a plant with hidden effects has no bound to compare with."""
     figures = dataclasses.asdict(result)
-    for score in (figures["physics"], *(candidate["score"] for candidate in figures["with_net"].values())):
+    for score in (
+        figures["physics"],
+        *(candidate["score"] for candidate in figures["with_net"].values()),
+    ):
         for parameter in PARAMETERS:
             for name in ("bound", "ratio_to_bound", "narrowest"):
                 del score[parameter][name]
@@ -73,7 +115,9 @@ def _figures(result: Comparison) -> dict[str, Any]:
 def _candidates(loaded: LoadedModel, trusts: list[float]) -> dict[str, PAlpaca]:
     """The model with its net, or with the net trusted by each of ``trusts``."""
     named: dict[str, float | None] = {f"net, trusted {trust:g}": trust for trust in trusts}
-    return {name: restored(loaded, trust=trust) for name, trust in (named or {"and net": None}).items()}
+    return {
+        name: restored(loaded, trust=trust) for name, trust in (named or {"and net": None}).items()
+    }
 
 
 def _probability(text: str) -> float:
@@ -95,12 +139,18 @@ def table(results: list[Comparison]) -> str:
     lines = []
     for result in results:
         lines.append(f"| {result.plant} | physics | {_line(result.physics)} |")
-        lines += [f"| | {name} | {_line(found.score, found.nll_change)} |" for name, found in result.with_net.items()]
+        lines += [
+            f"| | {name} | {_line(found.score, found.nll_change)} |"
+            for name, found in result.with_net.items()
+        ]
     return HEADER + "\n".join(lines) + "\n"
 
 
 def _line(score: Score, change: Limits | None = None) -> str:
-    errors = (f"{100.0 * parameter.median_error[-1]:.1f} %" for parameter in (score.cohesion, score.tan_phi))
+    errors = (
+        f"{100.0 * parameter.median_error[-1]:.1f} %"
+        for parameter in (score.cohesion, score.tan_phi)
+    )
     covered = (_coverage(parameter) for parameter in (score.cohesion, score.tan_phi))
     changed = f"{change.mean:+.3f} ({change.low:+.3f} to {change.high:+.3f})" if change else ""
     return " | ".join((*errors, *covered, f"{score.velocity_nll:.3f}", changed, f"{score.nis:.2f}"))

@@ -9,14 +9,27 @@ import torch
 from scipy.stats import norm
 from torch import Tensor
 
-from studies.accuracy.scores import CONFIDENCE, Drives, Score, draw_drives, judge, observation_times, row_mask, score
+from studies.accuracy.scores import (
+    CONFIDENCE,
+    Drives,
+    Score,
+    draw_drives,
+    judge,
+    observation_times,
+    row_mask,
+    score,
+)
 from studies.batched import Trace, run
 from terrain_estimator.learning.departures import Family
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
-PLANTS: dict[str, Family | None] = {"no hidden effect": None, "effects as in training": Family.LEARNT, "other effects": Family.FOREIGN}
+PLANTS: dict[str, Family | None] = {
+    "no hidden effect": None,
+    "effects as in training": Family.LEARNT,
+    "other effects": Family.FOREIGN,
+}
 SPREAD = 0.05
 """[1] Largest relative error of each soil constant."""
 ROWS = "v+L+M+B"
@@ -50,7 +63,13 @@ class Comparison:
 
 
 def compare(
-    rover: Rover, soil: Soil, physics: PAlpaca, candidates: Mapping[str, PAlpaca], plant: str, episodes: int, seed: int
+    rover: Rover,
+    soil: Soil,
+    physics: PAlpaca,
+    candidates: Mapping[str, PAlpaca],
+    plant: str,
+    episodes: int,
+    seed: int,
 ) -> Comparison:
     """All models on ``episodes`` drives of 40 s, constants 5 % wrong; ``seed`` must be of no training."""
     drives = draw_drives(rover, soil, "S1", episodes, SPREAD, seed, hidden=PLANTS[plant])
@@ -58,7 +77,9 @@ def compare(
     found = {}
     for name, model in candidates.items():
         trace = _trace(model, drives)
-        found[name] = Candidate(_score(model, trace, drives), limits(velocity_nll(trace) - velocity_nll(alone)))
+        found[name] = Candidate(
+            _score(model, trace, drives), limits(velocity_nll(trace) - velocity_nll(alone))
+        )
     return Comparison(plant, _score(physics, alone, drives), found)
 
 
@@ -73,13 +94,19 @@ def limits(values: Tensor) -> Limits:
 def velocity_nll(trace: Trace) -> Tensor:
     """Mean negative log density [nat] of the measured velocities of each drive [N], predicted one step ahead."""
     innovation, variance = trace.innovation[:, _SETTLED:], trace.variance[:, _SETTLED:]
-    return (0.5 * (innovation.square() / variance + torch.log(2.0 * torch.pi * variance))).nanmean(1)
+    return (0.5 * (innovation.square() / variance + torch.log(2.0 * torch.pi * variance))).nanmean(
+        1
+    )
 
 
 def _trace(model: PAlpaca, drives: Drives) -> Trace:
-    return run(model, drives.tasks.measured, observation_times(), drives.ends, row_mask(ROWS, model.axles))
+    return run(
+        model, drives.tasks.measured, observation_times(), drives.ends, row_mask(ROWS, model.axles)
+    )
 
 
 def _score(model: PAlpaca, trace: Trace, drives: Drives) -> Score:
-    unknown = torch.full((*trace.mean.shape, 2), torch.nan, dtype=torch.float64)  # the bound of a plant with hidden effects
+    unknown = torch.full(
+        (*trace.mean.shape, 2), torch.nan, dtype=torch.float64
+    )  # the bound of a plant with hidden effects
     return score(judge(trace, drives, unknown, model.prior_sd))

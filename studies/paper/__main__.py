@@ -29,7 +29,9 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: everything is written; 2: an argument or the output folder is wrong."""
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
-    size = dataclasses.replace(QUICK if args.quick else Size(), seed=args.seed, trainings=args.trainings)
+    size = dataclasses.replace(
+        QUICK if args.quick else Size(), seed=args.seed, trainings=args.trainings
+    )
     started_s = time.monotonic()
     try:
         args.out.mkdir(parents=True, exist_ok=True)
@@ -44,12 +46,25 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="paper", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("out/paper"), help="folder of tables and pictures")
+    parser = argparse.ArgumentParser(
+        prog="paper", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/paper"), help="folder of tables and pictures"
+    )
     parser.add_argument("--seed", type=SEED, default=0, help="of everything that is drawn")
-    parser.add_argument("--trainings", type=COUNT, default=Size().trainings, help="of every model, from different seeds")
+    parser.add_argument(
+        "--trainings",
+        type=COUNT,
+        default=Size().trainings,
+        help="of every model, from different seeds",
+    )
     parser.add_argument("--jobs", type=COUNT, default=2, help="processes")
-    parser.add_argument("--quick", action="store_true", help="run through everything in seconds; the numbers mean nothing")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="run through everything in seconds; the numbers mean nothing",
+    )
     return parser
 
 
@@ -59,14 +74,21 @@ def _write(results: list[CellResult], size: Size, seconds: float, folder: Path) 
     for plant in Plant:
         cells = {result.cell.soil: result for result in results if result.cell.plant is plant}
         content = {
-            soil: {"kept": result.kept, "testing": result.testing, "exact_constants": result.narrow} for soil, result in cells.items()
+            soil: {"kept": result.kept, "testing": result.testing, "exact_constants": result.narrow}
+            for soil, result in cells.items()
         }
         paths.append(folder / f"{plant.name.lower()}.json")
         paths[-1].write_text(json.dumps(content, indent=1) + "\n")
-    how = {"size": dataclasses.asdict(size), "seconds": seconds, "finished": datetime.now(UTC).isoformat(timespec="seconds")}
+    how = {
+        "size": dataclasses.asdict(size),
+        "seconds": seconds,
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
     published = {"trade_off_percent": TRADE_OFF, "estimates_percent": ESTIMATES}
     paths += [folder / "run.json", folder / "tables.md"]
-    paths[-2].write_text(json.dumps({**how, "torch": torch.__version__, "published": published}, indent=1) + "\n")
+    paths[-2].write_text(
+        json.dumps({**how, "torch": torch.__version__, "published": published}, indent=1) + "\n"
+    )
     paths[-1].write_text(tables(results))
     return paths + draw_all(results, folder)
 

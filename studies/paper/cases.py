@@ -84,7 +84,9 @@ def variants(cell: Cell) -> list[Variant]:
     return [
         Variant("P-ALPaCA without nominal", nominal=False),
         *(Variant(strength_name(strength), strength=strength) for strength in strengths),
-        Variant("P-ALPaCA, whitened", strength=WHITENED_STRENGTH, orthogonality=Orthogonality.WHITENED),
+        Variant(
+            "P-ALPaCA, whitened", strength=WHITENED_STRENGTH, orthogonality=Orthogonality.WHITENED
+        ),
         Variant("P-ALPaCA, projected", span=Span.PROJECTED),
     ]
 
@@ -99,19 +101,34 @@ def draw(cell: Cell, size: Size) -> Data:
     rover, soil = load_rover(ROVER), load_soil(cell.soil)
     sets = ((TRAINING, size.tasks), (TESTING, size.drives), (NARROW, size.drives))
     batches = [
-        draw_drives(cell.plant, rover, soil, band, size.duration_s, count, torch.Generator().manual_seed(1000 * size.seed + number))
+        draw_drives(
+            cell.plant,
+            rover,
+            soil,
+            band,
+            size.duration_s,
+            count,
+            torch.Generator().manual_seed(1000 * size.seed + number),
+        )
         for number, (band, count) in enumerate(sets)
     ]
     training, testing, narrow = (batch.drives for batch in batches)
     return Data(training, testing, narrow, min(batch.kept for batch in batches))
 
 
-def train_variant(cell: Cell, variant: Variant, repeat: int, training: Drives, size: Size) -> LearntModel:
+def train_variant(
+    cell: Cell, variant: Variant, repeat: int, training: Drives, size: Size
+) -> LearntModel:
     """Train one model for the ``repeat``-th time; nominal features are the paper's closed form on both plants."""
     forces = closed_form_forces if variant.nominal else None
     car, constants = vehicle(load_rover(ROVER), cell.plant), load_soil(cell.soil).constants()
     model = LearntModel(car, constants, forces, size.columns, size.hidden, variant.span)
-    recipe = Recipe(1000 * size.seed + repeat, size.iterations, strength=variant.strength, orthogonality=variant.orthogonality)
+    recipe = Recipe(
+        1000 * size.seed + repeat,
+        size.iterations,
+        strength=variant.strength,
+        orthogonality=variant.orthogonality,
+    )
     for _ in train(model, training, recipe):
         pass
     return model
@@ -119,7 +136,11 @@ def train_variant(cell: Cell, variant: Variant, repeat: int, training: Drives, s
 
 def methods(cell: Cell, trained: dict[str, list[LearntModel]]) -> list[list[Method]]:
     """All methods of a cell, trained ones last and as often as they were trained."""
-    car, constants, prior = vehicle(load_rover(ROVER), cell.plant), load_soil(cell.soil).constants(), Prior()
+    car, constants, prior = (
+        vehicle(load_rover(ROVER), cell.plant),
+        load_soil(cell.soil).constants(),
+        Prior(),
+    )
     found: list[Method] = [
         ConstantGuess(),
         LinearModel(car, constants, prior),
@@ -129,7 +150,11 @@ def methods(cell: Cell, trained: dict[str, list[LearntModel]]) -> list[list[Meth
     ]
     if cell.plant is Plant.INTEGRATED:
         found.append(LinearModel(car, constants, prior, quadrature_forces, "linear, quadrature"))
-        found.append(IntegratedRegression(car, constants, prior, quadrature_forces, "integrated, quadrature"))
-    learnt: list[list[Method]] = [[Alpaca(model) for model in models] for models in trained.values() if models[0].nominal == 0]
+        found.append(
+            IntegratedRegression(car, constants, prior, quadrature_forces, "integrated, quadrature")
+        )
+    learnt: list[list[Method]] = [
+        [Alpaca(model) for model in models] for models in trained.values() if models[0].nominal == 0
+    ]
     learnt += [[PaperPAlpaca(model, name) for model in models] for name, models in trained.items()]
     return [*([method] for method in found), *learnt]

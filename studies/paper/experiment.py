@@ -13,7 +13,17 @@ from studies.baselines.drives import Drives, closed_form_forces, quadrature_forc
 from studies.baselines.features import LearntModel
 from studies.baselines.integrated import cramer_rao
 from studies.baselines.interface import Estimates, Method, Prior
-from studies.paper.cases import ROVER, SOILS, Cell, Data, Size, draw, methods, train_variant, variants
+from studies.paper.cases import (
+    ROVER,
+    SOILS,
+    Cell,
+    Data,
+    Size,
+    draw,
+    methods,
+    train_variant,
+    variants,
+)
 from studies.paper.plants import Plant, vehicle
 from studies.paper.scores import Scores, quartiles, relative_errors, score
 from studies.workers import workers
@@ -54,9 +64,16 @@ def run(size: Size, jobs: int, report: Report) -> list[CellResult]:
     with workers(jobs) as pool:
         report(0.0, "simulating")
         drawn = {cell: pool.submit(draw, cell, size) for cell in cells}
-        data = {cell: _waited(future, report, (index + 1) / steps) for index, (cell, future) in enumerate(drawn.items())}
+        data = {
+            cell: _waited(future, report, (index + 1) / steps)
+            for index, (cell, future) in enumerate(drawn.items())
+        }
         futures = {
-            pool.submit(train_variant, cell, variant, repeat, data[cell].training, size): (cell, variant.name, repeat)
+            pool.submit(train_variant, cell, variant, repeat, data[cell].training, size): (
+                cell,
+                variant.name,
+                repeat,
+            )
             for cell in cells
             for variant in variants(cell)
             for repeat in range(size.trainings)
@@ -68,7 +85,10 @@ def run(size: Size, jobs: int, report: Report) -> list[CellResult]:
     results: list[CellResult] = []
     for cell in cells:
         report((len(cells) + trainings + len(results)) / steps, "estimating")
-        models = {variant.name: [trained[cell, variant.name, repeat] for repeat in range(size.trainings)] for variant in variants(cell)}
+        models = {
+            variant.name: [trained[cell, variant.name, repeat] for repeat in range(size.trainings)]
+            for variant in variants(cell)
+        }
         results.append(evaluate(cell, data[cell], models))
     return results
 
@@ -101,7 +121,12 @@ def _all_trainings(trainings: list[Method], drives: Drives) -> tuple[Estimates, 
         return None if values[0] is None else torch.cat(values)
 
     repeated = drives.subset(torch.arange(drives.slip.shape[0]).repeat(len(parts)))
-    return Estimates(joined("parameters"), joined("deviation"), joined("velocity"), joined("velocity_sd")), repeated
+    return (
+        Estimates(
+            joined("parameters"), joined("deviation"), joined("velocity"), joined("velocity_sd")
+        ),
+        repeated,
+    )
 
 
 def bound(cell: Cell, drives: Drives) -> Scores:
@@ -112,8 +137,12 @@ def bound(cell: Cell, drives: Drives) -> Scores:
     scores: Scores = {}
     for column, name in enumerate(("cohesion", "tan_phi")):
         time = f"{drives.slip.shape[1] / 10:g}"
-        scores[f"{name}_error_percent"] = {time: [0.6745 * value for value in quartiles(percent[:, column])]}
-        scores[f"{name}_mean_error_percent"] = float((2.0 / torch.pi) ** 0.5 * percent[:, column].mean())
+        scores[f"{name}_error_percent"] = {
+            time: [0.6745 * value for value in quartiles(percent[:, column])]
+        }
+        scores[f"{name}_mean_error_percent"] = float(
+            (2.0 / torch.pi) ** 0.5 * percent[:, column].mean()
+        )
     return scores
 
 

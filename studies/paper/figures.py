@@ -28,7 +28,14 @@ SHOWN = (
 """Methods in the pictures of estimates."""
 WITH_INTERVAL = (strength_name(0.0), strength_name(PAPER_STRENGTH), "integrated")
 """Those whose 95 % intervals are drawn: more would hide each other."""
-PREDICTING = ("constant guess", "linear", "ALPaCA", strength_name(0.0), strength_name(PAPER_STRENGTH), "integrated")
+PREDICTING = (
+    "constant guess",
+    "linear",
+    "ALPaCA",
+    strength_name(0.0),
+    strength_name(PAPER_STRENGTH),
+    "integrated",
+)
 """Methods in the picture of predictions."""
 
 
@@ -38,7 +45,12 @@ def draw_all(results: list[CellResult], folder: Path) -> list[Path]:
     for plant in Plant:
         chosen = [result for result in results if result.cell.plant is plant]
         stem = plant.name.lower()
-        for name, draw in (("estimates", _estimates), ("errors", _errors), ("velocity", _velocity), ("trade_off", _trade_off)):
+        for name, draw in (
+            ("estimates", _estimates),
+            ("errors", _errors),
+            ("velocity", _velocity),
+            ("trade_off", _trade_off),
+        ):
             paths.append(folder / f"{name}_{stem}.png")
             draw(chosen, paths[-1])
     return paths
@@ -50,7 +62,9 @@ def _axes(path: Path, rows: int, columns: int, title: str) -> Iterator[list[list
     mpl.use("Agg")
     import matplotlib.pyplot as plt  # noqa: PLC0415 (after the choice of a backend without display)
 
-    figure, axes = plt.subplots(rows, columns, figsize=(6.5 * columns, 3.6 * rows), layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(6.5 * columns, 3.6 * rows), layout="constrained", squeeze=False
+    )
     figure.suptitle(title)
     yield [list(row) for row in axes]
     handles, labels = axes[0][0].get_legend_handles_labels()
@@ -65,13 +79,23 @@ def _estimates(results: list[CellResult], path: Path) -> None:
     with _axes(path, 2, len(results), f"{results[0].cell.plant.value} plant, one drive") as axes:
         for column, result in enumerate(results):
             for row, (label, truth) in enumerate(
-                (("c [kPa]", result.truth[0] / 1e3), ("phi [deg]", torch.rad2deg(torch.atan(result.truth[1]))))
+                (
+                    ("c [kPa]", result.truth[0] / 1e3),
+                    ("phi [deg]", torch.rad2deg(torch.atan(result.truth[1]))),
+                )
             ):
                 ax = axes[row][column]
-                ax.axhline(float(truth), color="black", linestyle="--", linewidth=1.0, label="truth")
+                ax.axhline(
+                    float(truth), color="black", linestyle="--", linewidth=1.0, label="truth"
+                )
                 for number, name in enumerate(SHOWN):
                     _estimate(ax, result, name, row, f"C{number}")
-                ax.set(ylabel=label, xlabel="time [s]", title=result.cell.soil.replace("_", " "), ylim=(0.0, 3.0 * float(truth)))
+                ax.set(
+                    ylabel=label,
+                    xlabel="time [s]",
+                    title=result.cell.soil.replace("_", " "),
+                    ylim=(0.0, 3.0 * float(truth)),
+                )
 
 
 def _estimate(ax: Axes, result: CellResult, name: str, row: int, colour: str) -> None:
@@ -79,7 +103,11 @@ def _estimate(ax: Axes, result: CellResult, name: str, row: int, colour: str) ->
     if curves is None or curves.example is None:
         return
     value = curves.example[:, row]
-    deviation = None if curves.example_sd is None or name not in WITH_INTERVAL else 1.96 * curves.example_sd[:, row]
+    deviation = (
+        None
+        if curves.example_sd is None or name not in WITH_INTERVAL
+        else 1.96 * curves.example_sd[:, row]
+    )
 
     def shown(x: torch.Tensor) -> torch.Tensor:
         return x / 1e3 if row == 0 else torch.rad2deg(torch.atan(x))
@@ -88,38 +116,73 @@ def _estimate(ax: Axes, result: CellResult, name: str, row: int, colour: str) ->
     ax.plot(time, shown(value), color=colour, linewidth=1.0, label=name)
     if deviation is not None:
         ax.fill_between(
-            time.numpy(), shown(value - deviation).numpy(), shown(value + deviation).numpy(), color=colour, alpha=0.12, linewidth=0
+            time.numpy(),
+            shown(value - deviation).numpy(),
+            shown(value + deviation).numpy(),
+            color=colour,
+            alpha=0.12,
+            linewidth=0,
         )
 
 
 def _errors(results: list[CellResult], path: Path) -> None:
     """Errors over time, medians with quartiles over the test drives."""
-    with _axes(path, 2, len(results), f"{results[0].cell.plant.value} plant, median and quartiles of the test drives") as axes:
+    with _axes(
+        path,
+        2,
+        len(results),
+        f"{results[0].cell.plant.value} plant, median and quartiles of the test drives",
+    ) as axes:
         for column, result in enumerate(results):
             for row, label in enumerate(("error of c [%]", "error of phi [%]")):
                 ax = axes[row][column]
                 for number, name in enumerate(SHOWN):
                     curves = result.curves.get(name)
-                    error = None if curves is None else (curves.cohesion_error, curves.angle_error)[row]
+                    error = (
+                        None if curves is None else (curves.cohesion_error, curves.angle_error)[row]
+                    )
                     if error is None:
                         continue
                     time = TIME_STEP * torch.arange(1, error.shape[1] + 1)
                     ax.semilogy(time, error[1], color=f"C{number}", linewidth=1.0, label=name)
-                    ax.fill_between(time.numpy(), error[0].numpy(), error[2].numpy(), color=f"C{number}", alpha=0.12, linewidth=0)
-                ax.set(ylabel=label, xlabel="time [s]", title=result.cell.soil.replace("_", " "), ylim=(0.5, 1000.0))
+                    ax.fill_between(
+                        time.numpy(),
+                        error[0].numpy(),
+                        error[2].numpy(),
+                        color=f"C{number}",
+                        alpha=0.12,
+                        linewidth=0,
+                    )
+                ax.set(
+                    ylabel=label,
+                    xlabel="time [s]",
+                    title=result.cell.soil.replace("_", " "),
+                    ylim=(0.5, 1000.0),
+                )
 
 
 def _velocity(results: list[CellResult], path: Path) -> None:
     """One-step prediction error, averaged over a second."""
-    with _axes(path, 1, len(results), f"{results[0].cell.plant.value} plant, one-step prediction of velocity") as axes:
+    with _axes(
+        path,
+        1,
+        len(results),
+        f"{results[0].cell.plant.value} plant, one-step prediction of velocity",
+    ) as axes:
         for ax, result in zip(axes[0], results, strict=True):
             for name in PREDICTING:
                 error = result.curves[name].velocity_error
                 if error is None:
                     continue
                 seconds = error[: error.shape[0] // 10 * 10].view(-1, 10).mean(1)
-                ax.semilogy(torch.arange(1, seconds.shape[0] + 1), seconds, linewidth=1.0, label=name)
-            ax.set(ylabel="median |error| [mm/s]", xlabel="time [s]", title=result.cell.soil.replace("_", " "))
+                ax.semilogy(
+                    torch.arange(1, seconds.shape[0] + 1), seconds, linewidth=1.0, label=name
+                )
+            ax.set(
+                ylabel="median |error| [mm/s]",
+                xlabel="time [s]",
+                title=result.cell.soil.replace("_", " "),
+            )
 
 
 def _whiskers(values: list[float]) -> list[list[float]]:
@@ -131,13 +194,32 @@ def _whiskers(values: list[float]) -> list[list[float]]:
 def _trade_off(results: list[CellResult], path: Path) -> None:
     """Prediction against estimation error over the strengths of the paper's penalty; the paper's own points beside it."""
     loose = next(result for result in results if result.cell.soil == "loose_sand")
-    with _axes(path, 1, 2, f"{loose.cell.plant.value} plant, loose sand: strength of orthogonality") as axes:
+    with _axes(
+        path, 1, 2, f"{loose.cell.plant.value} plant, loose sand: strength of orthogonality"
+    ) as axes:
         ours, paper = axes[0]
         for number, (name, point) in enumerate(TRADE_OFF.items()):
             scores = loose.testing[name]
             x, y = scores["velocity_rms_mm_s"], scores["error_percent"]
             if isinstance(x, list) and isinstance(y, list):
-                ours.errorbar(x[1], y[1], xerr=_whiskers(x), yerr=_whiskers(y), marker="s", color=f"C{number}", label=name)
+                ours.errorbar(
+                    x[1],
+                    y[1],
+                    xerr=_whiskers(x),
+                    yerr=_whiskers(y),
+                    marker="s",
+                    color=f"C{number}",
+                    label=name,
+                )
             paper.plot(*point, marker="s", linestyle="none", color=f"C{number}", label=name)
-        ours.set(xlabel="one-step velocity error [mm/s]", ylabel="mean error of c and phi [%]", title="here: median and quartiles")
-        paper.set(xlabel="prediction error [%]", ylabel="parameter estimation error [%]", title="the paper", xlim=(0.0, 4.5))
+        ours.set(
+            xlabel="one-step velocity error [mm/s]",
+            ylabel="mean error of c and phi [%]",
+            title="here: median and quartiles",
+        )
+        paper.set(
+            xlabel="prediction error [%]",
+            ylabel="parameter estimation error [%]",
+            title="the paper",
+            xlim=(0.0, 4.5),
+        )

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two plants of the paper: what its text says, and what its code does. Level ground, torques drawn every step.
 
-INTEGRATED   the rover of terramechanics on the stress integrals, schedule S2: suspension, load transfer, six wheels
-CLOSED_FORM  the closed form f0 to f4, as in the authors' public code: three wheels with the loads of its suspension, slip and
+INTEGRATED   the rover of terramechanics on the stress integrals, schedule S2: suspension, load
+transfer, six wheels CLOSED_FORM  the closed form f0 to f4, as in the authors' public code: three
+wheels with the loads of its suspension, slip and
              sinkage the least-squares compromise between load, torque, and a traction of torque / r
 """
 
@@ -100,14 +101,21 @@ def draw_drives(
         error = 2.0 * torch.rand(size, 6, generator=generator, dtype=torch.float64) - 1.0
         constants = soil.constants() * (1.0 + draw.spread * error)
         motion = _MOTIONS[plant](rover, constants, strength, duration_s, generator)
-        parts.append(measured(motion, strength, constants, noise or Noise(), generator).subset(motion.good))
+        parts.append(
+            measured(motion, strength, constants, noise or Noise(), generator).subset(motion.good)
+        )
         begun, found = begun + size, found + int(motion.good.sum())
         if begun > 20 * count + 200:
-            raise ValueError(f"{soil.name}, {plant.value} plant: only {found} of {begun} drives went to their end; choose stronger ground")
+            raise ValueError(
+                f"{soil.name}, {plant.value} plant: only {found} of {begun} drives went to their"
+                " end; choose stronger ground"
+            )
     return Batch(_joined(parts).subset(torch.arange(count)), found / begun)
 
 
-def measured(motion: Motion, strength: Tensor, constants: Tensor, noise: Noise, generator: torch.Generator) -> Drives:
+def measured(
+    motion: Motion, strength: Tensor, constants: Tensor, noise: Noise, generator: torch.Generator
+) -> Drives:
     """Add the noise of the sensors; a deviation is published from the measured value."""
 
     def shaken(true: Tensor) -> Tensor:
@@ -136,16 +144,31 @@ def measured(motion: Motion, strength: Tensor, constants: Tensor, noise: Noise, 
 def _joined(parts: list[Drives]) -> Drives:
     first = parts[0]
     names = first.__slots__
-    values = {name: torch.cat([getattr(part, name) for part in parts]) for name in names if name != "velocity_sd"}
+    values = {
+        name: torch.cat([getattr(part, name) for part in parts])
+        for name in names
+        if name != "velocity_sd"
+    }
     return Drives(velocity_sd=first.velocity_sd, **values)
 
 
-def integrated_motion(rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator) -> Motion:
+def integrated_motion(
+    rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator
+) -> Motion:
     """Drives of the rover of terramechanics on ground of ``constants`` [batch, 6] and ``strength`` [batch, 2]."""
-    drive = simulate(rover, Ground([Patch(constants, strength)]), "S2", duration_s, generator, constants.shape[0])
+    drive = simulate(
+        rover, Ground([Patch(constants, strength)]), "S2", duration_s, generator, constants.shape[0]
+    )
     sample = drive.sample
     velocity = torch.cat([drive.start_velocity.unsqueeze(1), sample.velocity], 1)
-    return Motion(sample.slip, sample.sinkage, sample.ground_torque, sample.normal, velocity, drive.measurable().all(1))
+    return Motion(
+        sample.slip,
+        sample.sinkage,
+        sample.ground_torque,
+        sample.normal,
+        velocity,
+        drive.measurable().all(1),
+    )
 
 
 FIRST_BAND, SECOND_BAND = (0.9, 1.2), (0.3, 0.6)
@@ -156,12 +179,16 @@ LM_STEPS = 40
 """Levenberg-Marquardt steps of a wheel's compromise."""
 
 
-def closed_form_motion(rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator) -> Motion:
+def closed_form_motion(
+    rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator
+) -> Motion:
     """Drives on the closed form as in the authors' code, from rest, with the torques of its two bands."""
     batch, steps = constants.shape[0], round(duration_s / TIME_STEP)
     share = torch.rand(batch, steps, rover.axles, generator=generator, dtype=torch.float64)
     first = (torch.arange(1, steps + 1) * TIME_STEP <= BAND_DURATION + 1e-6).view(1, -1, 1)
-    torque = torch.where(first, torch.lerp(*_ends(FIRST_BAND), share), torch.lerp(*_ends(SECOND_BAND), share))
+    torque = torch.where(
+        first, torch.lerp(*_ends(FIRST_BAND), share), torch.lerp(*_ends(SECOND_BAND), share)
+    )
     load = authors_loads(rover.weight, torque / rover.wheel_radius)
     slip, sinkage = _compromise(rover, torque.flatten(1), load.flatten(1), constants, strength)
     shape = (batch, steps, rover.axles)
@@ -170,7 +197,9 @@ def closed_form_motion(rover: Rover, constants: Tensor, strength: Tensor, durati
     velocity = torch.cat([torch.zeros(batch, 1, dtype=torch.float64), change.cumsum(1)], 1)
     inside = in_range(slip, sinkage, constants.unsqueeze(1), rover.wheel_radius).all(1)
     good = inside & torch.isfinite(velocity).all(1) & (velocity[:, 1:] > 0.0).all(1)
-    return Motion(slip.view(shape), sinkage.view(shape), forces[..., 2], forces[..., 0], velocity, good)
+    return Motion(
+        slip.view(shape), sinkage.view(shape), forces[..., 2], forces[..., 0], velocity, good
+    )
 
 
 _MOTIONS: dict[Plant, Callable[[Rover, Tensor, Tensor, float, torch.Generator], Motion]] = {
@@ -179,9 +208,13 @@ _MOTIONS: dict[Plant, Callable[[Rover, Tensor, Tensor, float, torch.Generator], 
 }
 
 
-def _forces(rover: Rover, slip: Tensor, sinkage: Tensor, constants: Tensor, strength: Tensor) -> Tensor:
+def _forces(
+    rover: Rover, slip: Tensor, sinkage: Tensor, constants: Tensor, strength: Tensor
+) -> Tensor:
     """N, T [N] and M [N m] [batch, n, 3] of wheels [batch, n]."""
-    affine = wheel_forces_linear_stress(slip, sinkage, constants.unsqueeze(1), rover.wheel_radius, rover.wheel_width)
+    affine = wheel_forces_linear_stress(
+        slip, sinkage, constants.unsqueeze(1), rover.wheel_radius, rover.wheel_width
+    )
     theta = torch.cat([strength, torch.ones_like(strength[:, :1])], 1)
     return torch.einsum("bnra,ba->bnr", affine, theta)
 
@@ -194,8 +227,9 @@ def _ends(band: tuple[float, float]) -> tuple[Tensor, Tensor]:
 def authors_loads(weight: float, traction: Tensor) -> Tensor:
     """Loads [..., 3] of the wheels of the authors' suspension on level ground under ``traction`` [..., 3], both in N.
 
-    Moments of the rocker about the pivot, of the bogie about the pivot, and the sum of the loads. The lever arms are those
-    of its links of 2, 1, 1.145 and 1.983 m; the bogie's second one is not the height that it should be, but what the code has.
+    Moments of the rocker about the pivot, of the bogie about the pivot, and the sum of the loads.
+    The lever arms are those of its links of 2, 1, 1.145 and 1.983 m; the bogie's second one is not
+    the height that it should be, but what the code has.
     """
     total, (front, middle, rear) = traction.sum(-1), traction.unbind(-1)
     first = (0.9063 * weight + 1.3916 * front + 0.4226 * total) / 2.3205
@@ -203,10 +237,13 @@ def authors_loads(weight: float, traction: Tensor) -> Tensor:
     return torch.stack([first, weight - first - third, third], -1)
 
 
-def _compromise(rover: Rover, torque: Tensor, load: Tensor, constants: Tensor, strength: Tensor) -> tuple[Tensor, Tensor]:
+def _compromise(
+    rover: Rover, torque: Tensor, load: Tensor, constants: Tensor, strength: Tensor
+) -> tuple[Tensor, Tensor]:
     """Slip and sinkage [batch, n] of wheels that come closest to ``load``, a traction of torque / r, and ``torque`` [batch, n].
 
-    Three conditions on two unknowns, in N, N and N m without weights, as the authors' code solves them.
+    Three conditions on two unknowns, in N, N and N m without weights, as the authors' code solves
+    them.
     """
     wanted = torch.stack([load, torque / rover.wheel_radius, torque], -1)
 
@@ -219,21 +256,33 @@ def _compromise(rover: Rover, torque: Tensor, load: Tensor, constants: Tensor, s
     left, damping = miss(u), torch.full_like(torque, 1e-2)
     small = 1e-6
     for _ in range(LM_STEPS):
-        columns = [(miss(u + small * direction) - left) / small for direction in torch.eye(2, dtype=torch.float64)]
+        columns = [
+            (miss(u + small * direction) - left) / small
+            for direction in torch.eye(2, dtype=torch.float64)
+        ]
         jacobian = torch.stack(columns, -1)
         normal = jacobian.transpose(-1, -2) @ jacobian
-        lifted = normal + torch.diag_embed(damping.unsqueeze(-1) * normal.diagonal(dim1=-2, dim2=-1))
-        step = torch.linalg.solve(lifted, (jacobian.transpose(-1, -2) @ left.unsqueeze(-1))).squeeze(-1)
+        lifted = normal + torch.diag_embed(
+            damping.unsqueeze(-1) * normal.diagonal(dim1=-2, dim2=-1)
+        )
+        step = torch.linalg.solve(
+            lifted, (jacobian.transpose(-1, -2) @ left.unsqueeze(-1))
+        ).squeeze(-1)
         tried = u - step.clamp(-1.0, 1.0)
         tried = torch.cat([tried[..., :1].clamp(*SLIPS), tried[..., 1:].clamp(*DEPTHS)], -1)
         there = miss(tried)
         better = there.square().sum(-1) < left.square().sum(-1)
-        u, left = torch.where(better.unsqueeze(-1), tried, u), torch.where(better.unsqueeze(-1), there, left)
+        u, left = (
+            torch.where(better.unsqueeze(-1), tried, u),
+            torch.where(better.unsqueeze(-1), there, left),
+        )
         damping = (damping * torch.where(better, 0.3, 5.0)).clamp(1e-9, 1e6)
     return u[..., 0], u[..., 1].exp()
 
 
-def _carrying_sinkage(rover: Rover, slip: Tensor, constants: Tensor, strength: Tensor, load: Tensor) -> Tensor:
+def _carrying_sinkage(
+    rover: Rover, slip: Tensor, constants: Tensor, strength: Tensor, load: Tensor
+) -> Tensor:
     """Sinkage [m] at which a wheel carries ``load`` [N] at ``slip``, [batch, n] both: bisection in its logarithm."""
     low, high = (torch.full_like(slip, end) for end in DEPTHS)
     for _ in range(12):  # a start, no solution

@@ -44,14 +44,21 @@ def score(estimates: Estimates, drives: Drives) -> Scores:
 
 def _parameter_scores(parameters: Tensor, deviation: Tensor | None, drives: Drives) -> Scores:
     errors = relative_errors(parameters, drives)
-    index = {f"{time:g}": round(time / TIME_STEP) - 1 for time in TIMES_S if round(time / TIME_STEP) <= errors.shape[1]}
+    index = {
+        f"{time:g}": round(time / TIME_STEP) - 1
+        for time in TIMES_S
+        if round(time / TIME_STEP) <= errors.shape[1]
+    }
     scores: Scores = {}
     for column, name in enumerate(("cohesion", "tan_phi", "angle")):
-        scores[f"{name}_error_percent"] = {time: quartiles(errors[:, place, column]) for time, place in index.items()}
+        scores[f"{name}_error_percent"] = {
+            time: quartiles(errors[:, place, column]) for time, place in index.items()
+        }
         scores[f"{name}_mean_error_percent"] = float(errors[:, -1, column].mean())
     truth, estimate = _with_angle(drives.strength.unsqueeze(1)), _with_angle(parameters)
     signed = 100.0 * ((estimate - truth) / truth).mean(1).abs()
-    # As the authors' code computes its figure: signed errors averaged over the drive before their size is taken.
+    # As the authors' code computes its figure: signed errors averaged over the drive before their
+    # size is taken.
     scores["error_as_in_the_figure_percent"] = quartiles(0.5 * (signed[:, 0] + signed[:, 2]))
     scores["error_percent"] = quartiles(0.5 * (errors[:, -1, 0] + errors[:, -1, 2]))
     if deviation is not None:
@@ -66,11 +73,15 @@ def _velocity_scores(velocity: Tensor, velocity_sd: Tensor | None, drives: Drive
     settled = slice(min(50, error.shape[1] // 2), None)
     scores: Scores = {
         "velocity_rms_mm_s": quartiles(1e3 * error[:, settled].square().mean(1).sqrt()),
-        "velocity_error_percent": quartiles(100.0 * error[:, settled].abs().mean(1) / true[:, settled].abs().mean(1)),
+        "velocity_error_percent": quartiles(
+            100.0 * error[:, settled].abs().mean(1) / true[:, settled].abs().mean(1)
+        ),
         "velocity_bias_mm_s": quartiles(1e3 * error[:, settled].mean(1).abs()),
     }
     if velocity_sd is not None:
         miss = (velocity - drives.velocity[:, 1:])[:, settled]
-        scores["velocity_coverage"] = float((miss.abs() <= 1.96 * velocity_sd[:, settled]).double().mean())
+        scores["velocity_coverage"] = float(
+            (miss.abs() <= 1.96 * velocity_sd[:, settled]).double().mean()
+        )
         scores["velocity_spread_mm_s"] = float(1e3 * velocity_sd[:, settled].mean())
     return scores

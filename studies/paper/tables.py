@@ -13,10 +13,18 @@ def tables(results: list[CellResult]) -> str:
     for result in results:
         title = f"{result.cell.plant.value} plant, {result.cell.soil.replace('_', ' ')}"
         parts += [f"### {title}: soil constants wrong by up to 5 %", _test_table(result), ""]
-        parts += [f"### {title}: the authors' band, soil constants exact", _narrow_table(result), ""]
+        parts += [
+            f"### {title}: the authors' band, soil constants exact",
+            _narrow_table(result),
+            "",
+        ]
     for result in results:
         if result.cell.soil == "loose_sand":
-            parts += [f"### Trade-off, {result.cell.plant.value} plant, loose sand", _trade_off(result), ""]
+            parts += [
+                f"### Trade-off, {result.cell.plant.value} plant, loose sand",
+                _trade_off(result),
+                "",
+            ]
     return "\n".join(parts)
 
 
@@ -50,7 +58,16 @@ def _number(scores: Scores, name: str, factor: float = 1.0) -> str:
 
 def _test_table(result: CellResult) -> str:
     published = ESTIMATES[result.cell.soil]
-    head = ["method", "c %", "phi %", "paper, c / phi", "covered %, c / tan phi", "velocity mm/s", "velocity %", "covered %"]
+    head = [
+        "method",
+        "c %",
+        "phi %",
+        "paper, c / phi",
+        "covered %, c / tan phi",
+        "velocity mm/s",
+        "velocity %",
+        "covered %",
+    ]
     rows = []
     for name, scores in result.testing.items():
         paper = published.get(name)
@@ -85,7 +102,14 @@ def _narrow_table(result: CellResult) -> str:
 
 
 def _trade_off(result: CellResult) -> str:
-    head = ["model", "velocity %", "velocity mm/s", "parameters %", "parameters %, as in the figure", "paper: velocity / parameters"]
+    head = [
+        "model",
+        "velocity %",
+        "velocity mm/s",
+        "parameters %",
+        "parameters %, as in the figure",
+        "paper: velocity / parameters",
+    ]
     rows = []
     for name, (velocity, parameters) in TRADE_OFF.items():
         scores = result.testing[name]

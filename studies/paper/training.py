@@ -10,7 +10,13 @@ from torch import Tensor
 
 from studies.baselines.drives import Drives
 from studies.baselines.features import LearntModel, Span, net_inputs
-from terrain_estimator.learning.loss import Orthogonality, negative_log_predictive, overlap, paper_penalty, shortfall
+from terrain_estimator.learning.loss import (
+    Orthogonality,
+    negative_log_predictive,
+    overlap,
+    paper_penalty,
+    shortfall,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +66,16 @@ def train(model: LearntModel, drives: Drives, recipe: Recipe) -> Iterator[Progre
     tasks, time = data.increment.shape
     for iteration in range(recipe.iterations):
         chosen = torch.randint(0, tasks, (recipe.batch, 1), generator=generator)
-        steps = torch.rand(recipe.batch, time, generator=generator).argsort(1)[:, : recipe.steps].sort(1).values
+        steps = (
+            torch.rand(recipe.batch, time, generator=generator)
+            .argsort(1)[:, : recipe.steps]
+            .sort(1)
+            .values
+        )
         context = torch.randint(0, recipe.steps - 1, (recipe.batch,), generator=generator)
-        loss, penalty, negative = _losses(model, data, (chosen, steps), context, recipe.orthogonality)
+        loss, penalty, negative = _losses(
+            model, data, (chosen, steps), context, recipe.orthogonality
+        )
         optimizer.zero_grad()
         (loss + recipe.strength * penalty + recipe.positivity * negative).backward()  # type: ignore[no-untyped-call]
         optimizer.step()
@@ -73,7 +86,11 @@ def train(model: LearntModel, drives: Drives, recipe: Recipe) -> Iterator[Progre
 
 
 def _losses(
-    model: LearntModel, data: _Data, place: tuple[Tensor, Tensor], context: Tensor, orthogonality: Orthogonality
+    model: LearntModel,
+    data: _Data,
+    place: tuple[Tensor, Tensor],
+    context: Tensor,
+    orthogonality: Orthogonality,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Predictive loss, orthogonality and shortfall of some samples of some tasks."""
     nominal, inputs = data.nominal[place], data.inputs[place]
@@ -84,7 +101,9 @@ def _losses(
     noise, (mean, precision) = model.noise(), model.prior()
     valid = torch.ones_like(target)
     whitened = features / noise
-    loss = negative_log_predictive(whitened.unsqueeze(2), (target / noise).unsqueeze(2), valid, context, mean, precision)
+    loss = negative_log_predictive(
+        whitened.unsqueeze(2), (target / noise).unsqueeze(2), valid, context, mean, precision
+    )
     loss = loss + model.log_noise
     if model.nominal == 0:
         return loss, torch.zeros_like(loss), torch.zeros_like(loss)

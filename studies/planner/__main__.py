@@ -41,13 +41,38 @@ HEADER = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
 def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 2: an argument is wrong, or a file cannot be read or written."""
     torch.set_num_threads(1)
-    parser = argparse.ArgumentParser(prog="planner_study", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--model", default="", help="name or file of the model; default: the one that the estimator takes")
-    parser.add_argument("--soil", default="loose_sand", help="soil of the firm ground and of the patches; c and phi differ")
+    parser = argparse.ArgumentParser(
+        prog="planner_study",
+        description=__doc__,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument(
+        "--model",
+        default="",
+        help="name or file of the model; default: the one that the estimator takes",
+    )
+    parser.add_argument(
+        "--soil",
+        default="loose_sand",
+        help="soil of the firm ground and of the patches; c and phi differ",
+    )
     parser.add_argument("--drives", type=COUNT, default=60, help="random drives for each seed")
-    parser.add_argument("--seed", type=SEED, nargs="+", default=[9_000_000, 9_000_001], help="of all that is drawn; of no choice")
-    parser.add_argument("--stop-probability", type=float, default=AdviceConfig().stop_probability, help="the planner's parameter")
-    parser.add_argument("--out", type=Path, default=Path("out/planner_study.json"), help="file of all drives")
+    parser.add_argument(
+        "--seed",
+        type=SEED,
+        nargs="+",
+        default=[9_000_000, 9_000_001],
+        help="of all that is drawn; of no choice",
+    )
+    parser.add_argument(
+        "--stop-probability",
+        type=float,
+        default=AdviceConfig().stop_probability,
+        help="the planner's parameter",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/planner_study.json"), help="file of all drives"
+    )
     args = parser.parse_args(argv)
     try:
         load_soil(args.soil)
@@ -56,11 +81,18 @@ def main(argv: list[str] | None = None) -> int:
         outcomes: list[Outcome] = []
         count = args.drives * len(args.seed)
         with ProgressReport(f"planner_study: {count} drives") as report:
-            for outcome in itertools.chain.from_iterable(study(model, args.soil, args.drives, config, seed) for seed in args.seed):
+            for outcome in itertools.chain.from_iterable(
+                study(model, args.soil, args.drives, config, seed) for seed in args.seed
+            ):
                 outcomes.append(outcome)
                 report.at(len(outcomes) / count, "")
         args.out.parent.mkdir(parents=True, exist_ok=True)
-        figures = {"model": model.model_id, "soil": args.soil, "seed": args.seed, "drives": [dataclasses.asdict(each) for each in outcomes]}
+        figures = {
+            "model": model.model_id,
+            "soil": args.soil,
+            "seed": args.seed,
+            "drives": [dataclasses.asdict(each) for each in outcomes],
+        }
         args.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     except (ModelFileError, ConfigError, OSError) as error:
         sys.stderr.write(f"planner_study: {error}\n")
@@ -76,7 +108,11 @@ def table(outcomes: list[Outcome]) -> str:
         "no effect": [outcome for outcome in outcomes if not outcome.effect],
         "one effect": [outcome for outcome in outcomes if outcome.effect],
     }
-    return HEADER + "".join(_line(name, score(chosen)) for name, chosen in kinds.items() if any(outcome.counts for outcome in chosen))
+    return HEADER + "".join(
+        _line(name, score(chosen))
+        for name, chosen in kinds.items()
+        if any(outcome.counts for outcome in chosen)
+    )
 
 
 def _line(name: str, result: PatchScore) -> str:
@@ -95,7 +131,11 @@ def _line(name: str, result: PatchScore) -> str:
 
 
 def _percent(share: Share | None) -> str:
-    return "none" if share is None else f"{100.0 * share.share:.0f} % ({100.0 * share.low:.0f} to {100.0 * share.high:.0f})"
+    return (
+        "none"
+        if share is None
+        else f"{100.0 * share.share:.0f} % ({100.0 * share.low:.0f} to {100.0 * share.high:.0f})"
+    )
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives into patches of soft ground: how many rovers the planner's stop would have saved, and how often it stops for nothing.
 
-A stop ends a drive and changes nothing before it, so each drive is simulated once to its end without the planner, and the
-planner, fed with what the sensors gave, says when it would have stopped.
+A stop ends a drive and changes nothing before it, so each drive is simulated once to its end
+without the planner, and the planner, fed with what the sensors gave, says when it would have
+stopped.
 """
 
 import math
@@ -102,9 +103,14 @@ class Drives:
 def draw_drives(rover: Rover, soil: str, count: int, generator: torch.Generator) -> Drives:
     """Drives (S1, over hills) from firm ground over a patch of soft ground of the same soil and on; the patch lies alike for all."""
     kind = load_soil(soil)
-    firm, soft = (random_ground(kind, count, generator, SPREAD, strength).patches[0] for strength in (FIRM, SOFT))
+    firm, soft = (
+        random_ground(kind, count, generator, SPREAD, strength).patches[0]
+        for strength in (FIRM, SOFT)
+    )
     place = torch.rand(3, generator=generator, dtype=torch.float64)
-    start, length, border = (float(uniform((ends,), place[k])) for k, ends in enumerate((STARTS, LENGTHS, BORDERS)))
+    start, length, border = (
+        float(uniform((ends,), place[k])) for k, ends in enumerate((STARTS, LENGTHS, BORDERS))
+    )
     names, plant = _effects(rover, count, generator)
     hills = random_hills(count, drawbar_capability(rover, firm.constants, firm.strength), generator)
     ground = Ground(
@@ -118,26 +124,45 @@ def draw_drives(rover: Rover, soil: str, count: int, generator: torch.Generator)
     measured = measure_drive(rover, drive.seen, Noise(), generator)
     observations = [observations_of(measured, k) for k in range(count)]
     return Drives(
-        rover, drive.sample, observations, (start, start + length), drawbar_capability(rover, soft.constants, soft.strength), names
+        rover,
+        drive.sample,
+        observations,
+        (start, start + length),
+        drawbar_capability(rover, soft.constants, soft.strength),
+        names,
     )
 
 
 def _effects(rover: Rover, count: int, generator: torch.Generator) -> tuple[list[str], Plant]:
     """In a share of the drives one effect of random kind and size."""
-    ranges = {name: ends for family in Family for name, ends in largest_sizes(family, rover).items()}
+    ranges = {
+        name: ends for family in Family for name, ends in largest_sizes(family, rover).items()
+    }
     there = torch.rand(count, generator=generator, dtype=torch.float64) < WITH_EFFECT
     kind = torch.randint(len(ranges), (count,), generator=generator)
     place = torch.rand(count, generator=generator, dtype=torch.float64)
     effects = []
     for number, (name, (low, high)) in enumerate(ranges.items()):
-        effects.append(make_effect(name, torch.where(there & (kind == number), low + (high - low) * place, 0.0)))
+        effects.append(
+            make_effect(
+                name, torch.where(there & (kind == number), low + (high - low) * place, 0.0)
+            )
+        )
     chosen = list(ranges)
-    return [chosen[int(k)] if here else "" for k, here in zip(kind, there, strict=True)], Plant(effects)
+    return [chosen[int(k)] if here else "" for k, here in zip(kind, there, strict=True)], Plant(
+        effects
+    )
 
 
 def belief_of(estimate: Estimate) -> Belief:
     """What the planner is told of an estimate."""
-    return Belief(estimate.mean, estimate.covariance, estimate.soil_probability, all(estimate.identified), estimate.change_probability)
+    return Belief(
+        estimate.mean,
+        estimate.covariance,
+        estimate.soil_probability,
+        all(estimate.identified),
+        estimate.change_probability,
+    )
 
 
 def estimates_of(model: LoadedModel, observations: list[Observation]) -> Iterator[Belief]:
@@ -147,13 +172,27 @@ def estimates_of(model: LoadedModel, observations: list[Observation]) -> Iterato
         yield belief_of(estimator.update(observation).estimate)
 
 
-def judge(drives: Drives, index: int, beliefs: Iterator[Belief], planner: Planner, config: AdviceConfig) -> Outcome:
+def judge(
+    drives: Drives, index: int, beliefs: Iterator[Belief], planner: Planner, config: AdviceConfig
+) -> Outcome:
     """What became of one drive. ``beliefs`` are the estimator's, one an observation; the planner is new."""
     sample = drives.sample
     inside = (sample.contact[index] >= drives.patch[0]) & (sample.contact[index] < drives.patch[1])
     met, stuck = _first(inside[:, 0]), _first(sample.stuck[index])
-    outcome = Outcome(drives.effects[index], met, stuck - STUCK_TIME, math.inf, math.inf, Reason.NONE, math.nan, 0, holds=True)
-    for step, (observation, belief) in enumerate(zip(drives.observations[index], beliefs, strict=False)):
+    outcome = Outcome(
+        drives.effects[index],
+        met,
+        stuck - STUCK_TIME,
+        math.inf,
+        math.inf,
+        Reason.NONE,
+        math.nan,
+        0,
+        holds=True,
+    )
+    for step, (observation, belief) in enumerate(
+        zip(drives.observations[index], beliefs, strict=False)
+    ):
         time = (step + 1) * TIME_STEP
         if time > stuck or bool((sample.contact[index, step] >= drives.patch[1]).all()):
             break
@@ -179,7 +218,9 @@ def _first(happened: Tensor) -> float:
     return float(steps[0, 0] + 1) * TIME_STEP if steps.numel() else math.inf
 
 
-def study(model: LoadedModel, soil: str, count: int, config: AdviceConfig, seed: int) -> Iterator[Outcome]:
+def study(
+    model: LoadedModel, soil: str, count: int, config: AdviceConfig, seed: int
+) -> Iterator[Outcome]:
     """Outcomes of ``count`` drives on patches of one soil, in batches."""
     table = TractionTable(model.rover, model.metadata.soils)
     generator = torch.Generator().manual_seed(seed)

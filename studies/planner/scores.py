@@ -18,7 +18,9 @@ class PatchScore:
     drives: int  # that met their patch
     trapped: int  # that get stuck without the planner
     saved: Share | None  # of the trapped; None where there is none
-    firm_axles: float  # mean number of axles that were not on the patch yet when a saved rover was stopped
+    firm_axles: (
+        float  # mean number of axles that were not on the patch yet when a saved rover was stopped
+    )
     slip: float  # largest true slip when a saved rover was stopped
     false_stops: Share | None  # of the drives that pass without the planner
     too_weak: int  # false stops on ground that does not hold the rover: it passed because the patch is short

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimator as a node runs it, judged drive by drive: default parameters, every row, screening, gates and doubt.
 
-What it publishes is compared with the truth: the intervals of c and tan phi at the end, and the velocity that it foretold
-with the one that came.
+What it publishes is compared with the truth: the intervals of c and tan phi at the end, and the
+velocity that it foretold with the one that came.
 """
 
 from collections.abc import Iterable, Sequence
@@ -53,18 +53,29 @@ def stream(model: LoadedModel, soil: Soil, spread: float, drives: int, seed: int
     measured = measure_drive(model.rover, drive.sample, Noise(), generator)
     ends = (~drive.sample.stuck).sum(1).tolist()
     truth = ground.patches[0].strength.numpy()
-    return joined([_one(model, observations_of(measured, k)[: ends[k]], truth[k]) for k in range(drives)])
+    return joined(
+        [_one(model, observations_of(measured, k)[: ends[k]], truth[k]) for k in range(drives)]
+    )
 
 
 def joined(parts: Iterable[Streamed]) -> Streamed:
     """The drives of all parts."""
     every = list(parts)
-    return Streamed(*(np.concatenate([getattr(part, name) for part in every]) for name in Streamed.__dataclass_fields__))
+    return Streamed(
+        *(
+            np.concatenate([getattr(part, name) for part in every])
+            for name in Streamed.__dataclass_fields__
+        )
+    )
 
 
-def _one(model: LoadedModel, observations: Sequence[Observation], truth: NDArray[np.float64]) -> Streamed:
+def _one(
+    model: LoadedModel, observations: Sequence[Observation], truth: NDArray[np.float64]
+) -> Streamed:
     estimator, refused = Estimator(model, CoreConfig()), 0
-    estimate = estimator.reject(0, Outcome.DUPLICATE, "").estimate  # a drive that is stuck at once keeps the prior
+    estimate = estimator.reject(
+        0, Outcome.DUPLICATE, ""
+    ).estimate  # a drive that is stuck at once keeps the prior
     foretold = np.full((2, round(DURATION_S / TIME_STEP)), np.nan)
     for k, observation in enumerate(observations):
         update = estimator.update(observation)

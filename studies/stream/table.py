@@ -62,23 +62,36 @@ def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) 
     cohesion, tan_phi = (_parameter(streamed, k) for k in range(2))
     border = round(SETTLED_S / TIME_STEP)
     parts = (slice(None, border), slice(border, None))
-    early, settled = (_forecasts(streamed.innovation[:, part], streamed.variance[:, part]) for part in parts)
+    early, settled = (
+        _forecasts(streamed.innovation[:, part], streamed.variance[:, part]) for part in parts
+    )
     refused = float(streamed.refused.sum() / streamed.observations.sum())
-    return Cell(rover, model, soil, spread, len(streamed.truth), refused, cohesion, tan_phi, early, settled)
+    return Cell(
+        rover, model, soil, spread, len(streamed.truth), refused, cohesion, tan_phi, early, settled
+    )
 
 
 def _parameter(streamed: Streamed, k: int) -> Parameter:
     error = np.abs(streamed.mean[:, k] - streamed.truth[:, k]) / streamed.truth[:, k]
     median, high = np.quantile(error, (0.5, 0.9)).tolist()
-    return Parameter(median, high, share_of(torch.from_numpy(streamed.inside_95[:, k] > 0.0)), float(streamed.identified[:, k].mean()))
+    return Parameter(
+        median,
+        high,
+        share_of(torch.from_numpy(streamed.inside_95[:, k] > 0.0)),
+        float(streamed.identified[:, k].mean()),
+    )
 
 
 def _forecasts(innovation: NDArray[np.float64], variance: NDArray[np.float64]) -> Forecasts:
     made = np.isfinite(innovation)
     squared, variance = innovation[made] ** 2, variance[made]
-    inside_95, inside_68 = (float((squared < norm.ppf(quantile) ** 2 * variance).mean()) for quantile in (0.975, 0.84))
+    inside_95, inside_68 = (
+        float((squared < norm.ppf(quantile) ** 2 * variance).mean()) for quantile in (0.975, 0.84)
+    )
     spread = float(np.median(np.sqrt(variance))) / Noise().velocity
-    return Forecasts(int(made.sum()), inside_95, inside_68, spread, math.sqrt(variance.mean() / squared.mean()))
+    return Forecasts(
+        int(made.sum()), inside_95, inside_68, spread, math.sqrt(variance.mean() / squared.mean())
+    )
 
 
 _INTRODUCTION = """# The estimator as it ships
@@ -127,14 +140,32 @@ def page(cells: list[Cell], date: str, seed: int) -> str:
         "refused %",
     )
     ground = [[*_place(cell), *_ground(cell)] for cell in cells]
-    names = (f"{name}{part}" for part in (", 0 to 5 s", ", 5 to 40 s") for name in ("in 95 %", "in 68 %", "spread", "calibration"))
-    velocity = [[*_place(cell), *_foretold(cell.early), *_foretold(cell.settled), _yes(cell)] for cell in cells]
-    every = "## c and tan phi after 40 s\n\n" + table(head, ground) + _FORECAST + table((*place, *names, "93 to 97 %"), velocity) + _WHY
+    names = (
+        f"{name}{part}"
+        for part in (", 0 to 5 s", ", 5 to 40 s")
+        for name in ("in 95 %", "in 68 %", "spread", "calibration")
+    )
+    velocity = [
+        [*_place(cell), *_foretold(cell.early), *_foretold(cell.settled), _yes(cell)]
+        for cell in cells
+    ]
+    every = (
+        "## c and tan phi after 40 s\n\n"
+        + table(head, ground)
+        + _FORECAST
+        + table((*place, *names, "93 to 97 %"), velocity)
+        + _WHY
+    )
     return LICENCE + _INTRODUCTION.format(**said) + every
 
 
 def _place(cell: Cell) -> tuple[str, ...]:
-    return cell.rover.removesuffix("_rover"), cell.soil.removesuffix("_sand"), "5 %" if cell.spread else "exact", str(cell.drives)
+    return (
+        cell.rover.removesuffix("_rover"),
+        cell.soil.removesuffix("_sand"),
+        "5 %" if cell.spread else "exact",
+        str(cell.drives),
+    )
 
 
 def _percent(value: float) -> str:
@@ -144,12 +175,26 @@ def _percent(value: float) -> str:
 def _ground(cell: Cell) -> list[str]:
     both = (cell.cohesion, cell.tan_phi)
     errors = [f"{_percent(p.median_error)} / {_percent(p.p90_error)}" for p in both]
-    covered = [f"{_percent(p.inside_95.share)} ({_percent(p.inside_95.low)} to {_percent(p.inside_95.high)})" for p in both]
-    return [*errors, *covered, *(_percent(p.identified) for p in both), f"{100.0 * cell.refused:.2f}"]
+    covered = [
+        f"{_percent(p.inside_95.share)} ({_percent(p.inside_95.low)} to"
+        f" {_percent(p.inside_95.high)})"
+        for p in both
+    ]
+    return [
+        *errors,
+        *covered,
+        *(_percent(p.identified) for p in both),
+        f"{100.0 * cell.refused:.2f}",
+    ]
 
 
 def _foretold(forecasts: Forecasts) -> tuple[str, ...]:
-    return _percent(forecasts.inside_95), _percent(forecasts.inside_68), f"{forecasts.spread:.2f}", f"{forecasts.calibration:.2f}"
+    return (
+        _percent(forecasts.inside_95),
+        _percent(forecasts.inside_68),
+        f"{forecasts.spread:.2f}",
+        f"{forecasts.calibration:.2f}",
+    )
 
 
 def _yes(cell: Cell) -> str:

@@ -8,7 +8,14 @@ Ends when the simulator ends; where several drives are included, when all have e
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, GroupAction, IncludeLaunchDescription, OpaqueFunction, RegisterEventHandler
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    GroupAction,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
@@ -20,7 +27,10 @@ SWITCH = ["true", "false"]
 SIMULATOR = {
     "rover": ("mars_rover", "preset or YAML file; another one needs its model, too"),
     "soil": ("loose_sand", "preset or YAML file"),
-    "schedule": ("S1", "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands"),
+    "schedule": (
+        "S1",
+        "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands",
+    ),
     "duration": ("60.0", "[s] of the drive; 0: until Ctrl-C"),
     "seed": ("0", "of drive and noise"),
 }
@@ -29,10 +39,19 @@ ROVER = {
     "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
-    "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
+    "dashboard": (
+        "false",
+        "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)",
+    ),
     "record": ("true", "record inputs and outputs to a bag"),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
-    "state": ("", "file in which the estimator keeps what it knows for the next drive; empty: it forgets at the end"),
+    "state": (
+        "",
+        (
+            "file in which the estimator keeps what it knows for the next drive; empty: it forgets"
+            " at the end"
+        ),
+    ),
     "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),
 }
 ARGUMENTS = SIMULATOR | ROVER
@@ -41,12 +60,24 @@ ARGUMENTS = SIMULATOR | ROVER
 def generate_launch_description() -> LaunchDescription:
     """Starts the simulator and the nodes of a rover; stops these when the simulator has ended."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text, choices=SWITCH if default in SWITCH else None)
+        DeclareLaunchArgument(
+            name,
+            default_value=default,
+            description=text,
+            choices=SWITCH if default in SWITCH else None,
+        )
         for name, (default, text) in ARGUMENTS.items()
     ]
-    # In a group, so that what it is given does not become ours; without a rover its nodes go by that of the model.
+    # In a group, so that what it is given does not become ours; without a rover its nodes go by
+    # that of the model.
     given = [("rover", ""), *((name, LaunchConfiguration(name)) for name in ROVER)]
-    rover = GroupAction([IncludeLaunchDescription([ThisLaunchFileDir(), "/rover.launch.py"], launch_arguments=given)])
+    rover = GroupAction(
+        [
+            IncludeLaunchDescription(
+                [ThisLaunchFileDir(), "/rover.launch.py"], launch_arguments=given
+            )
+        ]
+    )
     return LaunchDescription([*declared, rover, OpaqueFunction(function=_simulator)])
 
 
@@ -58,10 +89,19 @@ def _simulator(context: LaunchContext) -> list[Node | RegisterEventHandler]:
         "schedule": value["schedule"],
         "duration": float(value["duration"]),
         "seed": int(value["seed"]),
-        # The drive waits until the nodes that read all of its topics have matched, so that none misses its beginning.
-        "wait_for_subscribers": (value["record"] == "true") + sum(_takes_imu(name, value) for name in _readers(value)),
+        # The drive waits until the nodes that read all of its topics have matched, so that none
+        # misses its beginning.
+        "wait_for_subscribers": (
+            (value["record"] == "true") + sum(_takes_imu(name, value) for name in _readers(value))
+        ),
     }
-    simulator = Node(package="rover_sim_node", executable="simulator", namespace=value["namespace"], parameters=[chosen], output="screen")
+    simulator = Node(
+        package="rover_sim_node",
+        executable="simulator",
+        namespace=value["namespace"],
+        parameters=[chosen],
+        output="screen",
+    )
     running: set[Node] = getattr(context.locals, "drives", set())
     running.add(simulator)
     context.extend_globals({"drives": running})
@@ -79,5 +119,10 @@ def _readers(value: dict[str, str]) -> list[str]:
 
 def _takes_imu(node: str, value: dict[str, str]) -> bool:
     """Whether a node reads the imu, too; for one that is told not to, the drive would wait in vain."""
-    path, name = Path(value["config"], f"{node}.yaml"), f"/{value['namespace'].strip('/')}/{node}".replace("//", "/")
-    return not (value["config"] and path.is_file()) or bool(read_parameters(path, name).get("use_imu", True))
+    path, name = (
+        Path(value["config"], f"{node}.yaml"),
+        f"/{value['namespace'].strip('/')}/{node}".replace("//", "/"),
+    )
+    return not (value["config"] and path.is_file()) or bool(
+        read_parameters(path, name).get("use_imu", True)
+    )

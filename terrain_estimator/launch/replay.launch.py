@@ -2,12 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nodes of one rover on a recording, played by `ros2 bag play`:  ros2 launch terrain_estimator replay.launch.py bag:=bags/first.
 
-They live in the recording's time. Ends when the player ends. For the estimates alone `ros2 run terrain_estimator replay` is faster,
-and exact.
+They live in the recording's time. Ends when the player ends. For the estimates alone `ros2 run
+terrain_estimator replay` is faster, and exact.
 """
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, ExecuteProcess, IncludeLaunchDescription, OpaqueFunction, RegisterEventHandler
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    ExecuteProcess,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
@@ -16,10 +23,16 @@ INPUTS = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
 ROVER = {
     "namespace": ("", "of the topics in the bag, and of all nodes"),
     "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
-    "rover": ("", "name or YAML file of the rover, for other names of its wheels; empty: the model's"),
+    "rover": (
+        "",
+        "name or YAML file of the rover, for other names of its wheels; empty: the model's",
+    ),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
-    "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
+    "dashboard": (
+        "false",
+        "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)",
+    ),
     "record": ("false", "record inputs and the new outputs to another bag"),
     "output": ("", "folder of that bag, must not exist; empty: bags/<UTC time>"),
     "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),
@@ -36,21 +49,42 @@ def generate_launch_description() -> LaunchDescription:
     """Starts the nodes of a rover and the player; stops the nodes when the player has ended."""
     declared = [
         DeclareLaunchArgument(
-            name, default_value=default, description=text, choices=["true", "false"] if default in {"true", "false"} else None
+            name,
+            default_value=default,
+            description=text,
+            choices=["true", "false"] if default in {"true", "false"} else None,
         )
         for name, (default, text) in ARGUMENTS.items()
     ]
     given = [(name, LaunchConfiguration(name)) for name in ROVER]
-    rover = IncludeLaunchDescription([ThisLaunchFileDir(), "/rover.launch.py"], launch_arguments=[*given, ("use_sim_time", "true")])
+    rover = IncludeLaunchDescription(
+        [ThisLaunchFileDir(), "/rover.launch.py"],
+        launch_arguments=[*given, ("use_sim_time", "true")],
+    )
     return LaunchDescription([*declared, rover, OpaqueFunction(function=_player)])
 
 
 def _player(context: LaunchContext) -> list[ExecuteProcess | RegisterEventHandler]:
     """Plays the inputs alone: the recorded estimates would stand beside the new ones."""
-    value = {name: LaunchConfiguration(name).perform(context) for name in ("bag", "rate", "delay", "namespace")}
+    value = {
+        name: LaunchConfiguration(name).perform(context)
+        for name in ("bag", "rate", "delay", "namespace")
+    }
     prefix = f"/{value['namespace'].strip('/')}".rstrip("/")
     topics = [f"{prefix}/{name}" for name in INPUTS]
-    options = ["--clock", "100", "--rate", value["rate"], "--delay", value["delay"], "--disable-keyboard-controls"]
-    player = ExecuteProcess(cmd=["ros2", "bag", "play", value["bag"], *options, "--topics", *topics], output="screen")
-    end = OnProcessExit(target_action=player, on_exit=[EmitEvent(event=Shutdown(reason="the recording has ended"))])
+    options = [
+        "--clock",
+        "100",
+        "--rate",
+        value["rate"],
+        "--delay",
+        value["delay"],
+        "--disable-keyboard-controls",
+    ]
+    player = ExecuteProcess(
+        cmd=["ros2", "bag", "play", value["bag"], *options, "--topics", *topics], output="screen"
+    )
+    end = OnProcessExit(
+        target_action=player, on_exit=[EmitEvent(event=Shutdown(reason="the recording has ended"))]
+    )
     return [player, RegisterEventHandler(end)]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nodes of one rover:  ros2 launch terrain_estimator rover.launch.py velocity:=visual_odometry planner:=true.
 
-The rover publishes what docs/messages.md says. The other launch files include this one. Without a ROS installation start the
-executables by `ros2 run`.
+The rover publishes what docs/messages.md says. The other launch files include this one. Without a
+ROS installation start the executables by `ros2 run`.
 """
 
 from pathlib import Path
@@ -21,29 +21,61 @@ PATIENCE_S = "60"
 ARGUMENTS = {
     "namespace": ("", "of all topics and nodes"),
     "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
-    "rover": ("", "name or YAML file of the rover, for other names of its wheels; empty: the model's. With velocity and model needed"),
-    "velocity": ("", "topic of a velocity that slip_source makes wheel_slip of (not odom); empty: the rover publishes wheel_slip itself"),
+    "rover": (
+        "",
+        (
+            "name or YAML file of the rover, for other names of its wheels; empty: the model's."
+            " With velocity and model needed"
+        ),
+    ),
+    "velocity": (
+        "",
+        (
+            "topic of a velocity that slip_source makes wheel_slip of (not odom); empty: the rover"
+            " publishes wheel_slip itself"
+        ),
+    ),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
     "map": ("false", "publish the estimate along the track, on terrain_map"),
-    "dashboard": ("false", "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)"),
-    "record": ("true", "record inputs and outputs to a bag; of planner and map, too, whatever recorder.yaml says"),
+    "dashboard": (
+        "false",
+        "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)",
+    ),
+    "record": (
+        "true",
+        "record inputs and outputs to a bag; of planner and map, too, whatever recorder.yaml says",
+    ),
     "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
     "state": (
         "",
-        "file in which the estimator keeps what it knows over restarts, one a rover; empty: as config says, else it forgets at the end",
+        (
+            "file in which the estimator keeps what it knows over restarts, one a rover; empty: as"
+            " config says, else it forgets at the end"
+        ),
     ),
     "config": (
         "",
-        "folder of parameter files estimator.yaml, planner.yaml, ...; begin with a copy of share/terrain_estimator/config; empty: none",
+        (
+            "folder of parameter files estimator.yaml, planner.yaml, ...; begin with a copy of"
+            " share/terrain_estimator/config; empty: none"
+        ),
     ),
-    "use_sim_time": ("false", "take the time of /clock, as with a simulator or a bag that is played"),
+    "use_sim_time": (
+        "false",
+        "take the time of /clock, as with a simulator or a bag that is played",
+    ),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declares the arguments, and starts the nodes that they ask for."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text, choices=SWITCH if default in SWITCH else None)
+        DeclareLaunchArgument(
+            name,
+            default_value=default,
+            description=text,
+            choices=SWITCH if default in SWITCH else None,
+        )
         for name, (default, text) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
@@ -53,27 +85,48 @@ def _nodes(context: LaunchContext) -> list[Node]:
     """What is empty is left to the parameter file, and without one to the node's default."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     if value["velocity"] and value["model"] and not value["rover"]:
-        message = f"model:={value['model']} with velocity:=: give rover:=, too, since slip_source needs its wheel radius and knows no model"
+        message = (
+            f"model:={value['model']} with velocity:=: give rover:=, too, since slip_source needs"
+            " its wheel radius and knows no model"
+        )
         raise ValueError(message)
     wanted = {
-        "estimator": {"model": value["model"], "rover": value["rover"], "state.file": value["state"]},
+        "estimator": {
+            "model": value["model"],
+            "rover": value["rover"],
+            "state.file": value["state"],
+        },
         "slip_source": {"rover": value["rover"]} if value["velocity"] else None,
-        "planner": {"model": value["model"], "rover": value["rover"]} if value["planner"] == "true" else None,
+        "planner": (
+            {"model": value["model"], "rover": value["rover"]}
+            if value["planner"] == "true"
+            else None
+        ),
         "terrain_map": {} if value["map"] == "true" else None,
         "dashboard": {} if value["dashboard"] == "true" else None,
-        "recorder": {"output": value["output"], "topics": _topics(value)} if value["record"] == "true" else None,
+        "recorder": (
+            {"output": value["output"], "topics": _topics(value)}
+            if value["record"] == "true"
+            else None
+        ),
     }
     return [_node(name, value, given) for name, given in wanted.items() if given is not None]
 
 
 def _topics(value: dict[str, str]) -> str:
     """What the recorder records beside its own choice, where these nodes run; empty where none does."""
-    more = [topic for switch, topic in (("planner", "traction_advice"), ("map", "terrain_map")) if value[switch] == "true"]
+    more = [
+        topic
+        for switch, topic in (("planner", "traction_advice"), ("map", "terrain_map"))
+        if value[switch] == "true"
+    ]
     return " ".join([*RECORDED_TOPICS, *more]) if more else ""
 
 
 def _node(name: str, value: dict[str, str], given: dict[str, str]) -> Node:
-    chosen = {key: text for key, text in given.items() if text} | {"use_sim_time": value["use_sim_time"] == "true"}
+    chosen = {key: text for key, text in given.items() if text} | {
+        "use_sim_time": value["use_sim_time"] == "true"
+    }
     return Node(
         package="terrain_estimator",
         executable=name,

@@ -11,19 +11,31 @@ from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 
 ROVERS = ("first", "second")
 BOTH = {
-    "schedule": ("S1", "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands"),
+    "schedule": (
+        "S1",
+        "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands",
+    ),
     "duration": ("60.0", "[s] of the drives; 0: until Ctrl-C"),
     "planner": ("false", "advise how fast to go and when to stop, on traction_advice of each"),
     "map": ("false", "publish the estimates along the tracks, on terrain_map of each"),
     "record": ("true", "record inputs and outputs of each to a bag of its own, bags/<namespace>"),
-    "config": ("", "folder of parameter files, as of rover.launch.py, for the nodes of both; empty: none"),
+    "config": (
+        "",
+        "folder of parameter files, as of rover.launch.py, for the nodes of both; empty: none",
+    ),
 }
 ARGUMENTS = {
     "first": ("rover1", "namespace of the first rover"),
     "second": ("rover2", "namespace of the second rover"),
     "first_soil": ("loose_sand", "preset or YAML file of the first rover's ground"),
     "second_soil": ("regolith", "preset or YAML file of the second rover's ground"),
-    "first_state": ("", "file in which the first rover's estimator keeps what it knows for the next drive; empty: it forgets at the end"),
+    "first_state": (
+        "",
+        (
+            "file in which the first rover's estimator keeps what it knows for the next drive;"
+            " empty: it forgets at the end"
+        ),
+    ),
     "second_state": ("", "the same of the second rover's, another file"),
     "output": ("bags", "folder that holds the two bags"),
     **BOTH,
@@ -34,11 +46,16 @@ def generate_launch_description() -> LaunchDescription:
     """Includes the drive of one rover twice, each with a seed of its own."""
     declared = [
         DeclareLaunchArgument(
-            name, default_value=default, description=text, choices=["true", "false"] if default in {"true", "false"} else None
+            name,
+            default_value=default,
+            description=text,
+            choices=["true", "false"] if default in {"true", "false"} else None,
         )
         for name, (default, text) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*declared, *(_drive(which, seed) for seed, which in enumerate(ROVERS))])
+    return LaunchDescription(
+        [*declared, *(_drive(which, seed) for seed, which in enumerate(ROVERS))]
+    )
 
 
 def _drive(which: str, seed: int) -> GroupAction:
@@ -52,4 +69,10 @@ def _drive(which: str, seed: int) -> GroupAction:
         "output": [LaunchConfiguration("output"), "/", namespace],
         **{name: LaunchConfiguration(name) for name in BOTH},
     }
-    return GroupAction([IncludeLaunchDescription([ThisLaunchFileDir(), "/drive.launch.py"], launch_arguments=given.items())])
+    return GroupAction(
+        [
+            IncludeLaunchDescription(
+                [ThisLaunchFileDir(), "/drive.launch.py"], launch_arguments=given.items()
+            )
+        ]
+    )

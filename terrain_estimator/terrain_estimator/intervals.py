@@ -17,8 +17,8 @@ HALF_WIDTH_95 = 1.959963984540054
 def credible_interval(mean: ArrayLike, sd: ArrayLike, outside: float) -> tuple[Floats, Floats]:
     """Bounds that leave the share ``outside`` of a Gaussian's mass out, never below zero; of the shape of ``mean`` and ``sd``.
 
-    With little mass above zero, the upper bound leaves that share of what lies there; by logarithms, since far below zero that mass is
-    no number any more.
+    With little mass above zero, the upper bound leaves that share of what lies there; by
+    logarithms, since far below zero that mass is no number any more.
     """
     mean, sd = np.asarray(mean), np.asarray(sd)
     half_width = ndtri(1.0 - 0.5 * outside)

@@ -15,9 +15,9 @@ Floats = NDArray[np.float64]
 class Observation:
     """One synchronous set of measurements, reduced to one value per axle (a planar rover).
 
-    Arrays have shape ``[axles]``, front to rear. Every ``*_sd`` is one standard deviation of the value
-    before it. NaN means "not measured": required are velocity and pitch, and slip, sinkage and contact angle of
-    every axle; torque, acceleration and the bogie's angle are optional.
+    Arrays have shape ``[axles]``, front to rear. Every ``*_sd`` is one standard deviation of the
+    value before it. NaN means "not measured": required are velocity and pitch, and slip, sinkage
+    and contact angle of every axle; torque, acceleration and the bogie's angle are optional.
     """
 
     stamp_ns: int

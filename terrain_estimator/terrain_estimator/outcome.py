@@ -33,15 +33,31 @@ class Outcome(IntEnum):
 
 
 _ADVICE = {
-    Outcome.ACCEPTED_PARTIALLY: "a wheel or a sensor was left out: check the wheels' slip and sinkage and the optional sensors",
+    Outcome.ACCEPTED_PARTIALLY: (
+        "a wheel or a sensor was left out: check the wheels' slip and sinkage and the optional"
+        " sensors"
+    ),
     Outcome.STANDSTILL: "drive: slip is undefined while the wheels stand",
     Outcome.NOT_FINITE: "check the publisher of the value that is NaN or infinite",
-    Outcome.BAD_DEVIATION: "publish a standard deviation above zero with every measurement, in SI units",
-    Outcome.OUT_OF_RANGE: "check the units, slip (-0.6 to 0.95) and sinkage (0 to the wheel radius) of all wheels, and the rover file",
+    Outcome.BAD_DEVIATION: (
+        "publish a standard deviation above zero with every measurement, in SI units"
+    ),
+    Outcome.OUT_OF_RANGE: (
+        "check the units, slip (-0.6 to 0.95) and sinkage (0 to the wheel radius) of all wheels,"
+        " and the rover file"
+    ),
     Outcome.WRONG_WHEELS: "publish the wheel names of the rover file, each once",
-    Outcome.WRONG_FRAME: "publish in the body frame that the estimator's parameter body_frame names",
-    Outcome.TIME_BACKWARDS: "stamps must increase: check the clock, or reset the estimator when a bag loops",
-    Outcome.DUPLICATE: "two observations carry the same stamp: check for two publishers on one topic",
-    Outcome.GATED: "the observation contradicts the posterior: the ground changed, or a sensor failed",
+    Outcome.WRONG_FRAME: (
+        "publish in the body frame that the estimator's parameter body_frame names"
+    ),
+    Outcome.TIME_BACKWARDS: (
+        "stamps must increase: check the clock, or reset the estimator when a bag loops"
+    ),
+    Outcome.DUPLICATE: (
+        "two observations carry the same stamp: check for two publishers on one topic"
+    ),
+    Outcome.GATED: (
+        "the observation contradicts the posterior: the ground changed, or a sensor failed"
+    ),
     Outcome.NUMERICAL_FAILURE: "reset the estimator; if it comes back, report the recording",
 }

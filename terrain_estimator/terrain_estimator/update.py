@@ -29,7 +29,9 @@ class Estimate:
     upper_95: Floats  # [2]
     identified: tuple[bool, bool]
     mass_below_zero: float
-    change_probability: float  # [1] that the ground changed within the last three seconds of driving
+    change_probability: (
+        float  # [1] that the ground changed within the last three seconds of driving
+    )
     soils: tuple[str, ...]  # that the model knows
     soil_probability: tuple[float, ...]  # [1] that the ground is of each
     effects: tuple[NamedEffect, ...]

@@ -31,17 +31,26 @@ def test_a_bar_is_met_on_its_side_and_never_by_what_was_not_measured() -> None:
     assert line(8.0, 9.0).ratio == 2.0
 
 
-def test_a_failing_benchmark_misses_its_bar_and_the_others_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_benchmark_misses_its_bar_and_the_others_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(_: Effort) -> Iterator[Line]:
         yield line(8.0, 9.0)
         raise RuntimeError("no DDS here")
 
     modules = {"rate": broken, "reading": lambda _: [line(1.0, 2.0)]}
-    monkeypatch.setattr("benchmarks.__main__.importlib.import_module", lambda name: SimpleNamespace(lines=modules[name.rpartition(".")[2]]))
+    monkeypatch.setattr(
+        "benchmarks.__main__.importlib.import_module",
+        lambda name: SimpleNamespace(lines=modules[name.rpartition(".")[2]]),
+    )
     monkeypatch.chdir(tmp_path)
     assert bench.main(["--only", "rate", "reading"]) == 1
     written = json.loads((tmp_path / "out/bench.json").read_text(encoding="utf-8"))
-    assert [(each["value"], each["met"]) for each in written["lines"]] == [(8.0, True), (None, False), (1.0, True)]
+    assert [(each["value"], each["met"]) for each in written["lines"]] == [
+        (8.0, True),
+        (None, False),
+        (1.0, True),
+    ]
     assert "no DDS here" in written["lines"][1]["note"]
     assert {"processor", "cores", "versions", "commit"} <= set(written["machine"])
     assert not (tmp_path / "docs").exists(), "a part of the table is not published"

@@ -18,5 +18,7 @@ def test_a_refused_observation_moves_the_end_of_the_next_block() -> None:
     assert np.flatnonzero(closing(model, seen)).tolist() == [9, 19, 29]
     seen[12] = dataclasses.replace(seen[12], velocity=np.nan)
     assert np.flatnonzero(closing(model, seen)).tolist() == [9, 20]
-    with pytest.raises(ArithmeticError, match="none of 9 observations closes a block of the model mars_rover"):
+    with pytest.raises(
+        ArithmeticError, match="none of 9 observations closes a block of the model mars_rover"
+    ):
         closing(model, seen[:9])

@@ -26,10 +26,14 @@ TASKS = 4
 def test_loops_over_rovers_and_wheels_drive_like_the_batched_simulation() -> None:
     generator = torch.Generator().manual_seed(SEED)
     ground = Ground.random_strength(load_soil("loose_sand"), ROVERS, generator)
-    batched = simulate(load_rover("mars_rover"), ground, "S1", STEPS * TIME_STEP, generator, ROVERS).sample
+    batched = simulate(
+        load_rover("mars_rover"), ground, "S1", STEPS * TIME_STEP, generator, ROVERS
+    ).sample
     for rover, series in enumerate(numpy_rover.fleet(*same_drives(ROVERS, STEPS, SEED), TIME_STEP)):
         for name, values in series.items():
-            assert values == pytest.approx(getattr(batched, name)[rover].numpy(), rel=1e-6, abs=1e-9), f"{name} of rover {rover}"
+            assert values == pytest.approx(
+                getattr(batched, name)[rover].numpy(), rel=1e-6, abs=1e-9
+            ), f"{name} of rover {rover}"
     assert np.ptp(batched.pitch.numpy()) > 0.01, "hills"
 
 
@@ -42,7 +46,9 @@ def test_a_wheel_of_the_loops_has_the_forces_of_the_contact_model(slip: float) -
     wheel = WheelGround.of(rover, torch.from_numpy(track.soil), strength, numpy_rover.POINTS)
     expected = wheel.forces(torch.full_like(sinkage, slip), sinkage).numpy()
     for depth, forces in zip(sinkage.tolist(), expected, strict=True):
-        assert numpy_rover.wheel_forces(rover, track, slip, depth) == pytest.approx(forces, rel=1e-6, abs=1e-6 * forces[0])
+        assert numpy_rover.wheel_forces(rover, track, slip, depth) == pytest.approx(
+            forces, rel=1e-6, abs=1e-6 * forces[0]
+        )
 
 
 def test_loops_over_tasks_and_blocks_have_the_loss_and_the_gradients_of_the_training_step() -> None:

@@ -33,14 +33,24 @@ def healthy(leak_mb: float = 0.0, abnormal: int = 0) -> list[Sample]:
     generator = np.random.default_rng(1)
     places = range(SAMPLES)
     return [
-        Sample(place / 5.0, 300.0 + generator.normal() + leak_mb * place / SAMPLES, 500_000, 400.0, abnormal * (place > 60), 0, 0)
+        Sample(
+            place / 5.0,
+            300.0 + generator.normal() + leak_mb * place / SAMPLES,
+            500_000,
+            400.0,
+            abnormal * (place > 60),
+            0,
+            0,
+        )
         for place in places
     ]
 
 
 def test_a_leak_and_a_counter_of_the_core_are_named() -> None:
     assert [each.what for each in core_trends("rover1", healthy()) if each.grows] == []
-    grown = [each.what for each in core_trends("rover1", healthy(leak_mb=30.0, abnormal=1)) if each.grows]
+    grown = [
+        each.what for each in core_trends("rover1", healthy(leak_mb=30.0, abnormal=1)) if each.grows
+    ]
     assert grown == ["core, rover1: memory_mb", "core, rover1: abnormal"]
 
 
@@ -54,7 +64,10 @@ def test_a_drifting_rate_and_lost_messages_are_named(capsys: pytest.CaptureFixtu
         series.counters.setdefault("lost", []).append(float(place // 100))
         series.counters.setdefault("resets", []).append(0.0)
     trends = list(live_trends(series))
-    assert [each.what for each in trends if each.grows] == ["DDS, rover2: rate_hz", "DDS, rover2: lost"]
+    assert [each.what for each in trends if each.grows] == [
+        "DDS, rover2: rate_hz",
+        "DDS, rover2: lost",
+    ]
     assert verdict(trends, WHOLE) == 1
     assert "GROWS DDS, rover2: rate_hz" in capsys.readouterr().out
     assert verdict([each for each in trends if not each.grows], WHOLE) == 0
@@ -66,12 +79,20 @@ def test_a_drifting_rate_and_lost_messages_are_named(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("less", "words"),
     [
-        ({"core_hours": [24.0, 5.0, 24.0]}, "core, rover2: 5 simulated hours, at least 24 are wanted"),
+        (
+            {"core_hours": [24.0, 5.0, 24.0]},
+            "core, rover2: 5 simulated hours, at least 24 are wanted",
+        ),
         ({"dds_hours": [2.0, 2.0, 1.0]}, "DDS, rover3: 1 simulated hours, at least 2 are wanted"),
-        ({"dds_rate_hz": [25.0, 40.0, 40.0]}, "DDS, rover1: 25 estimates/s, at least 39.6 are wanted"),
+        (
+            {"dds_rate_hz": [25.0, 40.0, 40.0]},
+            "DDS, rover1: 25 estimates/s, at least 39.6 are wanted",
+        ),
     ],
 )
-def test_a_soak_that_falls_short_fails_and_says_so(less: dict[str, Any], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_soak_that_falls_short_fails_and_says_so(
+    less: dict[str, Any], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     short = dataclasses.replace(WHOLE, **less)
     assert verdict([], short) == 1
     assert f"SHORT {words}" in capsys.readouterr().out
@@ -82,19 +103,33 @@ def test_the_page_has_the_section_that_a_soak_replaces() -> None:
     assert f"\n## {HEADING}\n" in PAGE.read_text(encoding="utf-8")
 
 
-def test_a_long_drive_goes_on_with_its_stamps_and_sequences(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_drive_goes_on_with_its_stamps_and_sequences(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("benchmarks.drives.PIECE_S", 1.0)
-    events = [(topic, stamp, message) for topic, stamp, message in long_drive(Types().make, 2.5) if topic == "wheel_slip"]
+    events = [
+        (topic, stamp, message)
+        for topic, stamp, message in long_drive(Types().make, 2.5)
+        if topic == "wheel_slip"
+    ]
     assert [message.sequence for _, _, message in events] == list(range(25))
     assert {later[1] - earlier[1] for earlier, later in itertools.pairwise(events)} == {STEP_NS}
     assert [stamp_ns(message) for _, _, message in events] == [stamp for _, stamp, _ in events]
 
 
-def test_the_core_goes_on_over_the_seams_of_a_repeated_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_core_goes_on_over_the_seams_of_a_repeated_drive(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("benchmarks.drives.PIECE_S", 3.0)
     make = Types().make
     with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]  # noqa: FBT003 - so short a run is over before it pays
-        samples = core.run(Pipeline(load_model(), EstimatorConfig()), long_drive(make, 20.0), make, hours=9.0 / 3600.0, seconds=1e6)
+        samples = core.run(
+            Pipeline(load_model(), EstimatorConfig()),
+            long_drive(make, 20.0),
+            make,
+            hours=9.0 / 3600.0,
+            seconds=1e6,
+        )
     assert samples[-1].hours == pytest.approx(9.0 / 3600.0)
     assert (samples[-1].abnormal, samples[-1].not_finite, samples[-1].troubled) == (0, 0, 0)
     assert samples[0].hours < samples[-1].hours

@@ -34,7 +34,9 @@ def test_noise_is_no_growth(memory: float) -> None:
 def test_a_leak_of_three_percent_is_found_in_that_noise() -> None:
     """In all of 100 runs: the share that is found is above 97 % with 95 % confidence."""
     leak = 9.0 * TIMES / SAMPLES / 0.8
-    found = sum(trend("memory", TIMES, noise(seed, 0.0) + leak, ALLOWED).grows for seed in range(RUNS))
+    found = sum(
+        trend("memory", TIMES, noise(seed, 0.0) + leak, ALLOWED).grows for seed in range(RUNS)
+    )
     assert found == RUNS
 
 
@@ -58,5 +60,7 @@ def test_counters_may_move_in_the_warm_up_alone() -> None:
 
 
 def test_a_run_that_is_too_short_is_refused() -> None:
-    with pytest.raises(ValueError, match="40 samples after the warm-up, the test needs 50: run longer"):
+    with pytest.raises(
+        ValueError, match="40 samples after the warm-up, the test needs 50: run longer"
+    ):
         trend("memory", TIMES[:50], TIMES[:50], ALLOWED)

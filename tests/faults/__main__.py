@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fault matrix: `make faults`.
 
-Every row starts the real processes, does something to them and reads their topics, log and /diagnostics. What was seen is kept in
-OUT, a file for each row; the page is written from all of them. Exit code 1 where a row is not what it should be.
+Every row starts the real processes, does something to them and reads their topics, log and
+/diagnostics. What was seen is kept in OUT, a file for each row; the page is written from all of
+them. Exit code 1 where a row is not what it should be.
 """
 
 import argparse
@@ -30,10 +31,17 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what was started is ended then
     options.out.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
-    chosen = [fault for fault in FAULTS if fault.name in (options.only or [each.name for each in FAULTS])]
+    chosen = [
+        fault for fault in FAULTS if fault.name in (options.only or [each.name for each in FAULTS])
+    ]
     wrong = [fault.name for fault in chosen if not _run(fault, options.out)]
-    sys.stdout.write(f"{len(chosen)} rows in {time.monotonic() - begin:.0f} s; not as expected: {', '.join(wrong) or 'none'}\n")
-    replace_section(options.page, HEADING, matrix([(fault, _kept(fault, options.out)) for fault in FAULTS]))
+    sys.stdout.write(
+        f"{len(chosen)} rows in {time.monotonic() - begin:.0f} s; not as expected:"
+        f" {', '.join(wrong) or 'none'}\n"
+    )
+    replace_section(
+        options.page, HEADING, matrix([(fault, _kept(fault, options.out)) for fault in FAULTS])
+    )
     return int(bool(wrong))
 
 
@@ -49,8 +57,12 @@ def _run(fault: Fault, out: Path) -> bool:
             found = [f"{type(error).__name__}: {error}"]
         else:
             if not found:
-                _file(fault, out).write_text(json.dumps(dataclasses.asdict(seen), indent=1), encoding="utf-8")
-    sys.stdout.write(f"{fault.name}: {'NOT ' if found else ''}as expected, {time.monotonic() - begin:.0f} s\n")
+                _file(fault, out).write_text(
+                    json.dumps(dataclasses.asdict(seen), indent=1), encoding="utf-8"
+                )
+    sys.stdout.write(
+        f"{fault.name}: {'NOT ' if found else ''}as expected, {time.monotonic() - begin:.0f} s\n"
+    )
     sys.stdout.writelines(f"    {line}\n" for line in found)
     sys.stdout.flush()
     return not found
@@ -67,10 +79,27 @@ def _file(fault: Fault, out: Path) -> Path:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="faults", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", action="append", choices=[fault.name for fault in FAULTS], help="this row, again for more")
-    parser.add_argument("--out", type=Path, default=Path("out/faults"), help="folder of what was seen (default: %(default)s)")
-    parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
+    parser = argparse.ArgumentParser(
+        prog="faults", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        choices=[fault.name for fault in FAULTS],
+        help="this row, again for more",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/faults"),
+        help="folder of what was seen (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--page",
+        type=Path,
+        default=PAGE,
+        help="whose section is replaced (default: docs/faults.md)",
+    )
     return parser
 
 

@@ -13,11 +13,17 @@ from typing import Protocol
 class Expected:
     """What has to come of a fault. Every line of the log from WARN on is expected, or the row has changed."""
 
-    outcomes: frozenset[str]  # of the observations while the fault lasts; "none" where there was no answer
-    diagnostics: dict[str, str]  # worst level by check while the fault lasts, without those that are OK
+    outcomes: frozenset[
+        str
+    ]  # of the observations while the fault lasts; "none" where there was no answer
+    diagnostics: dict[
+        str, str
+    ]  # worst level by check while the fault lasts, without those that are OK
     perhaps: frozenset[str] = frozenset()  # checks that may have been something else than OK too
     log: tuple[str, ...] = ()  # patterns of the lines from WARN on, each of which has to come
-    back_after: int = 0  # sound observations that are refused or not answered after the end of the fault
+    back_after: int = (
+        0  # sound observations that are refused or not answered after the end of the fault
+    )
     lost: int = 0  # sound observations
     kept: bool = True  # what was known of the ground
     at_most: bool = False  # not every outcome has to come, and the numbers are the largest ones
@@ -31,11 +37,15 @@ class Seen:
     diagnostics: dict[str, str]
     log: tuple[str, ...]
     back_after: int
-    back_after_s: float  # from the end of the fault to the first accepted estimate, or to what stands for it
+    back_after_s: (
+        float  # from the end of the fault to the first accepted estimate, or to what stands for it
+    )
     lost: int
     kept: bool
     well_again: bool  # /diagnostics at the end
-    unsound: tuple[str, ...] = ()  # published numbers that are not finite, covariances that are not positive definite
+    unsound: tuple[
+        str, ...
+    ] = ()  # published numbers that are not finite, covariances that are not positive definite
 
 
 class Run(Protocol):
@@ -62,8 +72,14 @@ def complaints(fault: Fault, seen: Seen) -> list[str]:
     found = [*seen.unsound]
     lost, back_after, outcomes = expected.lost, expected.back_after, set(expected.outcomes)
     if expected.at_most:
-        lost, back_after, outcomes = min(lost, seen.lost), min(back_after, seen.back_after), outcomes & set(seen.outcomes)
-    diagnostics = {name: level for name, level in seen.diagnostics.items() if name not in expected.perhaps}
+        lost, back_after, outcomes = (
+            min(lost, seen.lost),
+            min(back_after, seen.back_after),
+            outcomes & set(seen.outcomes),
+        )
+    diagnostics = {
+        name: level for name, level in seen.diagnostics.items() if name not in expected.perhaps
+    }
     pairs = {
         "outcomes": (outcomes, set(seen.outcomes)),
         "diagnostics": (expected.diagnostics, diagnostics),
@@ -72,7 +88,19 @@ def complaints(fault: Fault, seen: Seen) -> list[str]:
         "what was known is kept": (expected.kept, seen.kept),
         "diagnostics are well again": (True, seen.well_again),
     }
-    found += [f"{name}: expected {wanted}, got {got}" for name, (wanted, got) in pairs.items() if wanted != got]
-    found += [f"log: nothing matches {pattern!r}" for pattern in expected.log if not any(re.search(pattern, line) for line in seen.log)]
-    found += [f"log: not expected: {line}" for line in seen.log if not any(re.search(pattern, line) for pattern in expected.log)]
+    found += [
+        f"{name}: expected {wanted}, got {got}"
+        for name, (wanted, got) in pairs.items()
+        if wanted != got
+    ]
+    found += [
+        f"log: nothing matches {pattern!r}"
+        for pattern in expected.log
+        if not any(re.search(pattern, line) for line in seen.log)
+    ]
+    found += [
+        f"log: not expected: {line}"
+        for line in seen.log
+        if not any(re.search(pattern, line) for pattern in expected.log)
+    ]
     return found

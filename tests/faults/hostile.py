@@ -34,7 +34,9 @@ class Mood:
     @classmethod
     def drawn(cls, generator: np.random.Generator) -> "Mood":
         """From sound to mad."""
-        monsters, random, scaled = generator.choice([0.0, 0.01, 0.3, 1.0], p=[0.4, 0.2, 0.3, 0.1], size=3).tolist()
+        monsters, random, scaled = generator.choice(
+            [0.0, 0.01, 0.3, 1.0], p=[0.4, 0.2, 0.3, 0.1], size=3
+        ).tolist()
         return cls(monsters, random, scaled, clock=float(generator.choice([0.0, 0.01, 0.3])))
 
 
@@ -63,14 +65,23 @@ class Madness:
         if draw[0] < mood.random:
             observation = self._random()
         if draw[1] < mood.scaled:
-            observation = self._spoilt(observation, lambda value: value * 10.0 ** self._generator.uniform(-12.0, 12.0))
+            observation = self._spoilt(
+                observation, lambda value: value * 10.0 ** self._generator.uniform(-12.0, 12.0)
+            )
         if draw[2] < mood.monsters:
-            observation = self._spoilt(observation, lambda _: self._generator.choice(MONSTERS) * self._generator.choice([-1.0, 1.0]))
+            observation = self._spoilt(
+                observation,
+                lambda _: self._generator.choice(MONSTERS) * self._generator.choice([-1.0, 1.0]),
+            )
         return observation
 
     def _random(self) -> Observation:
         """Every value within or near its range, none fitting the others."""
-        uniform, axles, radius = self._generator.uniform, self._rover.axles, self._rover.wheel_radius
+        uniform, axles, radius = (
+            self._generator.uniform,
+            self._rover.axles,
+            self._rover.wheel_radius,
+        )
         deviation = 10.0 ** uniform(-9.0, 2.0, (7, axles))
         return Observation(
             stamp_ns=0,
@@ -95,12 +106,18 @@ class Madness:
     def _spoilt(self, observation: Observation, change: Any) -> Observation:
         """One to four values changed: of all wheels or of one."""
         changes: dict[str, Any] = {}
-        for name in self._generator.choice([*AXLE_FIELDS, *SCALAR_FIELDS], size=self._generator.integers(1, 5)):
+        for name in self._generator.choice(
+            [*AXLE_FIELDS, *SCALAR_FIELDS], size=self._generator.integers(1, 5)
+        ):
             value = getattr(observation, name)
             if name in SCALAR_FIELDS:
                 changes[name] = float(change(value))
                 continue
-            axles = slice(None) if self._generator.random() < 0.5 else self._generator.integers(len(value))
+            axles = (
+                slice(None)
+                if self._generator.random() < 0.5
+                else self._generator.integers(len(value))
+            )
             changes[name] = value.copy()
             changes[name][axles] = change(value[axles])
         return dataclasses.replace(observation, **changes)
@@ -108,5 +125,14 @@ class Madness:
     def _next_stamp(self, stamp: int, mood: Mood) -> int:
         if self._generator.random() >= mood.clock:
             return min(stamp + STEP_NS, LATEST_NS)
-        jumps = (0, 1, -STEP_NS, 3 * STEP_NS, 60 * 10**9, -3600 * 10**9, 10**16, int(self._generator.integers(LATEST_NS)) - stamp)
+        jumps = (
+            0,
+            1,
+            -STEP_NS,
+            3 * STEP_NS,
+            60 * 10**9,
+            -3600 * 10**9,
+            10**16,
+            int(self._generator.integers(LATEST_NS)) - stamp,
+        )
         return int(np.clip(stamp + jumps[self._generator.integers(len(jumps))], 0, LATEST_NS))

@@ -26,4 +26,8 @@ def worst_levels(messages: list[Any], node: str) -> dict[str, str]:
         if name != status.name:
             check = next(check.name for check in CHECKS if name.startswith(check.name))
             levels[check] = max(levels.get(check, 0), status.level[0])
-    return {name: Level(level).name for name, level in sorted(levels.items()) if level and name != LATENCY.name}
+    return {
+        name: Level(level).name
+        for name, level in sorted(levels.items())
+        if level and name != LATENCY.name
+    }

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A million updates with mad sensors and clocks through estimator and outgoing messages: `make million`.
 
-Every published covariance has to be symmetric and positive definite, every number finite or NaN where its message says so. Exit
-code 1 where one is not. The seeds are 1, 2, 3 and so on, one for each estimator.
+Every published covariance has to be symmetric and positive definite, every number finite or NaN
+where its message says so. Exit code 1 where one is not. The seeds are 1, 2, 3 and so on, one for
+each estimator.
 """
 
 import argparse
@@ -58,15 +59,25 @@ def run(model: LoadedModel, updates: int, seed: int, longest: int = 200) -> Resu
     """So many updates of one estimator, and of what a node publishes of them."""
     pipeline, types, result = Pipeline(model, EstimatorConfig()), Types(), Result()
     begin = time.process_time()
-    for observation in islice(Madness(model.rover, model.metadata.soils[0], seed, longest).observations(), updates):
+    for observation in islice(
+        Madness(model.rover, model.metadata.soils[0], seed, longest).observations(), updates
+    ):
         answer = pipeline.answer(Conversion(observation.stamp_ns, observation))
         outgoing = answer.messages(types.make, pipeline.meta)
         result.updates += 1
         result.outcomes[answer.update.decision.outcome] += 1
         result.clock_resets += bool(answer.update.warnings)
         estimate = outgoing["terrain_estimate"]
-        result.least = min(result.least, 1.0 - abs(estimate.covariance[1]) / (estimate.cohesion_stddev * estimate.tan_phi_stddev))
-        result.unsound += [f"seed {seed}, update {result.updates}: {text}" for message in outgoing.values() for text in unsound(message)]
+        result.least = min(
+            result.least,
+            1.0
+            - abs(estimate.covariance[1]) / (estimate.cohesion_stddev * estimate.tan_phi_stddev),
+        )
+        result.unsound += [
+            f"seed {seed}, update {result.updates}: {text}"
+            for message in outgoing.values()
+            for text in unsound(message)
+        ]
     result.seconds = time.process_time() - begin
     return result
 
@@ -79,7 +90,9 @@ def main() -> int:
         results = pool.imap(partial(run_alone, options.updates // options.estimators), seeds)
         for estimators, result in enumerate(results, 1):
             total += result
-            sys.stdout.write(f"{total.updates} updates, {total.seconds:.0f} s, unsound: {len(total.unsound)}\n")
+            sys.stdout.write(
+                f"{total.updates} updates, {total.seconds:.0f} s, unsound: {len(total.unsound)}\n"
+            )
             sys.stdout.writelines(f"{line}\n" for line in result.unsound[:20])
             sys.stdout.flush()
             replace_section(options.page, HEADING, section(total, estimators))
@@ -94,7 +107,9 @@ def run_alone(updates: int, seed: int) -> Result:
 
 def section(total: Result, estimators: int) -> str:
     """The measured result in words."""
-    outcomes = ", ".join(f"{count} {outcome.name}" for outcome, count in sorted(total.outcomes.items()))
+    outcomes = ", ".join(
+        f"{count} {outcome.name}" for outcome, count in sorted(total.outcomes.items())
+    )
     return f"""`make million`: {total.updates} updates of {estimators} estimators, on simulated drives whose values are replaced by
 random ones, scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest and smallest numbers, and whose
 stamps jump; each is turned into the messages that the node publishes. {machine()}, {total.seconds / 60.0:.0f} min of processor time.
@@ -107,11 +122,33 @@ stamps jump; each is turned into the messages that the node publishes. {machine(
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="million", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--updates", type=int, default=1_000_000, help="of all estimators together (default: %(default)s)")
-    parser.add_argument("--estimators", type=int, default=100, help="each with a seed of its own (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time; the result does not depend on it")
-    parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
+    parser = argparse.ArgumentParser(
+        prog="million", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--updates",
+        type=int,
+        default=1_000_000,
+        help="of all estimators together (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--estimators",
+        type=int,
+        default=100,
+        help="each with a seed of its own (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="processes at a time; the result does not depend on it",
+    )
+    parser.add_argument(
+        "--page",
+        type=Path,
+        default=PAGE,
+        help="whose section is replaced (default: docs/faults.md)",
+    )
     return parser
 
 

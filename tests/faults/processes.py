@@ -42,7 +42,11 @@ def _swap_model(rover: Rover, _: Process) -> None:
 
 def _configure_swapped_model(rover: Rover, estimator: Process) -> None:
     shutil.copy(MODELS / "paper_rover.pt", rover.folder / "model.pt")
-    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP, Transition.TRANSITION_CONFIGURE):
+    for transition in (
+        Transition.TRANSITION_DEACTIVATE,
+        Transition.TRANSITION_CLEANUP,
+        Transition.TRANSITION_CONFIGURE,
+    ):
         _change(rover, transition)
     estimator.wait_for_output("the node stays unconfigured")
     rover.drive(FAULT_S, sound=False)
@@ -52,7 +56,11 @@ def _configure_swapped_model(rover: Rover, estimator: Process) -> None:
 
 
 def _change(rover: Rover, transition: int) -> None:
-    rover.listener.call(ChangeState, "estimator/change_state", ChangeState.Request(transition=Transition(id=transition)))
+    rover.listener.call(
+        ChangeState,
+        "estimator/change_state",
+        ChangeState.Request(transition=Transition(id=transition)),
+    )
 
 
 def _stop(rover: Rover, estimator: Process) -> None:
@@ -104,7 +112,9 @@ NOT_SAVED = Expected(
         r"^the state of [0-9]+ s ago is not in .* yet: .*No such file or directory",
     ),
 )
-KILLED = Expected(frozenset({"none"}), {}, frozenset({"required input"}), lost=20)  # "since the start", where that takes a second
+KILLED = Expected(
+    frozenset({"none"}), {}, frozenset({"required input"}), lost=20
+)  # "since the start", where that takes a second
 STOPPED = Expected(  # in some runs DDS delivers all that came meanwhile, in others nothing, and it takes a second to be heard again
     frozenset({"ACCEPTED", "none"}),
     {},
@@ -114,8 +124,19 @@ STOPPED = Expected(  # in some runs DDS delivers all that came meanwhile, in oth
     at_most=True,
 )
 FAULTS = (
-    of_estimator("wrong QoS", "wheel_slip is published best effort, which a reliable subscription does not match", _wrong_qos, WRONG_QOS),
-    of_estimator("model swapped", "the .pt file is replaced by another rover's while the node runs", _swap_model, TAKEN, _own_model),
+    of_estimator(
+        "wrong QoS",
+        "wheel_slip is published best effort, which a reliable subscription does not match",
+        _wrong_qos,
+        WRONG_QOS,
+    ),
+    of_estimator(
+        "model swapped",
+        "the .pt file is replaced by another rover's while the node runs",
+        _swap_model,
+        TAKEN,
+        _own_model,
+    ),
     of_estimator(
         "model swapped, configured anew",
         "the same, and the node is configured anew; then the right file is put back",
@@ -124,12 +145,22 @@ FAULTS = (
         _own_model,
     ),
     of_estimator(
-        "state cannot be written", "the folder of state.file is renamed while the node runs", _lose_the_folder, NOT_SAVED, _with_state
+        "state cannot be written",
+        "the folder of state.file is renamed while the node runs",
+        _lose_the_folder,
+        NOT_SAVED,
+        _with_state,
     ),
-    of_estimator("SIGSTOP then SIGCONT", f"the estimator is stopped for {STOPPED_S:g} s while the rover drives on", _stop, STOPPED),
+    of_estimator(
+        "SIGSTOP then SIGCONT",
+        f"the estimator is stopped for {STOPPED_S:g} s while the rover drives on",
+        _stop,
+        STOPPED,
+    ),
     of_estimator(
         "kill -9 and restart",
-        f"the estimator is killed, and started again after {DEAD_S:g} s of driving; its state is written every 0.2 s",
+        f"the estimator is killed, and started again after {DEAD_S:g} s of driving; its state is"
+        " written every 0.2 s",
         _kill,
         KILLED,
         _with_state,

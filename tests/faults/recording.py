@@ -30,33 +30,51 @@ AGAIN = 20
 SMALL_DISK_BYTES = 96 << 10
 
 
-def of_recorder(name: str, what: str, happen: Callable[[Process, Path], None], expected: Expected) -> Fault:
+def of_recorder(
+    name: str, what: str, happen: Callable[[Process, Path], None], expected: Expected
+) -> Fault:
     """A row about the recorder: messages before the fault, the fault, messages until it has ended, another recorder."""
 
     def run(folder: Path, domain_id: int) -> Seen:
-        with Starter(folder, domain_id) as start, Listener(domain_id) as listener, small_disk(folder / "disk") as disk:
+        with (
+            Starter(folder, domain_id) as start,
+            Listener(domain_id) as listener,
+            small_disk(folder / "disk") as disk,
+        ):
             diagnostics = listener.collect(DiagnosticArray, "/diagnostics")
             recorder = _record(start, disk / "run")
             publisher = listener.publisher(WheelSlip, "wheel_slip", timeout=PATIENCE_S)
             for number in range(BEFORE):
                 publisher.publish(WheelSlip(sequence=number))
-            wait_until(lambda: len(recorded(disk / "run")) == BEFORE, "all are recorded", PATIENCE_S)
-            listener.spin_until(lambda: diagnostics and _is_well(diagnostics[-1]), "it is well", PATIENCE_S)
+            wait_until(
+                lambda: len(recorded(disk / "run")) == BEFORE, "all are recorded", PATIENCE_S
+            )
+            listener.spin_until(
+                lambda: diagnostics and _is_well(diagnostics[-1]), "it is well", PATIENCE_S
+            )
             begun = len(diagnostics)
             happen(recorder, disk / "run")
             for number in range(BEFORE, BEFORE + AFTER):
                 if recorder.running:
                     publisher.publish(WheelSlip(sequence=number))
-                    listener.spin_until(lambda: True, "callbacks are served")  # which takes a moment: the queue is not to overflow
+                    listener.spin_until(
+                        lambda: True, "callbacks are served"
+                    )  # which takes a moment: the queue is not to overflow
             code = recorder.wait(PATIENCE_S)
             meanwhile = worst_levels(diagnostics[begun:], "recorder")
             begin = time.monotonic()
             second = _record(start, folder / "next")
-            listener.spin_until(lambda: "recording 1 topics" in second.output, "another recorder has matched", PATIENCE_S)
+            listener.spin_until(
+                lambda: "recording 1 topics" in second.output,
+                "another recorder has matched",
+                PATIENCE_S,
+            )
             back_after_s = time.monotonic() - begin
             again = _recorded_again(domain_id, folder / "next")
             again_ns = time.time_ns()
-            listener.spin_until(lambda: stamp_ns(diagnostics[-1]) > again_ns, "it says how it is", PATIENCE_S)
+            listener.spin_until(
+                lambda: stamp_ns(diagnostics[-1]) > again_ns, "it says how it is", PATIENCE_S
+            )
             found = recorded(disk / "run")
             return Seen(
                 outcomes={f"exit code {code}": 1},
@@ -82,7 +100,9 @@ def _recorded_again(domain_id: int, folder: Path) -> list[int]:
         publisher = other.publisher(WheelSlip, "wheel_slip", timeout=PATIENCE_S)
         for number in range(AGAIN):
             publisher.publish(WheelSlip(sequence=number))
-        wait_until(lambda: recorded(folder)[-1:] == [AGAIN - 1], "the last message is recorded", PATIENCE_S)
+        wait_until(
+            lambda: recorded(folder)[-1:] == [AGAIN - 1], "the last message is recorded", PATIENCE_S
+        )
         return recorded(folder)
 
 
@@ -108,7 +128,15 @@ def recorded(folder: Path) -> list[int]:
 
 
 def _record(start: Starter, folder: Path) -> Process:
-    return start("terrain_estimator", "recorder", "--ros-args", "-p", f"output:={folder}", "-p", "topics:=wheel_slip")
+    return start(
+        "terrain_estimator",
+        "recorder",
+        "--ros-args",
+        "-p",
+        f"output:={folder}",
+        "-p",
+        "topics:=wheel_slip",
+    )
 
 
 def _fill(recorder: Process, folder: Path) -> None:
@@ -127,7 +155,16 @@ FAULTS = (
         "disk full",
         f"the recorder writes to a file system of {SMALL_DISK_BYTES >> 10} KiB until it is full",
         _fill,
-        Expected(frozenset({"exit code 1"}), {}, log=("^the disk fails, what was written before is kept: .*",)),
+        Expected(
+            frozenset({"exit code 1"}),
+            {},
+            log=("^the disk fails, what was written before is kept: .*",),
+        ),
     ),
-    of_recorder("kill -9 of the recorder", "the recorder is killed while it records", _kill, Expected(frozenset({"exit code -9"}), {})),
+    of_recorder(
+        "kill -9 of the recorder",
+        "the recorder is killed while it records",
+        _kill,
+        Expected(frozenset({"exit code -9"}), {}),
+    ),
 )

@@ -48,11 +48,15 @@ class Rover:
         self.estimates: list[tuple[float, Any]] = []  # with the time of arrival
         self.predictions = self.listener.collect(MotionPrediction, "motion_prediction")
         self.diagnostics = self.listener.collect(DiagnosticArray, "/diagnostics")
-        self.listener.node.create_subscription(TerrainEstimate, "terrain_estimate", self._hear, RELIABLE)
+        self.listener.node.create_subscription(
+            TerrainEstimate, "terrain_estimate", self._hear, RELIABLE
+        )
         self.shift_ns = 0
         self.sent: list[Sent] = []
         events = list(drive_messages(factory.make, DRIVE_S))
-        self._instants = [events[at : at + len(INPUT_TYPES)] for at in range(0, len(events), len(INPUT_TYPES))]
+        self._instants = [
+            events[at : at + len(INPUT_TYPES)] for at in range(0, len(events), len(INPUT_TYPES))
+        ]
         self._publishers: dict[str, Publisher] = {}
         self._due_s = 0.0
         self._end: tuple[int, float] | None = None
@@ -61,7 +65,12 @@ class Rover:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.start.__exit__(kind, error, trace)
         self.listener.__exit__(kind, error, trace)
 
@@ -83,15 +92,23 @@ class Rover:
     def wait_for_matches(self) -> None:
         """Until everything that is published and subscribed has its partner."""
         for publisher in self._publishers.values():
-            self.listener.spin_until(publisher.get_subscription_count, f"{publisher.topic_name} is matched", PATIENCE_S)
+            self.listener.spin_until(
+                publisher.get_subscription_count, f"{publisher.topic_name} is matched", PATIENCE_S
+            )
         for subscription in self.listener.node.subscriptions:
-            self.listener.spin_until(subscription.get_publisher_count, f"{subscription.topic_name} is matched", PATIENCE_S)
+            self.listener.spin_until(
+                subscription.get_publisher_count,
+                f"{subscription.topic_name} is matched",
+                PATIENCE_S,
+            )
 
     def advertise(self, topic: str, qos: QoSProfile) -> None:
         """Publish a topic from now on with this quality of service."""
         if topic in self._publishers:
             self.listener.node.destroy_publisher(self._publishers[topic])
-        self._publishers[topic] = self.listener.node.create_publisher(factory.message_class(INPUT_TYPES[topic]), topic, qos)
+        self._publishers[topic] = self.listener.node.create_publisher(
+            factory.message_class(INPUT_TYPES[topic]), topic, qos
+        )
 
     def drive(self, seconds: float, change: Change | None = None, *, sound: bool = True) -> None:
         """Publish the next instants as ``change`` makes them; those that are not sound count as lost to nobody."""
@@ -106,7 +123,9 @@ class Rover:
             self.drive(PERIOD_S)
             if self.accepted(self.sent[first:]):
                 return
-        self.listener.spin_until(lambda: self.accepted(self.sent[first:]), "an observation is accepted", PATIENCE_S)
+        self.listener.spin_until(
+            lambda: self.accepted(self.sent[first:]), "an observation is accepted", PATIENCE_S
+        )
 
     def next_instant(self) -> list[Event]:
         """The messages of the next instant."""
@@ -117,19 +136,27 @@ class Rover:
         now = time.monotonic()
         self._due_s = max(self._due_s + PERIOD_S, now - PERIOD_S)
         self.wait(self._due_s - now)
-        self.sent += [Sent(stamp, sound) for stamp in dict.fromkeys(stamp for _, stamp, _ in events)]
+        self.sent += [
+            Sent(stamp, sound) for stamp in dict.fromkeys(stamp for _, stamp, _ in events)
+        ]
         for topic, _, message in events:
             self._publishers[topic].publish(message)
 
     def wait(self, seconds: float) -> None:
         """Serve callbacks for so long [s]."""
         end = time.monotonic() + seconds
-        self.listener.spin_until(lambda: time.monotonic() >= end, "the time has passed", seconds + 20.0)
+        self.listener.spin_until(
+            lambda: time.monotonic() >= end, "the time has passed", seconds + 20.0
+        )
 
     def accepted(self, sent: Sequence[Sent]) -> list[tuple[float, Any]]:
         """Estimates that took one of these, with their times of arrival."""
         stamps = {each.stamp_ns for each in sent}
-        return [(at, each) for at, each in self.estimates if stamp_ns(each) in stamps and Outcome(each.decision.outcome).used]
+        return [
+            (at, each)
+            for at, each in self.estimates
+            if stamp_ns(each) in stamps and Outcome(each.decision.outcome).used
+        ]
 
     def end_fault(self) -> None:
         """From now on it should be as before; only the first call counts."""

@@ -65,13 +65,23 @@ FAULTS = (
         Expected(
             frozenset({"none", "ACCEPTED"}),
             {"losses": "WARN"},
-            log=("^the clock went back by 59.0 s, as when a bag loops: the posterior is the prior again$",),
+            log=(
+                (
+                    "^the clock went back by 59.0 s, as when a bag loops: the posterior is the"
+                    " prior again$"
+                ),
+            ),
             back_after=9,
             lost=9,
             kept=False,
         ),
     ),
-    of_estimator("forward jump", "all topics: the stamps go forward by an hour, and on from there", _jump(3600 * SECOND_NS), TAKEN),
+    of_estimator(
+        "forward jump",
+        "all topics: the stamps go forward by an hour, and on from there",
+        _jump(3600 * SECOND_NS),
+        TAKEN,
+    ),
     of_estimator(
         "duplicate",
         "all topics: every message comes twice",
@@ -82,9 +92,20 @@ FAULTS = (
         "reorder",
         "all topics: every second instant comes after the one that follows it",
         _swap,
-        Expected(frozenset({"ACCEPTED", "none"}), {"losses": "WARN"}, FIVE_A_SECOND, log=OUT_OF_ORDER, lost=40),
+        Expected(
+            frozenset({"ACCEPTED", "none"}),
+            {"losses": "WARN"},
+            FIVE_A_SECOND,
+            log=OUT_OF_ORDER,
+            lost=40,
+        ),
     ),
-    of_estimator("reorder, topics", "the topics of an instant come in reverse order", _driven(lambda events: events[::-1]), TAKEN),
+    of_estimator(
+        "reorder, topics",
+        "the topics of an instant come in reverse order",
+        _driven(lambda events: events[::-1]),
+        TAKEN,
+    ),
     of_estimator(
         "1 min gap",
         "all topics: no message for a minute, then on",

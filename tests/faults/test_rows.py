@@ -17,15 +17,21 @@ SHARE = ("1e308, optional", "backward jump", "SIGSTOP then SIGCONT", "kill -9 of
 BEFORE_S, FAULT_S = 1, 2.0
 
 
-@pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.name in SHARE], ids=lambda fault: fault.name)
-def test_what_comes_of_a_fault_is_what_the_page_says(fault: Fault, tmp_path: Path, domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "fault", [fault for fault in FAULTS if fault.name in SHARE], ids=lambda fault: fault.name
+)
+def test_what_comes_of_a_fault_is_what_the_page_says(
+    fault: Fault, tmp_path: Path, domain_id: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tests.faults.through.BEFORE_S", BEFORE_S)
     for module in ("values", "stamps"):
         monkeypatch.setattr(f"tests.faults.{module}.FAULT_S", FAULT_S)
     assert complaints(fault, fault.run(tmp_path, domain_id)) == []
 
 
-AS_EXPECTED = Seen({"GATED": 3}, {"refused": "ERROR"}, ("refused: 3 GATED",), 1, 0.1, 2, kept=True, well_again=True)
+AS_EXPECTED = Seen(
+    {"GATED": 3}, {"refused": "ERROR"}, ("refused: 3 GATED",), 1, 0.1, 2, kept=True, well_again=True
+)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +49,13 @@ AS_EXPECTED = Seen({"GATED": 3}, {"refused": "ERROR"}, ("refused: 3 GATED",), 1,
     ],
 )
 def test_every_change_of_a_row_is_a_complaint(changes: dict[str, Any], words: str) -> None:
-    expected = Expected(frozenset({"GATED"}), {"refused": "ERROR"}, log=("^refused: [0-9]+ GATED",), back_after=1, lost=2)
+    expected = Expected(
+        frozenset({"GATED"}),
+        {"refused": "ERROR"},
+        log=("^refused: [0-9]+ GATED",),
+        back_after=1,
+        lost=2,
+    )
 
     def run(folder: Path, domain_id: int) -> Seen:
         raise NotImplementedError
@@ -56,4 +68,6 @@ def test_every_change_of_a_row_is_a_complaint(changes: dict[str, Any], words: st
 
 def test_the_page_has_every_row() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    assert [fault.name for fault in FAULTS if f"\n| {fault.name} | {fault.what} |" not in text] == []
+    assert [
+        fault.name for fault in FAULTS if f"\n| {fault.name} | {fault.what} |" not in text
+    ] == []

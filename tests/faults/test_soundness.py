@@ -33,7 +33,12 @@ def test_mad_sensors_and_clocks_never_make_an_output_unsound(model: LoadedModel)
     assert result.updates == UPDATES
     assert result.least > 0.0
     # else the inputs were too tame to test anything
-    assert {Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY, Outcome.GATED, Outcome.BAD_DEVIATION} <= set(result.outcomes)
+    assert {
+        Outcome.ACCEPTED,
+        Outcome.ACCEPTED_PARTIALLY,
+        Outcome.GATED,
+        Outcome.BAD_DEVIATION,
+    } <= set(result.outcomes)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +67,9 @@ def messages(model: LoadedModel) -> dict[str, Any]:
         ("motion_prediction", "innovation", math.inf, "innovation is inf"),
     ],
 )
-def test_the_judge_sees_what_is_unsound(messages: dict[str, Any], topic: str, field: str, value: Any, words: str) -> None:
+def test_the_judge_sees_what_is_unsound(
+    messages: dict[str, Any], topic: str, field: str, value: Any, words: str
+) -> None:
     message = copy.deepcopy(messages[topic])
     setattr(message, field, value)
     assert any(words in text for text in unsound(message))

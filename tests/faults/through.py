@@ -24,7 +24,11 @@ Happen = Callable[[Rover, Process], None]
 
 
 def of_estimator(
-    name: str, what: str, happen: Happen, expected: Expected, parameters: Callable[[Path], dict[str, str]] = lambda _: {}
+    name: str,
+    what: str,
+    happen: Happen,
+    expected: Expected,
+    parameters: Callable[[Path], dict[str, str]] = lambda _: {},
 ) -> Fault:
     """A row about the estimator; ``parameters`` may prepare the folder that they name."""
 
@@ -34,7 +38,9 @@ def of_estimator(
             rover.match(estimator)
             for _ in range(BEFORE_S):
                 rover.drive(1.0)
-                rover.listener.spin_until(lambda: len(rover.estimates) == len(rover.sent), "all is answered", PATIENCE_S)
+                rover.listener.spin_until(
+                    lambda: len(rover.estimates) == len(rover.sent), "all is answered", PATIENCE_S
+                )
             mark = Mark.of(rover)
             happen(rover, estimator)
             during = rover.sent[mark.sent :]
@@ -42,7 +48,11 @@ def of_estimator(
             rover.wait_for_matches()
             rover.drive_until_accepted()
             rover.drive(SETTLE_S)
-            rover.listener.spin_until(lambda: rover.accepted(rover.sent[-1:]), "the last observation is accepted", PATIENCE_S)
+            rover.listener.spin_until(
+                lambda: rover.accepted(rover.sent[-1:]),
+                "the last observation is accepted",
+                PATIENCE_S,
+            )
             return mark.seen(rover, during)
 
     return Fault(name, what, expected, run)
@@ -60,13 +70,20 @@ class Mark:
     @classmethod
     def of(cls, rover: Rover) -> Self:
         """Now."""
-        return cls(len(rover.sent), len(rover.diagnostics), len(rover.log_lines()), rover.estimates[-1][1].observations_used)
+        return cls(
+            len(rover.sent),
+            len(rover.diagnostics),
+            len(rover.log_lines()),
+            rover.estimates[-1][1].observations_used,
+        )
 
     def seen(self, rover: Rover, during: list[Sent]) -> Seen:
         """What came of the fault, in which ``during`` was published."""
         over, end_s = rover.end
         accepted = {stamp_ns(each) for _, each in rover.accepted(rover.sent)}
-        back_after = next(at for at, each in enumerate(rover.sent[over:]) if each.stamp_ns in accepted)
+        back_after = next(
+            at for at, each in enumerate(rover.sent[over:]) if each.stamp_ns in accepted
+        )
         back_s, back = rover.accepted(rover.sent[over:])[0]
         answers = {stamp_ns(each): each.decision.outcome_name for _, each in rover.estimates}
         return Seen(
@@ -75,8 +92,14 @@ class Mark:
             log=tuple(dict.fromkeys(rover.log_lines()[self.lines :])),
             back_after=back_after,
             back_after_s=back_s - end_s,
-            lost=sum(each.sound and each.stamp_ns not in accepted for each in rover.sent[self.sent :]),
+            lost=sum(
+                each.sound and each.stamp_ns not in accepted for each in rover.sent[self.sent :]
+            ),
             kept=back.observations_used >= self.known - _FORGOTTEN,
             well_again=not worst_levels(rover.diagnostics[-1:], "estimator"),
-            unsound=tuple(text for message in (*(each for _, each in rover.estimates), *rover.predictions) for text in unsound(message)),
+            unsound=tuple(
+                text
+                for message in (*(each for _, each in rover.estimates), *rover.predictions)
+                for text in unsound(message)
+            ),
         )

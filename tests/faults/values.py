@@ -40,7 +40,9 @@ def spoilt(name: str, what: str, change: Change, expected: Expected) -> Fault:
 
 def refused(outcome: str) -> Expected:
     """Every observation is refused for this reason, and nothing else happens."""
-    return Expected(frozenset({outcome}), {"refused": "ERROR"}, log=(rf"^refused: [0-9]+ {outcome} ",))
+    return Expected(
+        frozenset({outcome}), {"refused": "ERROR"}, log=(rf"^refused: [0-9]+ {outcome} ",)
+    )
 
 
 def _nan(message: Any) -> None:
@@ -64,7 +66,11 @@ def _negative(message: Any) -> None:
 
 
 def _five_wheels(message: Any) -> None:
-    message.wheel, message.slip, message.slip_stddev = message.wheel[:-1], message.slip[:-1], message.slip_stddev[:-1]
+    message.wheel, message.slip, message.slip_stddev = (
+        message.wheel[:-1],
+        message.slip[:-1],
+        message.slip_stddev[:-1],
+    )
 
 
 def _frame(message: Any) -> None:
@@ -87,10 +93,32 @@ PARTLY_TAKEN = Expected(frozenset({"ACCEPTED_PARTIALLY"}), {})
 FAULTS = (
     spoilt("NaN", "wheel_slip: every slip is NaN", said("wheel_slip", _nan), refused("NOT_FINITE")),
     spoilt("inf", "odom: the velocity is infinite", said("odom", _infinite), refused("NOT_FINITE")),
-    spoilt("1e308", "odom: the velocity is 1e308 m/s", said("odom", _huge), refused("OUT_OF_RANGE")),
-    spoilt("1e308, optional", "joint_states: every torque is 1e308 N m", said("joint_states", _huge_torque), PARTLY_TAKEN),
-    spoilt("negative variance", "odom: the variance of the velocity is -1e-4", said("odom", _negative), refused("BAD_DEVIATION")),
+    spoilt(
+        "1e308", "odom: the velocity is 1e308 m/s", said("odom", _huge), refused("OUT_OF_RANGE")
+    ),
+    spoilt(
+        "1e308, optional",
+        "joint_states: every torque is 1e308 N m",
+        said("joint_states", _huge_torque),
+        PARTLY_TAKEN,
+    ),
+    spoilt(
+        "negative variance",
+        "odom: the variance of the velocity is -1e-4",
+        said("odom", _negative),
+        refused("BAD_DEVIATION"),
+    ),
     spoilt("stuck sensor", "odom: the velocity stays as it was", _stuck(), TAKEN),
-    spoilt("wrong wheel count", "wheel_slip: the last wheel is missing", said("wheel_slip", _five_wheels), refused("WRONG_WHEELS")),
-    spoilt("wrong frame", "wheel_slip: frame_id is map", said("wheel_slip", _frame), refused("WRONG_FRAME")),
+    spoilt(
+        "wrong wheel count",
+        "wheel_slip: the last wheel is missing",
+        said("wheel_slip", _five_wheels),
+        refused("WRONG_WHEELS"),
+    ),
+    spoilt(
+        "wrong frame",
+        "wheel_slip: frame_id is map",
+        said("wheel_slip", _frame),
+        refused("WRONG_FRAME"),
+    ),
 )

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coverage-guided fuzzing of the readers of bags, YAML, JSON, CSV and saved states by atheris (libFuzzer): `make fuzz`.
 
-A finding is what a reader raises beside its documented error, a time-out or too much memory; the input is kept. Exit code 1 then.
+A finding is what a reader raises beside its documented error, a time-out or too much memory; the
+input is kept. Exit code 1 then.
 """
 
 import argparse
@@ -36,9 +37,17 @@ class Result:
     @classmethod
     def of(cls, log: str, code: int) -> Self:
         """From its log and exit code."""
-        executions = re.findall(r"stat::number_of_executed_units: +(\d+)", log) or re.findall(r"^#(\d+)", log, re.MULTILINE) or ["0"]
+        executions = (
+            re.findall(r"stat::number_of_executed_units: +(\d+)", log)
+            or re.findall(r"^#(\d+)", log, re.MULTILINE)
+            or ["0"]
+        )
         coverage = re.findall(r" cov: (\d+)", log) or ["0"]
-        words = re.findall(r"=== Uncaught Python exception: ===\n(.*)|^(?:SUMMARY: |==\d+== ERROR: )(.*)", log, re.MULTILINE)
+        words = re.findall(
+            r"=== Uncaught Python exception: ===\n(.*)|^(?:SUMMARY: |==\d+== ERROR: )(.*)",
+            log,
+            re.MULTILINE,
+        )
         text = next((first or second for first, second in words), f"exit code {code}")
         return cls(int(executions[-1]), int(coverage[-1]), text if code else "")
 
@@ -63,13 +72,28 @@ def _fuzz(name: str, out: Path, seconds: float) -> Result:
     longest = max(LONGEST_INPUT, 2 * max(map(len, contents)))
     for number, data in enumerate(contents):
         (seeds / str(number)).write_bytes(data)
-    limits = [f"-max_total_time={seconds:.0f}", f"-timeout={TIMEOUT_S}", f"-rss_limit_mb={MEMORY_MB}", f"-max_len={longest}"]
+    limits = [
+        f"-max_total_time={seconds:.0f}",
+        f"-timeout={TIMEOUT_S}",
+        f"-rss_limit_mb={MEMORY_MB}",
+        f"-max_len={longest}",
+    ]
     limits += ["-print_final_stats=1", f"-artifact_prefix={folder}/"]
     command = [sys.executable, "-m", "tests.fuzz.drive", name, *limits, str(corpus), str(seeds)]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, errors="replace", env={**os.environ, "PYTHONWARNINGS": ""})
+    done = subprocess.run(
+        command,
+        check=False,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        env={**os.environ, "PYTHONWARNINGS": ""},
+    )
     (folder / "log.txt").write_text(done.stdout + done.stderr, encoding="utf-8")
     result = Result.of(done.stdout + done.stderr, done.returncode)
-    sys.stdout.write(f"{name}: {result.executions} executions, coverage {result.coverage}, {result.finding or 'no finding'}\n")
+    sys.stdout.write(
+        f"{name}: {result.executions} executions, coverage {result.coverage},"
+        f" {result.finding or 'no finding'}\n"
+    )
     sys.stdout.flush()
     return result
 
@@ -77,23 +101,51 @@ def _fuzz(name: str, out: Path, seconds: float) -> Result:
 def section(results: dict[str, Result], minutes: float) -> str:
     """The measured result in words."""
     lines = [
-        f'`make fuzz ARGS="--minutes {minutes:g}"`: atheris (libFuzzer) changes sound files, guided by the branches that readers, mcap,',
+        (
+            f'`make fuzz ARGS="--minutes {minutes:g}"`: atheris (libFuzzer) changes sound files,'
+            " guided by the branches that readers, mcap,"
+        ),
         "rosbags and PyYAML take. A finding is anything but the error that a reader documents,",
         f"more than {TIMEOUT_S} s or more than {MEMORY_MB >> 10} GiB of memory. {machine()}.",
         "",
         "| reader | executions | features covered | finding |",
         "|---|---|---|---|",
     ]
-    rows = [f"| {name} | {each.executions} | {each.coverage} | {each.finding or 'none'} |" for name, each in results.items()]
+    rows = [
+        f"| {name} | {each.executions} | {each.coverage} | {each.finding or 'none'} |"
+        for name, each in results.items()
+    ]
     return "\n".join([*lines, *rows])
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=MINUTES, help="for all readers together (default: %(default)s)")
-    parser.add_argument("--only", action="append", choices=list(TARGETS), help="this reader, again for more; no page then")
-    parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder of inputs and findings (default: %(default)s)")
-    parser.add_argument("--page", type=Path, default=PAGE, help="whose section is replaced (default: docs/faults.md)")
+    parser = argparse.ArgumentParser(
+        prog="fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=MINUTES,
+        help="for all readers together (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        choices=list(TARGETS),
+        help="this reader, again for more; no page then",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/fuzz"),
+        help="folder of inputs and findings (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--page",
+        type=Path,
+        default=PAGE,
+        help="whose section is replaced (default: docs/faults.md)",
+    )
     return parser
 
 

@@ -6,7 +6,9 @@ import sys
 
 import atheris
 
-with atheris.instrument_imports(include=["terrain_estimator", "terramechanics", "mcap", "rosbags", "yaml"]):
+with atheris.instrument_imports(
+    include=["terrain_estimator", "terramechanics", "mcap", "rosbags", "yaml"]
+):
     from tests.fuzz.targets import TARGETS
 
 if __name__ == "__main__":

@@ -24,10 +24,21 @@ from terrain_estimator.bags.recovery.recovery import recover
 from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state, unpack_state
+from terrain_estimator.estimator.saved_state import (
+    StateFileError,
+    pack_state,
+    read_state,
+    unpack_state,
+)
 from terrain_estimator.importing.mapping import Mapping, read_mapping
 from terrain_estimator.importing.samples import CsvError, read_samples
-from terrain_estimator.model.model_file import MODELS, LoadedModel, ModelFileError, load_model, read_metadata
+from terrain_estimator.model.model_file import (
+    MODELS,
+    LoadedModel,
+    ModelFileError,
+    load_model,
+    read_metadata,
+)
 from terramechanics.presets import PRESETS
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -158,7 +169,10 @@ def _rows() -> list[bytes]:
 
 def _bags() -> list[bytes]:
     with tempfile.TemporaryDirectory() as folder:
-        finished, killed = finished_bag(Path(folder, "finished"), 3), killed_recording(Path(folder, "killed"), 3)
+        finished, killed = (
+            finished_bag(Path(folder, "finished"), 3),
+            killed_recording(Path(folder, "killed"), 3),
+        )
         return [(finished / "finished_0.mcap").read_bytes(), killed.read_bytes()]
 
 
@@ -188,15 +202,37 @@ TARGETS = {
     "bag": Target(read_bag, "run.mcap", _bags, weight=5.0),
     "recovery": Target(recover_bag, "run.mcap", _bags),
     "bag metadata": Target(read_bag_folder, METADATA_FILE, _metadata),
-    "soil": Target(_refusing(load_soil, ConfigError), "soil.yaml", _files(PRESETS / "soils", "*.yaml")),
-    "rover": Target(_refusing(load_rover, ConfigError), "rover.yaml", _files(PRESETS / "rovers", "*.yaml")),
-    "parameters": Target(
-        _refusing(lambda path: configure(EstimatorNodeConfig, read_parameters(path, "/estimator")), ConfigError), "p.yaml", _parameters
+    "soil": Target(
+        _refusing(load_soil, ConfigError), "soil.yaml", _files(PRESETS / "soils", "*.yaml")
     ),
-    "mapping": Target(_refusing(read_mapping, ConfigError), "mapping.yaml", _files(EXAMPLES, "field_run.yaml"), weight=5.0),
-    "model metadata": Target(_refusing(read_metadata, ModelFileError), "model.json", _files(MODELS, "*.json")),
+    "rover": Target(
+        _refusing(load_rover, ConfigError), "rover.yaml", _files(PRESETS / "rovers", "*.yaml")
+    ),
+    "parameters": Target(
+        _refusing(
+            lambda path: configure(EstimatorNodeConfig, read_parameters(path, "/estimator")),
+            ConfigError,
+        ),
+        "p.yaml",
+        _parameters,
+    ),
+    "mapping": Target(
+        _refusing(read_mapping, ConfigError),
+        "mapping.yaml",
+        _files(EXAMPLES, "field_run.yaml"),
+        weight=5.0,
+    ),
+    "model metadata": Target(
+        _refusing(read_metadata, ModelFileError), "model.json", _files(MODELS, "*.json")
+    ),
     "state": Target(restore_state, "ground.state", _states),
-    "state archive": Target(read_archive, "ground.state", lambda: [state.partition(b"\n")[2] for state in _states()]),
+    "state archive": Target(
+        read_archive, "ground.state", lambda: [state.partition(b"\n")[2] for state in _states()]
+    ),
     "samples": Target(_refusing(_samples, CsvError), "run.csv", _rows),
-    "wheel table": Target(_refusing(lambda path: read_table(path, "rim"), WheelTableError), "table.csv", lambda: [_TABLE]),
+    "wheel table": Target(
+        _refusing(lambda path: read_table(path, "rim"), WheelTableError),
+        "table.csv",
+        lambda: [_TABLE],
+    ),
 }

@@ -45,7 +45,9 @@ def damaged(draw: st.DrawFn, name: str) -> bytes:
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, len(data)))
         end = min(len(data), start + draw(st.integers(0, 12)))
-        replacement = draw(st.binary(max_size=8) | st.sampled_from(WORDS) | st.just(bytes(data[start:end]) * 2))
+        replacement = draw(
+            st.binary(max_size=8) | st.sampled_from(WORDS) | st.just(bytes(data[start:end]) * 2)
+        )
         data[start:end] = replacement
     return bytes(data)
 
@@ -80,9 +82,21 @@ def test_bytes_of_no_form_are_refused_by_every_reader(data: bytes) -> None:
         target(data)
 
 
-SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400) | st.binary(max_size=3)
+SCALARS = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.just(10**400)
+    | st.binary(max_size=3)
+)
 BRANCHES = st.text(max_size=5) | st.integers()
-TREES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(BRANCHES, inner, max_size=3), max_leaves=8)
+TREES = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(BRANCHES, inner, max_size=3),
+    max_leaves=8,
+)
 
 
 @pytest.mark.parametrize("name", ["soil", "rover", "mapping"])
@@ -106,7 +120,13 @@ def test_wrong_values_under_right_keys_are_refused_by_name_or_in_range(name: str
 
 
 @examples(0.3)
-@given(values=st.dictionaries(st.sampled_from(["model", "drift", "use_imu", "prior", "pairing_timeout", "x"]), TREES, max_size=3))
+@given(
+    values=st.dictionaries(
+        st.sampled_from(["model", "drift", "use_imu", "prior", "pairing_timeout", "x"]),
+        TREES,
+        max_size=3,
+    )
+)
 def test_parameters_of_any_form_are_taken_or_refused_by_name(values: dict[str, object]) -> None:
     said = "parameter"
     try:
@@ -123,7 +143,12 @@ def test_parameters_of_any_form_are_taken_or_refused_by_name(values: dict[str, o
         ("[" * 500, "RecursionError"),
         ("a: !!bool x", "KeyError"),
         ("a: &x {b: *x}", "more than 100000 values"),
-        ("".join(f"a{n}: &x{n} [{', '.join([f'*x{n - 1}'] * 9) if n else 1}]\n" for n in range(9)), "more than 100000 values"),
+        (
+            "".join(
+                f"a{n}: &x{n} [{', '.join([f'*x{n - 1}'] * 9) if n else 1}]\n" for n in range(9)
+            ),
+            "more than 100000 values",
+        ),
     ],
 )
 def test_yaml_that_ended_in_a_traceback_or_without_end_is_refused(text: str, words: str) -> None:

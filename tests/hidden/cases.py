@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hidden cases: sets of five one-minute drives on one soil, with the same hidden effects in all of them.
 
-What a case is follows from its plan, its number and one seed. Many cases of one plan are simulated together.
+What a case is follows from its plan, its number and one seed. Many cases of one plan are simulated
+together.
 """
 
 import dataclasses
@@ -58,7 +59,9 @@ class Truth:
     soil: str  # the workflow is told it, bags do not say it
     terrain: str
     sizes: tuple[float, ...]  # of the plan's parts, in the units of the hidden laws
-    equivalents: tuple[float, ...]  # the same in the units of the named laws, see equivalent.py; NaN where there is none
+    equivalents: tuple[
+        float, ...
+    ]  # the same in the units of the named laws, see equivalent.py; NaN where there is none
     axle: int  # of a failed wheel
     cohesion_pa: tuple[float, ...]  # of each drive
     tan_phi: tuple[float, ...]
@@ -89,12 +92,17 @@ class Simulated:
     axle: Tensor  # [cases]
 
 
-def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0) -> Simulated:
+def simulate_cases(
+    plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0
+) -> Simulated:
     """Simulate and measure ``count`` cases. What is hidden has random numbers of its own: other plans see the same drives.
 
     ``first`` is the number of the first case among those that take soils and terrains in turn.
     """
-    generator, hiding = torch.Generator().manual_seed(2 * seed), torch.Generator().manual_seed(2 * seed + 1)
+    generator, hiding = (
+        torch.Generator().manual_seed(2 * seed),
+        torch.Generator().manual_seed(2 * seed + 1),
+    )
     car = load_rover(rover)
     turns = range(first, first + count)
     soils = [plan.soil or SOILS[k % len(SOILS)] for k in turns]
@@ -104,9 +112,15 @@ def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover",
     axle = torch.randint(car.axles, (count,), generator=hiding)
     place = uniform((2.0, 5.0), (count * EACH,), hiding)
     sizes = [sizes_of(GENERATORS[name], share, count, hiding) for name, share in plan.parts]
-    draws = [Draw(size.repeat_interleave(EACH), axle.repeat_interleave(EACH), place) for size in sizes]
-    effects = [GENERATORS[name].make(draw) for (name, _), draw in zip(plan.parts, draws, strict=True)]
-    drive = simulate(car, ground, "S1", plan.seconds, generator, count * EACH, terrain, Plant(effects))
+    draws = [
+        Draw(size.repeat_interleave(EACH), axle.repeat_interleave(EACH), place) for size in sizes
+    ]
+    effects = [
+        GENERATORS[name].make(draw) for (name, _), draw in zip(plan.parts, draws, strict=True)
+    ]
+    drive = simulate(
+        car, ground, "S1", plan.seconds, generator, count * EACH, terrain, Plant(effects)
+    )
     correlation = math.exp(-TIME_STEP / plan.noise_time) if plan.noise_time else 0.0
     measured = measure_drive(car, per_wheel(car, drive.seen), Noise(), generator, correlation)
     if not plan.torque:
@@ -114,9 +128,13 @@ def simulate_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover",
     return Simulated(drive, measured, soils, terrains, sizes, effects, axle)
 
 
-def draw_cases(plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0) -> list[Case]:
+def draw_cases(
+    plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0
+) -> list[Case]:
     """``count`` cases of one plan; the same plan, count, seed and ``first`` give the same cases, other plans others."""
-    simulated = simulate_cases(plan, count, seed + zlib.crc32(repr(plan).encode()) % 1_000_000, rover, first)
+    simulated = simulate_cases(
+        plan, count, seed + zlib.crc32(repr(plan).encode()) % 1_000_000, rover, first
+    )
     return [_case(plan, simulated, k) for k in range(count)]
 
 
@@ -130,7 +148,8 @@ def _case(plan: Plan, simulated: Simulated, k: int) -> Case:
         terrain=simulated.terrains[k],
         sizes=tuple(float(size[k]) for size in simulated.sizes),
         equivalents=tuple(
-            equivalent_size(name, effect, simulated.drive, chosen) for (name, _), effect in zip(plan.parts, simulated.effects, strict=True)
+            equivalent_size(name, effect, simulated.drive, chosen)
+            for (name, _), effect in zip(plan.parts, simulated.effects, strict=True)
         ),
         axle=int(simulated.axle[k]),
         cohesion_pa=tuple(strength[:, 0].tolist()),
@@ -139,7 +158,9 @@ def _case(plan: Plan, simulated: Simulated, k: int) -> Case:
         seconds=tuple(float(ends[j]) * TIME_STEP for j in chosen),
         stuck=float(sample.stuck[k * EACH : (k + 1) * EACH, -1].double().mean()),
     )
-    return Case(simulated.drive.rover, [_cut(simulated.measured, j, int(ends[j])) for j in chosen], truth)
+    return Case(
+        simulated.drive.rover, [_cut(simulated.measured, j, int(ends[j])) for j in chosen], truth
+    )
 
 
 def drive_ends(drive: Drive) -> Tensor:

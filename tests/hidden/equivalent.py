@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The size at which a law as simple as the library's comes closest to a hidden one.
 
-Hidden laws are others than the library's, so no size is simply true. Here each is projected by least squares onto the plain law
-of its name (docs/effects.md), over all samples of some drives: what it does to force, torque, exponent, stiffness or reading.
+Hidden laws are others than the library's, so no size is simply true. Here each is projected by
+least squares onto the plain law of its name (docs/effects.md), over all samples of some drives:
+what it does to force, torque, exponent, stiffness or reading.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,14 +31,23 @@ def equivalent_size(name: str, effect: Effect, drive: Drive, episodes: Sequence[
     batch, steps = sample.velocity.shape
     episode = torch.arange(batch).repeat_interleave(steps)
     flat = {
-        key: getattr(sample, key).flatten(0, 1) for key in ("contact", "wheel_rate", "velocity", "slip", "sinkage", "constants", "strength")
+        key: getattr(sample, key).flatten(0, 1)
+        for key in ("contact", "wheel_rate", "velocity", "slip", "sinkage", "constants", "strength")
     }
-    where = Situation(drive.rover, 0.0, episode, flat["contact"], flat["wheel_rate"], flat["velocity"])
+    where = Situation(
+        drive.rover, 0.0, episode, flat["contact"], flat["wheel_rate"], flat["velocity"]
+    )
     contact = Contact(flat["slip"], flat["sinkage"], flat["constants"], flat["strength"])
     done, plain = LAWS[name](effect, where, contact, drive)
     plain = plain if plain.dim() == 3 else plain.unsqueeze(-1)
-    done, plain = (part.expand(batch * steps, *part.shape[1:]) for part in (done.unsqueeze(-1), plain))
-    chosen = torch.isin(episode, torch.tensor(episodes)) & ~sample.stuck.flatten() & ~sample.standing.flatten()
+    done, plain = (
+        part.expand(batch * steps, *part.shape[1:]) for part in (done.unsqueeze(-1), plain)
+    )
+    chosen = (
+        torch.isin(episode, torch.tensor(episodes))
+        & ~sample.stuck.flatten()
+        & ~sample.standing.flatten()
+    )
     done, plain = torch.broadcast_tensors(done[chosen], plain[chosen])  # type: ignore[no-untyped-call]
     size = (done * plain).sum((0, 1)) / plain.square().sum((0, 1))
     left = (done - size * plain).square().sum((0, 1))
@@ -68,10 +78,14 @@ def _lug_thrust(effect: Effect, where: Situation, contact: Contact, drive: Drive
     return _thrust(effect, where, contact, drive.sample.normal.flatten(0, 1)), plain
 
 
-def _thrust(effect: Effect, where: Situation, contact: Contact, normal: Tensor | None = None) -> Tensor:
+def _thrust(
+    effect: Effect, where: Situation, contact: Contact, normal: Tensor | None = None
+) -> Tensor:
     """What an effect adds to T where N is ``normal``."""
     load = torch.zeros_like(contact.slip) if normal is None else normal
-    return effect.push(where, contact, torch.stack([load, torch.zeros_like(load), torch.zeros_like(load)], dim=-1))[..., 1]
+    return effect.push(
+        where, contact, torch.stack([load, torch.zeros_like(load), torch.zeros_like(load)], dim=-1)
+    )[..., 1]
 
 
 def _friction(power: float) -> Law:

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every hidden effect by name, the size at which it matters, and what a right verdict calls it.
 
-Nothing here comes from the library of named effects: names are all that the two share. See matters.py for the sizes.
+Nothing here comes from the library of named effects: names are all that the two share. See
+matters.py for the sizes.
 """
 
 from collections.abc import Callable

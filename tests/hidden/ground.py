@@ -40,30 +40,49 @@ class Terrain:
         u = ((x - foot) / BLEND).clamp(0.0, 1.0)
         height, slope, curvature = self.hills.shape(x)
         rise = BLEND * (u**3 - u**4 / 2.0) + (x - foot - BLEND).clamp(min=0.0)
-        return height + grade * rise, slope + grade * (3.0 * u**2 - 2.0 * u**3), curvature + grade * 6.0 * u * (1.0 - u) / BLEND
+        return (
+            height + grade * rise,
+            slope + grade * (3.0 * u**2 - 2.0 * u**3),
+            curvature + grade * 6.0 * u * (1.0 - u) / BLEND,
+        )
 
 
-def uniform(ends: tuple[float, float], shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+def uniform(
+    ends: tuple[float, float], shape: tuple[int, ...], generator: torch.Generator
+) -> Tensor:
     """Uniform numbers in [low, high)."""
-    return ends[0] + (ends[1] - ends[0]) * torch.rand(shape, generator=generator, dtype=torch.float64)
+    return ends[0] + (ends[1] - ends[0]) * torch.rand(
+        shape, generator=generator, dtype=torch.float64
+    )
 
 
 def draw_ground(soils: list[str], generator: torch.Generator) -> Ground:
     """Ground of every episode, with the soil of that name."""
     batch = len(soils)
-    constants = torch.stack([load_soil(soil).constants() for soil in soils]) * (1.0 + uniform((-SPREAD, SPREAD), (batch, 6), generator))
+    constants = torch.stack([load_soil(soil).constants() for soil in soils]) * (
+        1.0 + uniform((-SPREAD, SPREAD), (batch, 6), generator)
+    )
     cohesion = uniform(COHESION_PA, (batch,), generator)
     tan_phi = torch.tan(torch.deg2rad(uniform(FRICTION_DEG, (batch,), generator)))
     return Ground([Patch(constants, torch.stack([cohesion, tan_phi], dim=-1))])
 
 
-def draw_terrain(kinds: list[str], rover: Rover, ground: Ground, generator: torch.Generator) -> Profile:
+def draw_terrain(
+    kinds: list[str], rover: Rover, ground: Ground, generator: torch.Generator
+) -> Profile:
     """Terrain of every episode, of the kind of that name; no slope is steeper than half of what the rover can pull."""
     capability = drawbar_capability(rover, ground.patches[0].constants, ground.patches[0].strength)
     hills = random_hills(len(kinds), capability, generator)
-    hilly, ramped = (torch.tensor([kind == name for kind in kinds], dtype=torch.float64) for name in ("hills", "ramp"))
+    hilly, ramped = (
+        torch.tensor([kind == name for kind in kinds], dtype=torch.float64)
+        for name in ("hills", "ramp")
+    )
     steepest = torch.minimum(capability.clamp(min=0.0) / 2.0, torch.tensor(math.tan(STEEPEST)))
     grade = ramped * steepest * uniform((-1.0, 1.0), (len(kinds),), generator)
     foot = uniform((0.0, 4.0), (len(kinds),), generator)
     scale = hilly.unsqueeze(-1)
-    return Terrain(Hills(hills.mean * scale, hills.amplitude * scale, hills.wavenumber, hills.phase), grade, foot)
+    return Terrain(
+        Hills(hills.mean * scale, hills.amplitude * scale, hills.wavenumber, hills.phase),
+        grade,
+        foot,
+    )

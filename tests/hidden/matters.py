@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much a hidden effect matters to the estimator that knows nothing of it: `python -m tests.hidden.matters [NAME ...]`.
 
-The same drives, noise and seed with and without the effect go through the recursion of physics alone, soil constants
-uncertain, all rows. An effect matters at the size at which in half of the one-minute drives it shifts c or tan(phi) by more
-than SHIFT of the deviations that five such drives would give together, or at which the mean misfit of a block is FACTOR
-times what it was: it then ruins the estimate of the ground or the prediction of motion.
+The same drives, noise and seed with and without the effect go through the recursion of physics
+alone, soil constants uncertain, all rows. An effect matters at the size at which in half of the
+one-minute drives it shifts c or tan(phi) by more than SHIFT of the deviations that five such drives
+would give together, or at which the mean misfit of a block is FACTOR times what it was: it then
+ruins the estimate of the ground or the prediction of motion.
 """
 
 import argparse
@@ -56,7 +57,11 @@ def axle_means(measured: Measurement, axles: int) -> Measurement:
         count = pairs.shape[-1] // axles
         values[name] = pairs.reshape(*pairs.shape[:-1], axles, count).mean(-1)
         if hasattr(measured, f"{name}_sd"):
-            spread = torch.as_tensor(getattr(measured, f"{name}_sd")).expand_as(pairs).reshape(*pairs.shape[:-1], axles, count)
+            spread = (
+                torch.as_tensor(getattr(measured, f"{name}_sd"))
+                .expand_as(pairs)
+                .reshape(*pairs.shape[:-1], axles, count)
+            )
             values[f"{name}_sd"] = spread.square().mean(-1).sqrt() / math.sqrt(count)
     return dataclasses.replace(measured, **values)
 
@@ -80,11 +85,16 @@ def damage(name: str, size: float, cases: int, seed: int = SEED) -> Damage:
     hidden = simulate_cases(Plan(((name, size),)), cases, seed)
     with_it = estimate(hidden)
     shifts = torch.cat([_shift(without[soil], with_it[soil]) for soil in without])
-    misfits = [torch.cat([_misfit(trace) for trace in traces.values()]).nanmean() for traces in (without, with_it)]
+    misfits = [
+        torch.cat([_misfit(trace) for trace in traces.values()]).nanmean()
+        for traces in (without, with_it)
+    ]
     stuck = float(hidden.drive.sample.stuck[:, -1].double().mean())
     medians = shifts.nanmedian(0).values
     larger = float(shifts.amax(1).nanmedian())
-    return Damage(larger, float(medians[0]), float(medians[1]), float(misfits[1] / misfits[0]), stuck)
+    return Damage(
+        larger, float(medians[0]), float(medians[1]), float(misfits[1] / misfits[0]), stuck
+    )
 
 
 @cache
@@ -106,19 +116,37 @@ def _misfit(trace: Trace) -> Tensor:
 def main() -> None:
     """Print a line for every effect."""
     torch.set_num_threads(1)
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", default=list(GENERATORS), help="hidden effects")
     parser.add_argument("--cases", type=int, default=8)
     parser.add_argument("--shares", type=float, nargs="+", default=[1.0])
     options = parser.parse_args()
     columns = ("effect", "share", "size", "c", "tan phi", "larger", "misfit", "stuck", "matters")
     say = sys.stdout.write
-    say("shifts of c and tan phi in deviations of five drives\n" + "".join(f"{column:>16}" for column in columns) + "\n")
+    say(
+        "shifts of c and tan phi in deviations of five drives\n"
+        + "".join(f"{column:>16}" for column in columns)
+        + "\n"
+    )
     for name in options.names:
         for share in options.shares:
             found = damage(name, share, options.cases)
-            numbers = (share, share * GENERATORS[name].matters, found.cohesion, found.friction, found.shift, found.misfit, found.stuck)
-            say(f"{name:>16}" + "".join(f"{number:16.3g}" for number in numbers) + f"{found.matters!s:>16}\n")
+            numbers = (
+                share,
+                share * GENERATORS[name].matters,
+                found.cohesion,
+                found.friction,
+                found.shift,
+                found.misfit,
+                found.stuck,
+            )
+            say(
+                f"{name:>16}"
+                + "".join(f"{number:16.3g}" for number in numbers)
+                + f"{found.matters!s:>16}\n"
+            )
             sys.stdout.flush()
 
 

@@ -53,14 +53,17 @@ class Crust(Sized):
         whole = torch.sigmoid((self.ends[where.episode, None] - where.place) / EDGE)
         factor = 1.0 + self.size(where) * whole
         columns = contact.constants.expand(*contact.slip.shape, 6).unbind(-1)
-        constants = torch.stack([columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1)
+        constants = torch.stack(
+            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
+        )
         return dataclasses.replace(contact, constants=constants)
 
 
 class SlowClock(Sensed):
     """The clock that stamps odometry and inertial unit loses size seconds each second.
 
-    Stamped alike, wheel signals are then older than those of the body, by size t: in the time of the slow clock they lag.
+    Stamped alike, wheel signals are then older than those of the body, by size t: in the time of
+    the slow clock they lag.
     """
 
     def begin(self, rover: Rover, batch: int) -> None:

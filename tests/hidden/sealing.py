@@ -10,7 +10,14 @@ from pathlib import Path
 import torch
 
 from terrain_estimator.bags import BagWriter
-from terrain_estimator.importing.mapping import BodySignal, Mapping, Noise, Time, WheelColumns, WheelSignal
+from terrain_estimator.importing.mapping import (
+    BodySignal,
+    Mapping,
+    Noise,
+    Time,
+    WheelColumns,
+    WheelSignal,
+)
 from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.samples import Measured, Sample
 from terramechanics.simulation.sensors import Measurement
@@ -38,8 +45,14 @@ def seal(case: Case, folder: Path) -> list[Path]:
 def samples(drive: Measurement) -> Iterator[Sample]:
     """The samples of one drive [time, wheels], as what a bag is written from."""
     slips, sinkages, angles = (_pairs(drive, name) for name in ("slip", "sinkage", "contact_angle"))
-    velocities, pitches, accelerations = (_pairs(drive, name) for name in ("velocity", "pitch", "acceleration"))
-    rates, torques, bogie_angles = drive.wheel_rate.tolist(), drive.torque.tolist(), drive.bogie_angle.tolist()
+    velocities, pitches, accelerations = (
+        _pairs(drive, name) for name in ("velocity", "pitch", "acceleration")
+    )
+    rates, torques, bogie_angles = (
+        drive.wheel_rate.tolist(),
+        drive.torque.tolist(),
+        drive.bogie_angle.tolist(),
+    )
     for k in range(drive.velocity.shape[0]):
         yield Sample(
             stamp_ns=START_NS + k * STEP_NS,
@@ -67,7 +80,9 @@ def _mapping(rover: Rover, drive: Measurement) -> Mapping:
     some = Noise(absolute=1.0)
     mapping = Mapping(
         time=Time(COLUMN),
-        wheels=tuple(WheelColumns(wheel, COLUMN, COLUMN, COLUMN, COLUMN) for wheel in rover.wheel_names),
+        wheels=tuple(
+            WheelColumns(wheel, COLUMN, COLUMN, COLUMN, COLUMN) for wheel in rover.wheel_names
+        ),
         slip=WheelSignal("1", some),
         sinkage=WheelSignal("m", some),
         contact_angle=WheelSignal("rad", some),

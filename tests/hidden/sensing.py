@@ -37,8 +37,11 @@ class TiltedUnit(Sensed):
         tilt = self.sizes * (1.0 - 0.3 * torch.exp(-sample.time / WARM_UP))
         pitch = sample.pitch + tilt
         read = sample.acceleration * torch.cos(tilt) + self.gravity * torch.sin(pitch)
-        # A sample carries dv/dt; what the accelerometer reads is that and g sin of the sample's pitch.
-        return dataclasses.replace(sample, pitch=pitch, acceleration=read - self.gravity * torch.sin(pitch))
+        # A sample carries dv/dt; what the accelerometer reads is that and g sin of the sample's
+        # pitch.
+        return dataclasses.replace(
+            sample, pitch=pitch, acceleration=read - self.gravity * torch.sin(pitch)
+        )
 
 
 class UnevenWear(Sensed):
@@ -53,7 +56,9 @@ class RimAngle(Sensed):
     """Sinkage is read off the angle at which the soil meets the rim, and that angle is size too large."""
 
     def sensed(self, sample: Sample) -> Sample:
-        angle = torch.acos((1.0 - sample.sinkage / self.radius).clamp(-1.0, 1.0)) + self.sizes.unsqueeze(-1)
+        angle = torch.acos(
+            (1.0 - sample.sinkage / self.radius).clamp(-1.0, 1.0)
+        ) + self.sizes.unsqueeze(-1)
         return dataclasses.replace(sample, sinkage=self.radius * (1.0 - torch.cos(angle)))
 
 
@@ -62,7 +67,9 @@ class Smoothed(Sensed):
 
     def begin(self, rover: Rover, batch: int) -> None:
         super().begin(rover, batch)
-        self.before: tuple[Tensor, Tensor] | None = None  # [2, batch, axles] what went in and what came out
+        self.before: tuple[Tensor, Tensor] | None = (
+            None  # [2, batch, axles] what went in and what came out
+        )
         self.time = 0.0
 
     def sensed(self, sample: Sample) -> Sample:

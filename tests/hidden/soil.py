@@ -46,14 +46,17 @@ class PassiveWedge(Sized):
         root = tan_phi + torch.sqrt(1.0 + tan_phi**2)  # tan(45 deg + phi / 2)
         z = contact.sinkage
         weight = SOIL_DENSITY * where.rover.gravity * z**2 * root**2 / 2.0
-        force = self.size(where) * where.rover.wheel_width * (weight + 2.0 * WEDGE_COHESION * z * root)
+        force = (
+            self.size(where) * where.rover.wheel_width * (weight + 2.0 * WEDGE_COHESION * z * root)
+        )
         return forces - force.unsqueeze(-1) * torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
 
 
 class LugThrust(Sized):
     """Bekker's thrust of lugs of height h = size: what its two lug terms add, mobilised with slip as the soil between lugs shears.
 
-    H = b l c 2 h / b + W tan(phi) 0.64 (h / b) atan(b / h), times 1 - (K / (s l)) (1 - exp(-s l / K)); the moment has the arm r + h.
+    H = b l c 2 h / b + W tan(phi) 0.64 (h / b) atan(b / h), times 1 - (K / (s l)) (1 - exp(-s l /
+    K)); the moment has the arm r + h.
     """
 
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
@@ -61,7 +64,9 @@ class LugThrust(Sized):
         cohesion, tan_phi = contact.strength.unbind(-1)
         length = r * entry(contact, r)
         aspect = h / b
-        full = 2.0 * h * length * cohesion + forces[..., 0] * tan_phi * 0.64 * aspect * torch.atan(1.0 / aspect.clamp(min=1e-9))
+        full = 2.0 * h * length * cohesion + forces[..., 0] * tan_phi * 0.64 * aspect * torch.atan(
+            1.0 / aspect.clamp(min=1e-9)
+        )
         shear = (contact.slip.abs() * length / contact.constants[..., 3]).clamp(min=1e-6)
         thrust = torch.sign(contact.slip) * full * (1.0 + torch.expm1(-shear) / shear)
         return forces + torch.stack([torch.zeros_like(thrust), thrust, (r + h) * thrust], dim=-1)
@@ -79,12 +84,15 @@ class Excavation(Sized):
 class Rut(Sized):
     """Elastic reload in the rut of the wheels before: a share (size) of its depth z_u stays when they have passed.
 
-    The rim meets the soil at size z_u below the surface, and cameras see the depth from there. Down to z_u soil is reloaded so
-    that at z_u the pressure is the virgin one again; deeper, the pressure at the bottom follows the virgin law.
+    The rim meets the soil at size z_u below the surface, and cameras see the depth from there. Down
+    to z_u soil is reloaded so that at z_u the pressure is the virgin one again; deeper, the
+    pressure at the bottom follows the virgin law.
     """
 
     def begin(self, rover: Rover, batch: int) -> None:
-        self.depth = torch.zeros(batch, rover.axles, CELLS, dtype=torch.float64)  # that each axle left behind
+        self.depth = torch.zeros(
+            batch, rover.axles, CELLS, dtype=torch.float64
+        )  # that each axle left behind
         self.passed: Tensor | None = None  # places of the contacts at the last step
         self.offset = 1.0 - min(rover.axle_x)
 
@@ -107,11 +115,15 @@ class Rut(Sized):
         reload = (rut / (rut - floor).clamp(min=1e-9)).clamp(min=1.0)
         factor = torch.where(z > rut, z / reach, reload) ** contact.constants[..., 0]
         columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
-        constants = torch.stack([columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1)
+        constants = torch.stack(
+            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
+        )
         return dataclasses.replace(contact, sinkage=reach, constants=constants)
 
     def sensed(self, sample: Sample) -> Sample:
-        floor = self.sizes.unsqueeze(-1) * self._rut(sample.contact, torch.arange(self.sizes.shape[0]))
+        floor = self.sizes.unsqueeze(-1) * self._rut(
+            sample.contact, torch.arange(self.sizes.shape[0])
+        )
         return dataclasses.replace(sample, sinkage=sample.sinkage - floor)
 
     def _rut(self, places: Tensor, episode: Tensor) -> Tensor:
@@ -119,7 +131,9 @@ class Rut(Sized):
         place = ((places[:, 1:] + self.offset) / CELL).clamp(0.0, CELLS - 2.0)
         index = place.long().unsqueeze(-1)
         depth = self.depth[episode, :-1]
-        found = torch.lerp(depth.gather(2, index), depth.gather(2, index + 1), place.unsqueeze(-1) - index)
+        found = torch.lerp(
+            depth.gather(2, index), depth.gather(2, index + 1), place.unsqueeze(-1) - index
+        )
         return torch.cat([torch.zeros_like(place[:, :1]), found.squeeze(-1)], dim=1)
 
 
@@ -128,9 +142,13 @@ class PenetrationRate(Sized):
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         speed = where.speed * torch.sin(entry(contact, where.rover.wheel_radius))
-        factor = (1.0 + self.size(where) * torch.log(speed.clamp(min=SLOWEST) / TIP_SPEED)).clamp(min=0.1)
+        factor = (1.0 + self.size(where) * torch.log(speed.clamp(min=SLOWEST) / TIP_SPEED)).clamp(
+            min=0.1
+        )
         columns = contact.constants.expand(*factor.shape, 6).unbind(-1)
-        constants = torch.stack([columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1)
+        constants = torch.stack(
+            [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
+        )
         return dataclasses.replace(contact, constants=constants)
 
 
@@ -138,5 +156,7 @@ class TrailingContact(Sized):
     """theta_2 = -size theta_1 (1 + i / 2): contact behind the axle in proportion to the entry angle, and growing with slip."""
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
-        angle = self.size(where) * entry(contact, where.rover.wheel_radius) * (1.0 + 0.5 * contact.slip)
+        angle = (
+            self.size(where) * entry(contact, where.rover.wheel_radius) * (1.0 + 0.5 * contact.slip)
+        )
         return dataclasses.replace(contact, exit_angle=angle)

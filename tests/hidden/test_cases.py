@@ -36,20 +36,27 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def values(drive: Measurement) -> torch.Tensor:
-    return torch.cat([getattr(drive, item.name).reshape(-1) for item in dataclasses.fields(Measurement)])
+    return torch.cat(
+        [getattr(drive, item.name).reshape(-1) for item in dataclasses.fields(Measurement)]
+    )
 
 
 def test_the_same_seed_gives_the_same_case_and_another_seed_another() -> None:
     again, other = draw_cases(PLAN, 1, 5)[0], draw_cases(PLAN, 1, 6)[0]
     assert again.truth == cases()[0].truth
-    assert all(torch.equal(values(a), values(b)) for a, b in zip(again.drives, cases()[0].drives, strict=True))
+    assert all(
+        torch.equal(values(a), values(b))
+        for a, b in zip(again.drives, cases()[0].drives, strict=True)
+    )
     assert other.truth.cohesion_pa != again.truth.cohesion_pa
 
 
 def test_a_case_is_five_drives_of_a_minute_at_most_with_soil_constants_of_their_own() -> None:
     case = cases()[0]
     assert len(case.drives) == DRIVES
-    assert [drive.velocity.shape[0] for drive in case.drives] == [round(10.0 * seconds) for seconds in case.truth.seconds]
+    assert [drive.velocity.shape[0] for drive in case.drives] == [
+        round(10.0 * seconds) for seconds in case.truth.seconds
+    ]
     assert max(case.truth.seconds) <= PLAN.seconds
     assert len(set(case.truth.constants)) == DRIVES
     assert case.truth.plan.names == ("coulomb_drag", "sinkage_bias")
@@ -59,7 +66,9 @@ def test_the_size_of_a_hidden_law_in_the_library_s_unit_is_near_what_its_numbers
     truth = cases()[0].truth
     dry, rim = truth.sizes
     assert truth.equivalents[0] == pytest.approx(dry, rel=0.05)
-    assert truth.equivalents[1] == pytest.approx(0.13 * math.sqrt(2.0 * 0.02 / 0.13) * rim, rel=0.4)  # r sin(theta_1) at 20 mm
+    assert truth.equivalents[1] == pytest.approx(
+        0.13 * math.sqrt(2.0 * 0.02 / 0.13) * rim, rel=0.4
+    )  # r sin(theta_1) at 20 mm
     known = [name for name, effect in GENERATORS.items() if effect.known]
     small = draw_cases(Plan(tuple((name, 0.1) for name in known), seconds=5.0), 1, 4)[0].truth
     for name, size in zip(known, small.equivalents, strict=True):
@@ -75,26 +84,37 @@ def test_what_cannot_be_named_is_unknown_and_nothing_is_none() -> None:
 def test_half_of_the_cases_drive_on_hills_and_soils_vary() -> None:
     simulated = simulate_cases(Plan((("slope_bias", 0.1),), seconds=20.0), 8, 1)
     assert [simulated.terrains.count(kind) for kind in ("hills", "flat", "ramp")] == [4, 2, 2]
-    assert {soil: simulated.soils.count(soil) for soil in simulated.soils} == {"loose_sand": 4, "regolith": 4}
+    assert {soil: simulated.soils.count(soil) for soil in simulated.soils} == {
+        "loose_sand": 4,
+        "regolith": 4,
+    }
     hilly = simulated.drive.sample.pitch.reshape(8, -1).std(1)
     level = [kind == "flat" for kind in simulated.terrains]
     assert [bool(spread < 1e-9) for spread in hilly] == level
 
 
 def test_plans_without_torque_and_with_coloured_noise_say_so_in_what_is_measured() -> None:
-    assert all(bool(drive.torque.isnan().all()) for drive in draw_cases(Plan(torque=False, seconds=1.0), 1, 2)[0].drives)
+    assert all(
+        bool(drive.torque.isnan().all())
+        for drive in draw_cases(Plan(torque=False, seconds=1.0), 1, 2)[0].drives
+    )
     simulated = simulate_cases(Plan(seconds=30.0), 1, 2)
     generator = torch.Generator().manual_seed(1)
     sample, rover = per_wheel(simulated.drive.rover, simulated.drive.seen), simulated.drive.rover
     noise = measure_drive(rover, sample, Noise(), generator, 0.6).velocity - sample.velocity
-    assert float((noise[:, 1:] * noise[:, :-1]).mean() / noise.square().mean()) == pytest.approx(0.6, abs=0.05)
+    assert float((noise[:, 1:] * noise[:, :-1]).mean() / noise.square().mean()) == pytest.approx(
+        0.6, abs=0.05
+    )
     assert float(noise.std()) == pytest.approx(0.01, rel=0.05)
 
 
 def test_a_sealed_bag_holds_the_input_topics_and_nothing_else(bags: list[Path]) -> None:
     assert [bag.name for bag in bags] == [f"run_{k}" for k in range(1, DRIVES + 1)]
     for bag, drive in zip(bags, cases()[0].drives, strict=True):
-        assert sorted(file.name for file in bag.iterdir()) == ["metadata.yaml", f"{bag.name}_0.mcap"]
+        assert sorted(file.name for file in bag.iterdir()) == [
+            "metadata.yaml",
+            f"{bag.name}_0.mcap",
+        ]
         with BagReader(bag) as reader:
             assert {topic.lstrip("/") for topic in reader.topics} == set(INPUT_TYPES)
             assert sum(1 for _ in reader.messages()) == len(INPUT_TYPES) * drive.velocity.shape[0]
@@ -109,8 +129,22 @@ def contents(bag: Path) -> bytes:
 
 def test_no_byte_of_a_sealed_bag_tells_what_is_hidden(bags: list[Path]) -> None:
     truth = cases()[0].truth
-    words = {*EFFECTS, *GENERATORS, *soil_names(), "ground_truth", "truth", "effect", "hidden", truth.terrain}
-    numbers = [*truth.sizes, *truth.cohesion_pa, *truth.tan_phi, *(value for row in truth.constants for value in row)]
+    words = {
+        *EFFECTS,
+        *GENERATORS,
+        *soil_names(),
+        "ground_truth",
+        "truth",
+        "effect",
+        "hidden",
+        truth.terrain,
+    }
+    numbers = [
+        *truth.sizes,
+        *truth.cohesion_pa,
+        *truth.tan_phi,
+        *(value for row in truth.constants for value in row),
+    ]
     for bag in bags:
         data = contents(bag)
         found = {word for word in words if word.encode() in data.lower()}
@@ -125,7 +159,9 @@ def test_the_search_for_truth_finds_it_where_it_is(tmp_path: Path) -> None:
     """The same search, on a bag into whose wheel rates the hidden size was written."""
     case = cases()[0]
     size = case.truth.sizes[0]
-    drive = dataclasses.replace(case.drives[0], wheel_rate=torch.full_like(case.drives[0].wheel_rate, size))
+    drive = dataclasses.replace(
+        case.drives[0], wheel_rate=torch.full_like(case.drives[0].wheel_rate, size)
+    )
     bag = seal(Case(case.rover, [drive], case.truth), tmp_path)[0]
     assert torch.tensor(size, dtype=torch.float64).numpy().tobytes() in contents(bag)
 
@@ -134,7 +170,9 @@ def test_the_estimator_reads_sealed_bags_as_drives(bags: list[Path]) -> None:
     pipeline = Pipeline(load_model(), EstimatorConfig())
     with BagReader(bags[0]) as reader:
         decided = [
-            decision for message in reader.messages() for decision in pipeline.add(message.topic.lstrip("/"), reader.decode(message))
+            decision
+            for message in reader.messages()
+            for decision in pipeline.add(message.topic.lstrip("/"), reader.decode(message))
         ]
     assert len(decided) > 0.95 * cases()[0].drives[0].velocity.shape[0]
 

@@ -77,16 +77,25 @@ def test_generators_import_neither_the_library_of_effects_nor_discovery() -> Non
 def test_the_library_does_not_import_the_generators() -> None:
     root = HERE.parents[1]
     files = [
-        file for package in ("terramechanics", "terrain_estimator", "rover_sim_node") for file in (root / package / package).rglob("*.py")
+        file
+        for package in ("terramechanics", "terrain_estimator", "rover_sim_node")
+        for file in (root / package / package).rglob("*.py")
     ]
     assert len(files) > 80
     assert not [file for file in files if any(name.startswith("tests") for name in imported(file))]
 
 
-def test_every_simulated_effect_of_the_library_can_be_hidden_and_four_others_cannot_be_named() -> None:
+def test_every_simulated_effect_of_the_library_can_be_hidden_and_four_others_cannot_be_named() -> (
+    None
+):
     named = {name for name, effect in EFFECTS.items() if effect.make is not None}
     assert {name for name, effect in GENERATORS.items() if effect.known} == named
-    assert {name for name, effect in GENERATORS.items() if not effect.known} == {"tether", "gain_drift", "crust", "slow_clock"}
+    assert {name for name, effect in GENERATORS.items() if not effect.known} == {
+        "tether",
+        "gain_drift",
+        "crust",
+        "slow_clock",
+    }
 
 
 @pytest.mark.parametrize("name", GENERATORS)
@@ -94,18 +103,31 @@ def test_a_hidden_effect_without_size_leaves_everything_as_it_is(name: str) -> N
     run = hidden(name, 0.0)
     for series, plain in ((run.sample, nominal().sample), (run.seen, nominal().seen)):
         for item in fields(Sample):
-            torch.testing.assert_close(getattr(series, item.name), getattr(plain, item.name), rtol=1e-9, atol=1e-9, equal_nan=True)
+            torch.testing.assert_close(
+                getattr(series, item.name),
+                getattr(plain, item.name),
+                rtol=1e-9,
+                atol=1e-9,
+                equal_nan=True,
+            )
 
 
 @pytest.mark.parametrize("name", GENERATORS)
 def test_at_its_size_an_effect_shows_in_some_signal_and_fades_with_its_size(name: str) -> None:
     """Largest change of any signal over the deviation that its sensor publishes."""
-    quiet = measure_drive(MARS, nominal().seen, Noise(factor=1e-3), torch.Generator().manual_seed(1))
+    quiet = measure_drive(
+        MARS, nominal().seen, Noise(factor=1e-3), torch.Generator().manual_seed(1)
+    )
     signals = ("velocity", "slip", "sinkage", "torque", "pitch")
 
     def shown(share: float) -> float:
-        spreads = {signal: torch.as_tensor(getattr(quiet, f"{signal}_sd")) * 1e3 for signal in signals}
-        return max(float((moved(name, signal, share) / spreads[signal]).square().mean().sqrt()) for signal in signals)
+        spreads = {
+            signal: torch.as_tensor(getattr(quiet, f"{signal}_sd")) * 1e3 for signal in signals
+        }
+        return max(
+            float((moved(name, signal, share) / spreads[signal]).square().mean().sqrt())
+            for signal in signals
+        )
 
     whole, tenth = shown(1.0), shown(0.1)
     assert whole > 0.01  # in these eight seconds; a tether and a slow clock have hardly begun
@@ -134,14 +156,27 @@ def test_hidden_sensors_and_drives_do_not_move_the_rover(name: str) -> None:
 
 def test_soil_that_is_entered_faster_is_stiffer() -> None:
     sample = nominal().sample
-    wheels = Contact(*(getattr(sample, name)[:, -1] for name in ("slip", "sinkage", "constants", "strength")))
-    effect = GENERATORS["rate_dependence"].make(draw(torch.full((BATCH,), 0.3, dtype=torch.float64)))
+    wheels = Contact(
+        *(getattr(sample, name)[:, -1] for name in ("slip", "sinkage", "constants", "strength"))
+    )
+    effect = GENERATORS["rate_dependence"].make(
+        draw(torch.full((BATCH,), 0.3, dtype=torch.float64))
+    )
     stiffness = []
     for factor in (0.5, 1.0, 2.0):
-        where = Situation(MARS, 1.0, torch.arange(BATCH), sample.contact[:, -1], factor * sample.wheel_rate[:, -1], sample.velocity[:, -1])
+        where = Situation(
+            MARS,
+            1.0,
+            torch.arange(BATCH),
+            sample.contact[:, -1],
+            factor * sample.wheel_rate[:, -1],
+            sample.velocity[:, -1],
+        )
         stiffness.append(effect.contact(where, wheels).constants[..., 2])
     torch.testing.assert_close(stiffness[2] - stiffness[1], stiffness[1] - stiffness[0])
-    torch.testing.assert_close(stiffness[2] - stiffness[1], 0.3 * math.log(2.0) * wheels.constants[..., 2])
+    torch.testing.assert_close(
+        stiffness[2] - stiffness[1], 0.3 * math.log(2.0) * wheels.constants[..., 2]
+    )
 
 
 def test_a_load_on_the_deck_loads_the_rear_more_than_the_front() -> None:
@@ -160,7 +195,9 @@ def test_a_crust_breaks_below_one_wheel_after_the_other() -> None:
 
 def test_a_tether_pulls_the_harder_the_further_the_rover_is() -> None:
     run, plain = hidden("tether").sample, nominal().sample
-    along = 2.0 * (run.traction * torch.cos(run.contact_angle) - run.normal * torch.sin(run.contact_angle)).sum(-1)
+    along = 2.0 * (
+        run.traction * torch.cos(run.contact_angle) - run.normal * torch.sin(run.contact_angle)
+    ).sum(-1)
     pull = along - MARS.mass * run.specific_force(MARS.gravity)
     expected = GENERATORS["tether"].matters * run.contact[..., -1].clamp(min=0.0) / 10.0
     torch.testing.assert_close(pull, expected, rtol=1e-6, atol=1e-6)
@@ -190,11 +227,18 @@ def test_sizes_lie_around_the_one_that_matters_and_have_a_sign_where_it_is_drawn
     for hidden_effect in GENERATORS.values():
         sizes = sizes_of(hidden_effect, 1.0, 400, generator) / hidden_effect.matters
         assert 0.85 <= float(sizes.abs().min()) < float(sizes.abs().max()) <= 1.15
-        assert 0.4 * hidden_effect.signed <= float((sizes < 0.0).double().mean()) <= 0.6 * hidden_effect.signed
+        assert (
+            0.4 * hidden_effect.signed
+            <= float((sizes < 0.0).double().mean())
+            <= 0.6 * hidden_effect.signed
+        )
 
 
 def test_the_documented_sizes_are_those_that_are_hidden() -> None:
     lines = (HERE.parents[1] / "docs" / "effects.md").read_text(encoding="utf-8").splitlines()
     for name, effect in GENERATORS.items():
-        start = f"| {name} | {effect.law} | {'' if effect.unit == '1' else effect.unit} | {effect.matters:g} | "
+        start = (
+            f"| {name} | {effect.law} | {'' if effect.unit == '1' else effect.unit} |"
+            f" {effect.matters:g} | "
+        )
         assert sum(line.startswith(start) for line in lines) == 1, start

@@ -16,7 +16,10 @@ from tests.hidden.judge.judging import Record, investigated, judged, right
 from tests.hidden.judge.strata import KNOWN, OUTSIDE, SEED, TOGETHER, batches, families
 from tests.hidden.sealing import seal
 
-FIXED = {"none": Plan(seconds=30.0), **{name: Plan(((name, 1.0),), seconds=30.0) for name in ("payload", "gain_drift")}}
+FIXED = {
+    "none": Plan(seconds=30.0),
+    **{name: Plan(((name, 1.0),), seconds=30.0) for name in ("payload", "gain_drift")},
+}
 """Nothing, a named effect and one that the library lacks."""
 
 
@@ -51,8 +54,17 @@ def test_what_counts_as_right(plan: Plan, answers: set[str]) -> None:
 
 def record(family: str, plan: str, outcome: str, **more: Any) -> Record:
     good = {"none": "none", "outside": "unknown"}.get(family, "exact")
-    numbers = {"sizes": [(plan, 1.0, 0.1)], "equivalents": [1.1], "gap_closed": 0.9, "strength": [[0.4, 0.02], [0.1, 0.02]]}
-    return {"family": family, "plan": plan, "outcome": outcome, "right": outcome == good} | numbers | more
+    numbers = {
+        "sizes": [(plan, 1.0, 0.1)],
+        "equivalents": [1.1],
+        "gap_closed": 0.9,
+        "strength": [[0.4, 0.02], [0.1, 0.02]],
+    }
+    return (
+        {"family": family, "plan": plan, "outcome": outcome, "right": outcome == good}
+        | numbers
+        | more
+    )
 
 
 def found(records: list[Record]) -> dict[str, tuple[str, str]]:
@@ -62,26 +74,57 @@ def found(records: list[Record]) -> dict[str, tuple[str, str]]:
 
 def test_bars_tell_met_from_missed_and_from_too_few_cases() -> None:
     nulls = [record("none", "none", "none")] * 195 + [record("none", "none", "wrong name")] * 5
-    assert found(nulls)["nothing hidden, soil constants wrong by up to 5 %: anything named"] == (proportion(5, 200), "met")
+    assert found(nulls)["nothing hidden, soil constants wrong by up to 5 %: anything named"] == (
+        proportion(5, 200),
+        "met",
+    )
     few = found(nulls[:100])["nothing hidden, soil constants wrong by up to 5 %: anything named"]
     assert few == (proportion(0, 100), "open: 200 cases are asked for")
     many = [record("none", "none", "wrong name")] * 11 + nulls[:189]
-    assert found(many)["nothing hidden, soil constants wrong by up to 5 %: anything named"][1] == "missed"
+    assert (
+        found(many)["nothing hidden, soil constants wrong by up to 5 %: anything named"][1]
+        == "missed"
+    )
     assert found([])["outside the library: unknown"] == ("no cases", "not measured")
 
 
 def test_bars_measure_names_sizes_gap_and_bias_on_cases_that_matter() -> None:
-    names = [record("matters", "latency", "exact")] * 8 + [record("matters", "latency", "set"), record("matters", "latency", "unknown")]
-    rows = found([*names, record("tenth", "latency", "wrong name"), record("matters", "latency", "exact", equivalents=[1.3])])
-    assert rows["right name, or a confusable set with it"] == (proportion(10, 11), "open: 100 cases are asked for")
-    assert rows["95 % interval of the size holds that of the nearest named law"][0] == proportion(8, 9)
-    assert rows["held-out gap closed on the way to the noise floor, when named, median"][0].startswith("90% of 10")
+    names = [record("matters", "latency", "exact")] * 8 + [
+        record("matters", "latency", "set"),
+        record("matters", "latency", "unknown"),
+    ]
+    rows = found(
+        [
+            *names,
+            record("tenth", "latency", "wrong name"),
+            record("matters", "latency", "exact", equivalents=[1.3]),
+        ]
+    )
+    assert rows["right name, or a confusable set with it"] == (
+        proportion(10, 11),
+        "open: 100 cases are asked for",
+    )
+    assert rows["95 % interval of the size holds that of the nearest named law"][0] == proportion(
+        8, 9
+    )
+    assert rows["held-out gap closed on the way to the noise floor, when named, median"][
+        0
+    ].startswith("90% of 10")
     assert rows["bias of c after, relative to before"][0].startswith("25% of 10")
-    assert rows["bias of tan phi after, relative to before"] == ("100% of 10 (100% to 100%)", "open: 80 cases are asked for")
+    assert rows["bias of tan phi after, relative to before"] == (
+        "100% of 10 (100% to 100%)",
+        "open: 80 cases are asked for",
+    )
 
 
 def test_outcomes_are_counted_by_family_and_effect() -> None:
-    table = outcomes([record("outside", "tether", "unknown"), record("outside", "crust", "wrong name"), record("none", "none", "none")])
+    table = outcomes(
+        [
+            record("outside", "tether", "unknown"),
+            record("outside", "crust", "wrong name"),
+            record("none", "none", "none"),
+        ]
+    )
     assert f"| outside | all | 2 |  |  |  | 1 | 1 |  | {proportion(1, 2)} |" in table
     assert f"| none | none | 1 |  |  |  |  |  | 1 | {proportion(1, 1)} |" in table
 
@@ -94,9 +137,19 @@ def test_the_sample_has_every_effect_at_three_sizes_and_at_least_200_cases_of_no
     sample = batches(whole=False)
     keys = [key for batch in sample for key in batch.keys]
     assert len(set(keys)) == len(keys)
-    counts = Counter({family: TOGETHER * count for family, count in Counter(batch.family for batch in sample).items()})
+    counts = Counter(
+        {
+            family: TOGETHER * count
+            for family, count in Counter(batch.family for batch in sample).items()
+        }
+    )
     assert counts["none"] >= 200
-    assert {name for family in ("matters", "third", "tenth") for plan in families()[family][0] for name in plan.names} == set(KNOWN)
+    assert {
+        name
+        for family in ("matters", "third", "tenth")
+        for plan in families()[family][0]
+        for name in plan.names
+    } == set(KNOWN)
     assert set(KNOWN) | set(OUTSIDE) == set(GENERATORS)
 
 

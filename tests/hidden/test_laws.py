@@ -26,7 +26,14 @@ SET_OF_DRIVES = DRIVES * 600
 ABOVE_NOISE = 25.0
 """Sum of squared differences in deviations of the sensors: five times what noise alone would make of the one best contrast."""
 SIGNALS = ("velocity", "pitch", "slip", "sinkage", "torque")
-OTHER_LAWS = ("bulldozing", "grousers", "slip_sinkage", "multipass", "odometry_scale", "rate_dependence")
+OTHER_LAWS = (
+    "bulldozing",
+    "grousers",
+    "slip_sinkage",
+    "multipass",
+    "odometry_scale",
+    "rate_dependence",
+)
 
 
 def drive(effect: Effect) -> Drive:
@@ -47,7 +54,10 @@ def leftover(name: str) -> float:
 
     def distance(named: Drive) -> float:
         parts = [
-            ((getattr(named.seen, signal) - getattr(hidden.seen, signal)) / torch.as_tensor(getattr(measured, f"{signal}_sd"))).square()
+            (
+                (getattr(named.seen, signal) - getattr(hidden.seen, signal))
+                / torch.as_tensor(getattr(measured, f"{signal}_sd"))
+            ).square()
             for signal in SIGNALS
         ]
         return float(sum(part.sum() for part in parts)) / (BATCH * STEPS) * SET_OF_DRIVES
@@ -63,4 +73,9 @@ def test_at_least_five_hidden_laws_differ_from_the_named_ones_by_more_than_noise
 def test_the_measure_is_zero_for_a_law_that_is_the_named_one() -> None:
     sizes: Tensor = torch.full((BATCH,), 10.0, dtype=torch.float64)
     one, other = (drive(make_effect("payload", size)).seen for size in (sizes, 10.0))
-    assert max(float((getattr(one, signal) - getattr(other, signal)).abs().max()) for signal in SIGNALS) < 1e-9
+    assert (
+        max(
+            float((getattr(one, signal) - getattr(other, signal)).abs().max()) for signal in SIGNALS
+        )
+        < 1e-9
+    )

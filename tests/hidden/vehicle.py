@@ -53,7 +53,9 @@ class WornCoupling(Sized):
     def __init__(self, sizes: Tensor, axle: Tensor) -> None:
         super().__init__(sizes)
         self.axle = axle  # [batch]
-        self.lag = torch.full_like(sizes, 0.05) * sizes  # slip lost by the coupling when it was last asked for: a start of the search
+        self.lag = (
+            torch.full_like(sizes, 0.05) * sizes
+        )  # slip lost by the coupling when it was last asked for: a start of the search
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         turn = where.rate.mean(-1, keepdim=True) * where.time
@@ -63,7 +65,9 @@ class WornCoupling(Sized):
         episode = torch.arange(where.episode.shape[0])
         axle = self.axle[where.episode]
         soil = (contact.constants[..., episode, axle, :], contact.strength[..., episode, axle, :])
-        wheel = Contact(contact.slip[..., episode, axle], contact.sinkage[..., episode, axle], *soil)
+        wheel = Contact(
+            contact.slip[..., episode, axle], contact.sinkage[..., episode, axle], *soil
+        )
         rim = _slip_of_torque(wheel, where, lost.squeeze(-1), self.lag[where.episode])
         self.lag[where.episode] = (wheel.slip - rim).reshape(-1, episode.shape[0])[0]
         return dataclasses.replace(contact, slip=torch.where(here, rim.unsqueeze(-1), contact.slip))
@@ -73,7 +77,9 @@ def _slip_of_torque(wheel: Contact, where: Situation, lost: Tensor, lag: Tensor)
     """Slip at which the ground takes (1 - lost) of the torque of the commanded slip, by secants."""
 
     def torque(slip: Tensor) -> Tensor:
-        return dataclasses.replace(wheel, slip=slip).forces(where.rover.wheel_radius, where.rover.wheel_width, NODES)[..., 2]
+        return dataclasses.replace(wheel, slip=slip).forces(
+            where.rover.wheel_radius, where.rover.wheel_width, NODES
+        )[..., 2]
 
     slip = (wheel.slip - lag).clamp(LOWEST, HIGHEST)
     whole, value, nearby = torque(torch.stack([wheel.slip, slip, slip + NEAR]))

@@ -21,7 +21,10 @@ def written(folder: Path, text: str, **changes: object) -> Path:
     """A file with that content, some of its keys changed; a change to None leaves the key out."""
     content = yaml.safe_load(text) | changes
     path = folder / "given.yaml"
-    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}), encoding="utf-8")
+    path.write_text(
+        yaml.safe_dump({key: value for key, value in content.items() if value is not None}),
+        encoding="utf-8",
+    )
     return path
 
 
@@ -33,8 +36,18 @@ def test_the_presets_are_those_of_the_literature() -> None:
     assert compact.constants().tolist() == [0.47, 900.0, 1523400.0, 0.038, 0.43, 0.32]
     assert [getattr(loose, name) for name in CONSTANTS] == loose.constants().tolist()
     paper, mars = load_rover("paper_rover"), load_rover("mars_rover")
-    assert (paper.mass, paper.wheel_radius, paper.wheel_width, paper.gravity) == (10.0, 0.4, 0.1, 9.81)
-    assert (mars.mass, mars.wheel_radius, mars.wheel_width, mars.gravity) == (185.0, 0.13, 0.16, 3.72)
+    assert (paper.mass, paper.wheel_radius, paper.wheel_width, paper.gravity) == (
+        10.0,
+        0.4,
+        0.1,
+        9.81,
+    )
+    assert (mars.mass, mars.wheel_radius, mars.wheel_width, mars.gravity) == (
+        185.0,
+        0.13,
+        0.16,
+        3.72,
+    )
     assert paper.wheels_per_axle == mars.wheels_per_axle == 2
     assert mars.wheel_names[0] == "front_left"
     assert mars.wheel_axle == (0, 0, 1, 1, 2, 2)
@@ -58,7 +71,9 @@ def test_a_number_with_an_exponent_is_a_number(tmp_path: Path) -> None:
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:
-    with pytest.raises(ConfigError, match=r"mud: neither one of the soils .*compact_sand, loose_sand, regolith"):
+    with pytest.raises(
+        ConfigError, match=r"mud: neither one of the soils .*compact_sand, loose_sand, regolith"
+    ):
         load_soil("mud")
     with pytest.raises(ConfigError, match=r"nowhere\.yaml: neither one of the rovers"):
         load_rover("nowhere.yaml")
@@ -73,12 +88,17 @@ def test_an_unknown_name_lists_what_there_is() -> None:
         ({"n": True}, r"n: expected a number, got True"),
         ({"k_phi": 0}, r"k_phi: 0 is outside its range: a finite number above 0"),
         ({"k_phi": float("nan")}, r"k_phi: nan is outside its range"),
-        ({"cohesion": -1.0}, r"cohesion: -1 is outside its range: a finite number at least 0 \[Pa\]"),
+        (
+            {"cohesion": -1.0},
+            r"cohesion: -1 is outside its range: a finite number at least 0 \[Pa\]",
+        ),
         ({"n": 4.0}, r"n: 4 is outside its range: .* at most 3"),
         ({"name": 3}, r"name: expected a text"),
     ],
 )
-def test_a_wrong_soil_is_refused_by_name(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+def test_a_wrong_soil_is_refused_by_name(
+    tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
     with pytest.raises(ConfigError, match=message):
         load_soil(written(tmp_path, LOOSE, **changes))
 
@@ -95,19 +115,36 @@ WHEELS = yaml.safe_load(MARS)["wheels"]
         ({"axle_x": [0.7, 0.0, "x"]}, r"axle_x\[2\]: expected a number, got 'x'"),
         ({"axle_x": 0.7}, r"axle_x: expected a list, got 0\.7"),
         ({"axle_x": [-0.7, 0.0, 0.7]}, r"axle_x .* must fall from front to rear"),
-        ({"bogie_pivot_x": 0.2}, r"bogie_pivot_x 0\.2 must lie between the middle and the rear axle"),
+        (
+            {"bogie_pivot_x": 0.2},
+            r"bogie_pivot_x 0\.2 must lie between the middle and the rear axle",
+        ),
         ({"cruise_speed": [0.3, 0.1]}, r"cruise_speed .* must not fall"),
         ({"wheels": []}, r"wheels: expected a list of at least 1 values"),
         ({"wheels": [*WHEELS[:5], WHEELS[0]]}, r"wheels: the names .* are not all different"),
-        ({"wheels": WHEELS[:5]}, r"wheels: every one of the 3 axles needs the same number of wheels, got \[2, 2, 1\]"),
+        (
+            {"wheels": WHEELS[:5]},
+            r"wheels: every one of the 3 axles needs the same number of wheels, got \[2, 2, 1\]",
+        ),
         ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 3}]}, r"wheels: every one of the 3 axles"),
-        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 2, "sight": "left"}]}, r"wheels\[5\]: unknown key 'sight'"),
-        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 2, "side": "up"}]}, r"wheels\[5\]: wheel x: side 'up'"),
-        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 2.0}]}, r"wheels\[5\]: axle: expected a whole number"),
+        (
+            {"wheels": [*WHEELS[:5], {"name": "x", "axle": 2, "sight": "left"}]},
+            r"wheels\[5\]: unknown key 'sight'",
+        ),
+        (
+            {"wheels": [*WHEELS[:5], {"name": "x", "axle": 2, "side": "up"}]},
+            r"wheels\[5\]: wheel x: side 'up'",
+        ),
+        (
+            {"wheels": [*WHEELS[:5], {"name": "x", "axle": 2.0}]},
+            r"wheels\[5\]: axle: expected a whole number",
+        ),
         ({"wheels": [*WHEELS[:5], "rear"]}, r"wheels\[5\]: expected a mapping"),
     ],
 )
-def test_a_wrong_rover_is_refused_by_name(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+def test_a_wrong_rover_is_refused_by_name(
+    tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
     with pytest.raises(ConfigError, match=message):
         load_rover(written(tmp_path, MARS, **changes))
 

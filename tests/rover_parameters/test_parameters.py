@@ -18,7 +18,9 @@ from terrain_estimator.config import EstimatorConfig
 @pytest.mark.parametrize("config", NODES.values(), ids=NODES)
 def test_every_parameter_is_described_and_its_default_may_be_given(config: type[Any]) -> None:
     assert str(configure(config, {})) == str(config())  # as texts: NaN is not equal to itself
-    assert str(effective(config())) == str({entry.name: entry.default for entry in parameters(config)})
+    assert str(effective(config())) == str(
+        {entry.name: entry.default for entry in parameters(config)}
+    )
     assert all(entry.description for entry in parameters(config))
     assert str(configure(config, effective(config()))) == str(config())
 
@@ -31,7 +33,9 @@ def test_help_lists_every_parameter(config: type[Any]) -> None:
 
 def test_nested_and_flat_names_mean_the_same() -> None:
     nested = configure(EstimatorConfig, {"prior": {"cohesion_mean": 1200.0, "cohesion_sd": 300.0}})
-    assert nested == configure(EstimatorConfig, {"prior.cohesion_mean": 1200.0, "prior.cohesion_sd": 300.0})
+    assert nested == configure(
+        EstimatorConfig, {"prior.cohesion_mean": 1200.0, "prior.cohesion_sd": 300.0}
+    )
     assert nested.core.prior_cohesion_mean_pa == 1200.0
 
 
@@ -45,26 +49,60 @@ def test_an_int_is_taken_where_a_float_is_meant() -> None:
     ("config", "values", "words"),
     [
         (EstimatorConfig, {"modell": "x"}, ["modell", "did you mean model?"]),
-        (EstimatorConfig, {"prior": {"cohesion_men": 1.0}}, ["prior.cohesion_men", "did you mean prior.cohesion_mean?"]),
+        (
+            EstimatorConfig,
+            {"prior": {"cohesion_men": 1.0}},
+            ["prior.cohesion_men", "did you mean prior.cohesion_mean?"],
+        ),
         (EstimatorConfig, {"prior": 3}, ["parameter prior"]),
         (EstimatorConfig, {"zzz": 1}, ["zzz", "known are", "use_imu"]),
         (EstimatorConfig, {"use_imu": 1}, ["use_imu", "true or false"]),
         (EstimatorConfig, {"pairing_timeout": "long"}, ["pairing_timeout", "'long'", "a number"]),
-        (EstimatorConfig, {"pairing_timeout": -1.0}, ["pairing_timeout", "-1", "at least 0 and at most 60 [s]"]),
+        (
+            EstimatorConfig,
+            {"pairing_timeout": -1.0},
+            ["pairing_timeout", "-1", "at least 0 and at most 60 [s]"],
+        ),
         (EstimatorConfig, {"pairing_timeout": float("nan")}, ["pairing_timeout", "nan"]),
-        (EstimatorConfig, {"prior.cohesion_mean": 1000.0}, ["prior.cohesion_mean", "prior.cohesion_sd"]),
-        (EstimatorConfig, {"prior.tan_phi_sd": 0.1}, ["prior.tan_phi_sd: 0.1", "prior.tan_phi_mean", "both or none"]),
+        (
+            EstimatorConfig,
+            {"prior.cohesion_mean": 1000.0},
+            ["prior.cohesion_mean", "prior.cohesion_sd"],
+        ),
+        (
+            EstimatorConfig,
+            {"prior.tan_phi_sd": 0.1},
+            ["prior.tan_phi_sd: 0.1", "prior.tan_phi_mean", "both or none"],
+        ),
         (SimulatorConfig, {"sed": 1}, ["unknown parameter sed", "did you mean seed?"]),
-        (SimulatorConfig, {"soil_overrides.cohesio": 1.0}, ["soil_overrides.cohesio", "did you mean soil_overrides.cohesion?"]),
-        (SimulatorConfig, {"soil_overrides": {"cohesion": -1.0}}, ["soil_overrides.cohesion: -1 is outside its range"]),
-        (SimulatorConfig, {"soil_overrides.n": float("inf")}, ["soil_overrides.n: inf is outside its range"]),
-        (SimulatorConfig, {"rate": 0.0}, ["rate: 0 is outside its range", "at least 1 and at most 50 [Hz]"]),
+        (
+            SimulatorConfig,
+            {"soil_overrides.cohesio": 1.0},
+            ["soil_overrides.cohesio", "did you mean soil_overrides.cohesion?"],
+        ),
+        (
+            SimulatorConfig,
+            {"soil_overrides": {"cohesion": -1.0}},
+            ["soil_overrides.cohesion: -1 is outside its range"],
+        ),
+        (
+            SimulatorConfig,
+            {"soil_overrides.n": float("inf")},
+            ["soil_overrides.n: inf is outside its range"],
+        ),
+        (
+            SimulatorConfig,
+            {"rate": 0.0},
+            ["rate: 0 is outside its range", "at least 1 and at most 50 [Hz]"],
+        ),
         (SimulatorConfig, {"seed": 1.5}, ["seed: expected a whole number"]),
         (SimulatorConfig, {"soil": 3}, ["soil: expected a text"]),
         (SimulatorConfig, {"soil.name": "x", "soil": "y"}, ["unknown parameter soil.name"]),
     ],
 )
-def test_what_is_wrong_is_named_with_what_to_do(config: type[Any], values: dict[str, Any], words: list[str]) -> None:
+def test_what_is_wrong_is_named_with_what_to_do(
+    config: type[Any], values: dict[str, Any], words: list[str]
+) -> None:
     with pytest.raises(ConfigError) as error:
         configure(config, values)
     assert all(word in str(error.value) for word in words), error.value
@@ -72,13 +110,18 @@ def test_what_is_wrong_is_named_with_what_to_do(config: type[Any], values: dict[
 
 def test_the_fingerprint_depends_on_values_and_not_on_paths() -> None:
     plain = EstimatorConfig()
-    assert plain.sha256() == configure(EstimatorConfig, {"model": "elsewhere.pt", "rover": "mars_rover"}).sha256()
+    assert (
+        plain.sha256()
+        == configure(EstimatorConfig, {"model": "elsewhere.pt", "rover": "mars_rover"}).sha256()
+    )
     assert plain.sha256() != configure(EstimatorConfig, {"use_imu": False}).sha256()
     assert plain.sha256("ab") != plain.sha256()
 
 
 @pytest.mark.parametrize(("node", "config"), NODES.items(), ids=NODES)
-def test_a_dumped_configuration_read_again_is_the_same(node: str, config: type[Any], tmp_path: Path) -> None:
+def test_a_dumped_configuration_read_again_is_the_same(
+    node: str, config: type[Any], tmp_path: Path
+) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(template(f"/{node}", config()))
     assert str(configure(config, read_parameters(path, f"/{node}"))) == str(config())
@@ -100,7 +143,9 @@ SECTIONS = [
 
 
 @pytest.mark.parametrize(("section", "node", "matches"), SECTIONS)
-def test_a_section_is_for_the_nodes_whose_name_it_matches(tmp_path: Path, section: str, node: str, *, matches: bool) -> None:
+def test_a_section_is_for_the_nodes_whose_name_it_matches(
+    tmp_path: Path, section: str, node: str, *, matches: bool
+) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(f"{section}: {{ros__parameters: {{use_imu: false, use_sim_time: true}}}}\n")
     if matches:
@@ -126,14 +171,27 @@ def test_namespaces_may_be_nested_and_a_later_section_wins(tmp_path: Path) -> No
         "/**: {ros__parameters: {prior: {soil: regolith, tan_phi_sd: 0.2}}}\n"
         "rover1: {estimator: {ros__parameters: {prior: {tan_phi_sd: 1e-1}}}}\n"
     )
-    assert read_parameters(path, "/rover1/estimator") == {"prior.soil": "regolith", "prior.tan_phi_sd": 0.1}
+    assert read_parameters(path, "/rover1/estimator") == {
+        "prior.soil": "regolith",
+        "prior.tan_phi_sd": 0.1,
+    }
 
 
 @pytest.mark.parametrize(
     "content",
-    ["", "simulator: {ros__parameters: {}}", "[1, 2]", "estimator: {use_imu: true}", "estimator: {", "\x00", "a: {ros_parameters: {b: 1}}"],
+    [
+        "",
+        "simulator: {ros__parameters: {}}",
+        "[1, 2]",
+        "estimator: {use_imu: true}",
+        "estimator: {",
+        "\x00",
+        "a: {ros_parameters: {b: 1}}",
+    ],
 )
-def test_a_file_without_the_nodes_parameters_is_refused_by_name(tmp_path: Path, content: str) -> None:
+def test_a_file_without_the_nodes_parameters_is_refused_by_name(
+    tmp_path: Path, content: str
+) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(content)
     with pytest.raises(ConfigError, match=r"p\.yaml"):

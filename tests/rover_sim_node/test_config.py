@@ -14,14 +14,25 @@ def test_nothing_given_owns_no_clock() -> None:
 
 
 def test_dotted_names_reach_the_nested_values() -> None:
-    config = configure(SimulatorConfig, {"soil_overrides.cohesion": 900, "change.soil": "compact_sand", "seed": 4, "real_time_factor": 2})
+    config = configure(
+        SimulatorConfig,
+        {
+            "soil_overrides.cohesion": 900,
+            "change.soil": "compact_sand",
+            "seed": 4,
+            "real_time_factor": 2,
+        },
+    )
     assert config.soil_overrides.given() == {"cohesion": 900.0}
     assert config.change.soil == "compact_sand"
     assert config.owns_clock
 
 
 def test_a_drive_of_any_duration_ends() -> None:
-    steps = [configure(SimulatorConfig, {"duration": duration}).steps for duration in (0.0, 0.04, 0.1, 60.0)]
+    steps = [
+        configure(SimulatorConfig, {"duration": duration}).steps
+        for duration in (0.0, 0.04, 0.1, 60.0)
+    ]
     assert steps == [0, 1, 1, 600], "0 does not end; what is shorter than a sample did not either"
 
 

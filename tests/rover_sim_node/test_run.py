@@ -30,22 +30,35 @@ def readings(config: SimulatorConfig, steps: int) -> list[Reading]:
 
 
 def messages(config: SimulatorConfig, steps: int) -> list[dict[str, Any]]:
-    return [step_messages(reading, config, round(reading.time * 1e9), n) for n, reading in enumerate(readings(config, steps))]
+    return [
+        step_messages(reading, config, round(reading.time * 1e9), n)
+        for n, reading in enumerate(readings(config, steps))
+    ]
 
 
 def test_the_drive_is_the_one_that_a_batch_simulates() -> None:
     generator = torch.Generator().manual_seed(2 * CONFIG.seed)
-    drive = simulate(load_rover("mars_rover"), Ground.constant(load_soil("loose_sand")), "S1", 3.0, generator, 1)
+    drive = simulate(
+        load_rover("mars_rover"), Ground.constant(load_soil("loose_sand")), "S1", 3.0, generator, 1
+    )
     exact = readings(dataclasses.replace(CONFIG, noise=0.0), 30)
-    assert [float(reading.measured.velocity) for reading in exact] == drive.sample.velocity[0].tolist()
-    assert [reading.measured.slip[::2].tolist() for reading in exact] == drive.sample.slip[0].tolist()
-    assert [reading.measured.wheel_rate[1::2].tolist() for reading in exact] == drive.sample.wheel_rate[0].tolist()
+    assert [float(reading.measured.velocity) for reading in exact] == drive.sample.velocity[
+        0
+    ].tolist()
+    assert [reading.measured.slip[::2].tolist() for reading in exact] == drive.sample.slip[
+        0
+    ].tolist()
+    assert [
+        reading.measured.wheel_rate[1::2].tolist() for reading in exact
+    ] == drive.sample.wheel_rate[0].tolist()
 
 
 def plain(message: Any) -> object:
     """Every value of a message, exactly. (Not its bytes: what pads them is garbage.)"""
     if hasattr(message, "get_fields_and_field_types"):
-        return {name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()}
+        return {
+            name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()
+        }
     if isinstance(message, float):
         return message.hex()
     if isinstance(message, str | int):
@@ -54,7 +67,10 @@ def plain(message: Any) -> object:
 
 
 def test_the_same_seed_gives_the_same_messages_and_another_seed_others() -> None:
-    first, again, other = ([plain_step(step) for step in messages(dataclasses.replace(CONFIG, seed=seed), 10)] for seed in (5, 5, 6))
+    first, again, other = (
+        [plain_step(step) for step in messages(dataclasses.replace(CONFIG, seed=seed), 10)]
+        for seed in (5, 5, 6)
+    )
     assert first == again
     assert first[0]["wheel_slip"] != other[0]["wheel_slip"]
 
@@ -74,16 +90,22 @@ def test_errors_are_as_large_as_the_published_deviations_and_another_in_every_wh
             for run, key in ((noisy, name), (noisy, f"{name}_sd"), (exact, name))
         )
         errors = (values - truths) / deviations
-        assert float((errors**2).mean()) == pytest.approx(1.0, abs=4.5 * math.sqrt(2.0 / 3600.0) + 0.05), name
+        assert float((errors**2).mean()) == pytest.approx(
+            1.0, abs=4.5 * math.sqrt(2.0 / 3600.0) + 0.05
+        ), name
         between_wheels = torch.corrcoef(errors.T) - torch.eye(6, dtype=torch.float64)
         assert float(between_wheels.abs().max()) < 5.0 / math.sqrt(steps), name
-    velocity = torch.stack([reading.measured.velocity for reading in noisy]) - torch.stack([reading.measured.velocity for reading in exact])
+    velocity = torch.stack([reading.measured.velocity for reading in noisy]) - torch.stack(
+        [reading.measured.velocity for reading in exact]
+    )
     assert float(velocity.std()) == pytest.approx(0.01, rel=4.5 / math.sqrt(2.0 * steps))
 
 
 def test_every_message_of_a_step_has_the_same_stamp_and_its_frame() -> None:
     for n, step in enumerate(messages(CONFIG, 5)):
-        stamps = {(message.header.stamp.sec, message.header.stamp.nanosec) for message in step.values()}
+        stamps = {
+            (message.header.stamp.sec, message.header.stamp.nanosec) for message in step.values()
+        }
         assert stamps == {(0, (n + 1) * 100_000_000)}
         assert step["wheel_slip"].sequence == step["wheel_sinkage"].sequence == n
         assert {topic: message.header.frame_id for topic, message in step.items()} == {
@@ -116,7 +138,10 @@ def test_a_climb_is_a_negative_rotation_about_y_and_specific_force_pulls_back() 
 def test_covariances_are_filled_positive_and_grow_with_the_way_for_the_pose() -> None:
     first, *_, last = messages(CONFIG, 40)
     for step in (first, last):
-        pose, twist = (np.asarray(covariance).reshape(6, 6) for covariance in (step["odom"].pose.covariance, step["odom"].twist.covariance))
+        pose, twist = (
+            np.asarray(covariance).reshape(6, 6)
+            for covariance in (step["odom"].pose.covariance, step["odom"].twist.covariance)
+        )
         assert np.linalg.eigvalsh(pose).min() > 0.0
         assert np.linalg.eigvalsh(twist).min() > 0.0
         assert twist[0, 0] == pytest.approx(0.01**2)
@@ -124,13 +149,17 @@ def test_covariances_are_filled_positive_and_grow_with_the_way_for_the_pose() ->
         orientation = np.asarray(step["imu"].orientation_covariance).reshape(3, 3)
         assert orientation[1, 1] == pytest.approx(math.radians(0.3) ** 2)
         assert step["imu"].angular_velocity_covariance[0] == -1.0
-        assert np.asarray(step["imu"].linear_acceleration_covariance).reshape(3, 3)[0, 0] == pytest.approx(2.0 * 0.02**2)
+        assert np.asarray(step["imu"].linear_acceleration_covariance).reshape(3, 3)[
+            0, 0
+        ] == pytest.approx(2.0 * 0.02**2)
     assert last["odom"].pose.covariance[0] > 10.0 * first["odom"].pose.covariance[0]
 
 
 def test_the_odometry_of_exact_sensors_is_the_integral_of_velocity() -> None:
     exact = readings(SimulatorConfig(noise=0.0, seed=2), 100)
-    way = sum(0.1 * float(item.measured.velocity) * math.cos(float(item.measured.pitch)) for item in exact)
+    way = sum(
+        0.1 * float(item.measured.velocity) * math.cos(float(item.measured.pitch)) for item in exact
+    )
     assert exact[-1].odometry[0] == pytest.approx(way)
     turned = sum(0.1 * float(item.measured.wheel_rate[0]) for item in exact)
     assert float(exact[-1].wheel_angle[0]) == pytest.approx(turned)
@@ -139,16 +168,25 @@ def test_the_odometry_of_exact_sensors_is_the_integral_of_velocity() -> None:
 @pytest.mark.parametrize(("transition", "grounds"), [(0.0, 2), (0.5, 5)])
 def test_the_truth_follows_a_change_of_the_ground(transition: float, grounds: int) -> None:
     change = GroundChange(soil="compact_sand", position=0.4, transition=transition)
-    config = SimulatorConfig(change=change, soil_overrides=SoilOverrides(cohesion=1500.0, tan_phi=0.7), schedule="S3")
+    config = SimulatorConfig(
+        change=change, soil_overrides=SoilOverrides(cohesion=1500.0, tan_phi=0.7), schedule="S3"
+    )
     truths = [reading.truth for reading in readings(config, 150)]
     assert truths[0].strength == (1500.0, 0.7)
-    assert [soil for soil, _ in itertools.groupby(truth.soil for truth in truths)] == ["loose_sand", "compact_sand"]
+    assert [soil for soil, _ in itertools.groupby(truth.soil for truth in truths)] == [
+        "loose_sand",
+        "compact_sand",
+    ]
     assert truths[-1].strength == pytest.approx((690.0, 0.6569))
     assert len({truth.strength for truth in truths}) >= grounds
     message = truth_message(truths[-1], config, 15_000_000_000, 3)
     assert message.sinkage_exponent == pytest.approx(0.47)
     assert message.friction_angle == pytest.approx(math.atan(0.6569))
-    assert (message.shear_modulus, message.stress_angle_offset, message.sequence) == (pytest.approx(0.038), pytest.approx(0.43), 3)
+    assert (message.shear_modulus, message.stress_angle_offset, message.sequence) == (
+        pytest.approx(0.038),
+        pytest.approx(0.43),
+        3,
+    )
     assert list(message.effect) == []
 
 
@@ -172,7 +210,7 @@ def test_the_truth_names_the_effect_with_its_size_and_the_report_of_a_run_shows_
 
 
 def test_a_rover_without_commands_stands_and_its_slip_is_undefined() -> None:
-    (step, *_) = messages(SimulatorConfig(schedule="cmd_vel"), 3)
+    step, *_ = messages(SimulatorConfig(schedule="cmd_vel"), 3)
     assert all(math.isnan(slip) for slip in step["wheel_slip"].slip)
     assert all(math.isfinite(depth) for depth in step["wheel_sinkage"].sinkage)
     assert not any(step["joint_states"].velocity[:6])
@@ -187,12 +225,24 @@ def test_another_rate_gives_other_steps() -> None:
     ("config", "message"),
     [
         (SimulatorConfig(soil="mud"), "mud: neither one of the soils"),
-        (SimulatorConfig(effect="ice"), "effect: unknown effect 'ice'; known effects are slope_bias, bulldozing"),
-        (SimulatorConfig(effect="payload", effect_size=900.0), r"payload: size 900 is outside its physical range, -80 to 150 \[kg\]"),
+        (
+            SimulatorConfig(effect="ice"),
+            "effect: unknown effect 'ice'; known effects are slope_bias, bulldozing",
+        ),
+        (
+            SimulatorConfig(effect="payload", effect_size=900.0),
+            r"payload: size 900 is outside its physical range, -80 to 150 \[kg\]",
+        ),
         (SimulatorConfig(effect="lateral_bulldozing"), "lateral_bulldozing acts sideways"),
         (SimulatorConfig(rover="car"), "car: neither one of the rovers"),
-        (SimulatorConfig(schedule="S9"), "parameter schedule: 'S9' is unknown, give one of S1, S2, S3, S4, cmd_vel"),
-        (SimulatorConfig(profile="moon"), "parameter profile: 'moon' is unknown, give one of flat, hills, ramp, step or nothing"),
+        (
+            SimulatorConfig(schedule="S9"),
+            "parameter schedule: 'S9' is unknown, give one of S1, S2, S3, S4, cmd_vel",
+        ),
+        (
+            SimulatorConfig(profile="moon"),
+            "parameter profile: 'moon' is unknown, give one of flat, hills, ramp, step or nothing",
+        ),
         (SimulatorConfig(change=GroundChange(soil="ice")), "ice: neither one of the soils"),
     ],
 )

@@ -16,12 +16,17 @@ NOTHING = (0.0, 0.0, 0.0)
 
 
 def commands() -> VelocityCommands:
-    return VelocityCommands(ROVER, SimulatorConfig(cmd_vel_acceleration=0.2, cmd_vel_timeout=0.5, cmd_vel_limit=1.0))
+    return VelocityCommands(
+        ROVER, SimulatorConfig(cmd_vel_acceleration=0.2, cmd_vel_timeout=0.5, cmd_vel_limit=1.0)
+    )
 
 
 def speeds(followed: VelocityCommands, first: int, last: int) -> list[float]:
     """Commanded circumferential speeds of steps first to last."""
-    return [float(followed.command(0.1 * step)[0, 0]) * ROVER.wheel_radius for step in range(first, last + 1)]
+    return [
+        float(followed.command(0.1 * step)[0, 0]) * ROVER.wheel_radius
+        for step in range(first, last + 1)
+    ]
 
 
 def test_the_wheels_gain_speed_with_bounded_acceleration_and_keep_it() -> None:
@@ -33,7 +38,9 @@ def test_the_wheels_gain_speed_with_bounded_acceleration_and_keep_it() -> None:
 def test_a_stale_command_stops_the_rover() -> None:
     followed = commands()
     followed.request((0.04, 0.0, 0.0), NOTHING)
-    assert speeds(followed, 1, 9) == pytest.approx([0.02, 0.04, 0.04, 0.04, 0.04, 0.02, 0.0, 0.0, 0.0])
+    assert speeds(followed, 1, 9) == pytest.approx(
+        [0.02, 0.04, 0.04, 0.04, 0.04, 0.02, 0.0, 0.0, 0.0]
+    )
 
 
 def test_a_repeated_command_keeps_it_going() -> None:
@@ -45,7 +52,9 @@ def test_a_repeated_command_keeps_it_going() -> None:
 
 
 def test_commands_that_would_be_stale_before_the_next_sample_are_refused_at_the_start() -> None:
-    with pytest.raises(ConfigError, match=r"cmd_vel_timeout: 0\.5 s is over before the next sample, 1 s later"):
+    with pytest.raises(
+        ConfigError, match=r"cmd_vel_timeout: 0\.5 s is over before the next sample, 1 s later"
+    ):
         VelocityCommands(ROVER, SimulatorConfig(rate=1.0))
     followed = VelocityCommands(ROVER, SimulatorConfig(rate=1.0, cmd_vel_timeout=1.0))
     followed.request((0.1, 0.0, 0.0), NOTHING)

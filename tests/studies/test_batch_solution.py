@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recursion against the minimum of the same sum over a whole drive, found by another method with every velocity at once.
 
-The minimum's rows are evaluated where it lies, those of the recursion where it stood when it took them: the distance holds what the
-recursion loses by never returning to a block. The soil is known.
+The minimum's rows are evaluated where it lies, those of the recursion where it stood when it took
+them: the distance holds what the recursion loses by never returning to a block. The soil is known.
 """
 
 import torch
@@ -27,7 +27,9 @@ def shifts(model: PAlpaca, packed: Tensor) -> Tensor:
     trace = run(model, packed, torch.tensor([packed.shape[1] - 1]), rows=ROWS)
     first, last = model.first_constant, model.first_constant + model.uncertain_constants
     found = []
-    for drive, mean, covariance, final in zip(packed, trace.mean[:, 0], trace.covariance[:, 0], trace.final, strict=True):
+    for drive, mean, covariance, final in zip(
+        packed, trace.mean[:, 0], trace.covariance[:, 0], trace.final, strict=True
+    ):
         whole, theta = WholeDrive(model, drive, ROWS), mean / model.unit
         least = whole.minimum(whole.start(torch.cat([theta, final[first:last]])))
         found.append((theta - least[:2]) / (covariance.diagonal().sqrt() / model.unit))
@@ -36,9 +38,14 @@ def shifts(model: PAlpaca, packed: Tensor) -> Tensor:
 
 def test_the_recursion_is_near_the_minimum_over_the_whole_drive() -> None:
     """8 drives of 40 s, exact constants, every row: within a quarter of a deviation each, a tenth in the mean."""
-    model, drives = physics_alone(ROVER, SOIL, exact=True), draw_drives(ROVER, SOIL, "S1", DRIVES, 0.0, 31)
+    model, drives = (
+        physics_alone(ROVER, SOIL, exact=True),
+        draw_drives(ROVER, SOIL, "S1", DRIVES, 0.0, 31),
+    )
     packed = drives.tasks.measured
-    shift = shifts(model, packed[in_one_chain(model, packed) & (drives.ends == packed.shape[1])]).abs()
+    shift = shifts(
+        model, packed[in_one_chain(model, packed) & (drives.ends == packed.shape[1])]
+    ).abs()
     assert shift.shape[0] >= 6
     assert float(shift.max()) < 0.25
     assert float(shift.mean()) < 0.1
@@ -47,8 +54,8 @@ def test_the_recursion_is_near_the_minimum_over_the_whole_drive() -> None:
 def test_with_uncertain_constants_the_distance_adds_three_percent_to_a_deviation() -> None:
     """8 drives of 20 s, constants 5 % wrong and estimated: the rms distance is below 0.25, and sqrt(1 + 0.25^2) = 1.03.
 
-    Most of it are rows that were taken early: when the recursion took all at the minimum, it was 0.11 instead of 0.20 away in tan phi
-    (rms of 12 other drives).
+    Most of it are rows that were taken early: when the recursion took all at the minimum, it was
+    0.11 instead of 0.20 away in tan phi (rms of 12 other drives).
     """
     model, generator = physics_alone(ROVER, SOIL, exact=False), torch.Generator().manual_seed(31)
     packed = draw_tasks(ROVER, SOIL, "S1", 20.0, DRIVES, generator, CONSTANTS_SPREAD).measured

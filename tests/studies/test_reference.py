@@ -19,7 +19,9 @@ def test_the_recursion_is_within_a_fifth_of_a_standard_deviation_of_the_grid_pos
         trace = run(model, drives.tasks.measured, observation_times(), drives.ends, mask)
         for episode in range(5):
             mean, covariance = trace.mean[episode, -1], trace.covariance[episode, -1]
-            reference = grid_posterior(model, drives.tasks.measured[episode], int(drives.ends[episode]), mask)
+            reference = grid_posterior(
+                model, drives.tasks.measured[episode], int(drives.ends[episode]), mask
+            )
             sd = reference.covariance.diagonal().sqrt()
             assert reference.edge < 1e-4, (name, episode)
             assert ((mean - reference.mean).abs() / sd < 0.2).all(), (name, episode)

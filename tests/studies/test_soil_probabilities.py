@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Soil probabilities and what is published of their mixture, against a posterior over the whole drive on each soil, by its evidence.
 
-The reference knows no change of the ground. What hypotheses that were born on the way weigh is bounded, so that both mean the same.
+The reference knows no change of the ground. What hypotheses that were born on the way weigh is
+bounded, so that both mean the same.
 """
 
 from typing import NamedTuple
@@ -46,7 +47,9 @@ def seen(model: PAlpaca, packed: Tensor) -> Seen:
         expanded.append(state["expansion"])
         for observation in packed[first : first + model.block_size]:
             state = model.update(state, observation)
-    assert float((state["weight"] * (state["age"] < len(expanded))).sum()) < 0.01, "what was born on the way"
+    assert float((state["weight"] * (state["age"] < len(expanded))).sum()) < 0.01, (
+        "what was born on the way"
+    )
     return Seen(state, torch.stack(expanded))
 
 
@@ -55,21 +58,30 @@ def compared(model: PAlpaca, packed: Tensor, found: Seen, *, shared: bool) -> Co
     state, mean, covariance = found.state, found.state["moments"][0], found.state["moments"][1:]
     left = torch.nonzero(state["soils"] > 0.0).squeeze(1).tolist()
     beliefs = [
-        WholeDrive(model, packed, soil=soil).belief(state["expansion"][soil], covariance, found.expanded[:, soil] if shared else None)
+        WholeDrive(model, packed, soil=soil).belief(
+            state["expansion"][soil], covariance, found.expanded[:, soil] if shared else None
+        )
         for soil in left
     ]
     evidence, means, covariances = (torch.stack(field) for field in zip(*beliefs, strict=True))
     centre, spread = mixture(evidence, means, covariances)
     deviation = spread.diagonal().sqrt()
     log_probability = torch.stack([state["soils"][left].log(), torch.log_softmax(evidence, 0)], 1)
-    return Compared(log_probability, (mean - centre) / deviation, covariance.diagonal().sqrt() / deviation)
+    return Compared(
+        log_probability, (mean - centre) / deviation, covariance.diagonal().sqrt() / deviation
+    )
 
 
 def alike() -> PAlpaca:
     """A model of three soils that a drive does not tell apart at once: two differ from the first by 10 % in stiffness or shear modulus."""
     loose = load_soil("loose_sand")
     stiffer = loose.with_values(k_c=1.1 * loose.k_c, k_phi=1.1 * loose.k_phi)
-    model = build_model(load_rover("mars_rover"), [loose, stiffer, loose.with_values(shear_modulus=1.1 * loose.shear_modulus)], 1, 1)
+    model = build_model(
+        load_rover("mars_rover"),
+        [loose, stiffer, loose.with_values(shear_modulus=1.1 * loose.shear_modulus)],
+        1,
+        1,
+    )
     model.net_log_weight.copy_(torch.tensor([0.0, -torch.inf]))
     return model.requires_grad_(requires_grad=False)
 
@@ -77,7 +89,9 @@ def alike() -> PAlpaca:
 def drives(model: PAlpaca, soil: Soil, count: int) -> Tensor:
     """Drives whose velocities are all linked, with soil constants within 5 % of ``soil``'s [N, 10 B, size]."""
     generator = torch.Generator().manual_seed(31)
-    packed = draw_tasks(load_rover("mars_rover"), soil, "S1", float(BLOCKS), count, generator, CONSTANTS_SPREAD).measured
+    packed = draw_tasks(
+        load_rover("mars_rover"), soil, "S1", float(BLOCKS), count, generator, CONSTANTS_SPREAD
+    ).measured
     chained = in_one_chain(model, packed)
     assert bool(chained.any())
     return packed[chained]
@@ -86,9 +100,10 @@ def drives(model: PAlpaca, soil: Soil, count: int) -> Tensor:
 def test_soils_that_are_alike_have_the_probabilities_of_their_evidence() -> None:
     """3 drives of 10 s, every row; all three soils stay.
 
-    Given the recursion's rows: log odds within half a nat, means within a quarter of a deviation, deviations within 10 %. With rows at
-    the reference's own place its odds are farther away, up to 3.2 nat (4 other drives), as the recursion never returns to rows that it
-    took early: asserted is half of what would drop a soil, means within half a deviation, deviations within 20 %.
+    Given the recursion's rows: log odds within half a nat, means within a quarter of a deviation,
+    deviations within 10 %. With rows at the reference's own place its odds are farther away, up to
+    3.2 nat (4 other drives), as the recursion never returns to rows that it took early: asserted is
+    half of what would drop a soil, means within half a deviation, deviations within 20 %.
     """
     model = alike()
     for packed in drives(model, load_soil("loose_sand"), 3):
@@ -102,9 +117,9 @@ def test_soils_that_are_alike_have_the_probabilities_of_their_evidence() -> None
 def test_the_shipped_soils_have_the_probabilities_of_their_evidence() -> None:
     """2 drives of 10 s on each soil, without the net, of velocity and load rows alone: all rows tell the soils apart in two seconds.
 
-    What the recursion dropped is left out. Given its rows the bounds are those of soils that are alike. Given the reference's
-    own, means and deviations are bounded as there, odds not at all: they were up to 9 nat away where a soil has to move its constants
-    by several deviations.
+    What the recursion dropped is left out. Given its rows the bounds are those of soils that are
+    alike. Given the reference's own, means and deviations are bounded as there, odds not at all:
+    they were up to 9 nat away where a soil has to move its constants by several deviations.
     """
     loaded = load_model()
     model = restore(loaded, trust=0.0)

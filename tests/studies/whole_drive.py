@@ -4,7 +4,8 @@
 
     k = [c (kPa), tan phi, M soil constants (prior deviations), mass, centre of mass, acceleration bias, velocities]
 
-has one velocity for each end of the B blocks. The rows of a block and their noise are the model's, evaluated where a method says.
+has one velocity for each end of the B blocks. The rows of a block and their noise are the model's,
+evaluated where a method says.
 """
 
 from typing import NamedTuple
@@ -41,7 +42,9 @@ def in_one_chain(model: PAlpaca, packed: Tensor) -> Tensor:
 class WholeDrive:
     """The sum over one drive [10 B, size] in one chain, on one soil of a model without a net."""
 
-    def __init__(self, model: PAlpaca, packed: Tensor, mask: Tensor | None = None, soil: int = 0) -> None:
+    def __init__(
+        self, model: PAlpaca, packed: Tensor, mask: Tensor | None = None, soil: int = 0
+    ) -> None:
         """``mask`` [R] is 1 for the rows that may be used."""
         self._model, self._soil = model, soil
         self._mask = model.every_row if mask is None else mask
@@ -52,7 +55,10 @@ class WholeDrive:
         self._mean, self._deviation = model.prior_mean / model.unit, model.prior_sd / model.unit
         velocity = packed[:, 8 * model.axles]
         self._velocity = torch.cat([velocity[:: model.block_size], velocity[-1:]])
-        known = model.other_precision[: model.uncertain_constants], model.other_precision[-model.kept : -1]
+        known = (
+            model.other_precision[: model.uncertain_constants],
+            model.other_precision[-model.kept : -1],
+        )
         self._precision = torch.cat([*known, torch.full_like(self._velocity, 1e-6)])
 
     def start(self, place: Tensor) -> Tensor:
@@ -62,12 +68,15 @@ class WholeDrive:
     def rows(self, place: Tensor) -> BlockRows:
         """Rows evaluated at one ``place`` [2 + M] of k, or at one for each block [B, 2 + M]; every field [B, ...]."""
         place = place.expand(self._blocks.shape[0], self.place)
-        return torch.vmap(lambda block, at: self._model.average(block, self._soil, at, self._mask)[0])(self._blocks, place)
+        return torch.vmap(
+            lambda block, at: self._model.average(block, self._soil, at, self._mask)[0]
+        )(self._blocks, place)
 
     def minimum(self, k: Tensor) -> Tensor:
         """k where the sum is least, the prior's Gaussian of (c, tan phi) included.
 
-        Newton steps on automatic derivatives from ``k``; before each the rows are evaluated anew, at the k that it starts from.
+        Newton steps on automatic derivatives from ``k``; before each the rows are evaluated anew,
+        at the k that it starts from.
         """
 
         def total(k: Tensor, rows: BlockRows) -> Tensor:
@@ -75,8 +84,13 @@ class WholeDrive:
 
         for _ in range(12):
             rows = self.rows(k[: self.place])
-            gradient, curvature = torch.func.grad(total)(k, rows), torch.func.hessian(total)(k, rows)
-            step = torch.cholesky_solve(gradient.unsqueeze(1), torch.linalg.cholesky(curvature)).squeeze(1)  # raises at a saddle
+            gradient, curvature = (
+                torch.func.grad(total)(k, rows),
+                torch.func.hessian(total)(k, rows),
+            )
+            step = torch.cholesky_solve(
+                gradient.unsqueeze(1), torch.linalg.cholesky(curvature)
+            ).squeeze(1)  # raises at a saddle
             k = k - step
             if float(gradient @ step) < 1e-6:
                 return k
@@ -85,22 +99,32 @@ class WholeDrive:
     def belief(self, place: Tensor, covariance: Tensor, expanded: Tensor | None = None) -> Belief:
         """The posterior on a grid of (c, tan phi), for each point of which all else is solved for and marginalised as a Gaussian.
 
-        The grid starts at ``place`` [2 + M] with ``covariance`` [2, 2], the place of c, tan phi and constants, and is laid again
-        around what it finds until that stays. Rows are evaluated at that place, or at those ``expanded`` [B, 2 + M].
+        The grid starts at ``place`` [2 + M] with ``covariance`` [2, 2], the place of c, tan phi and
+        constants, and is laid again around what it finds until that stays. Rows are evaluated at
+        that place, or at those ``expanded`` [B, 2 + M].
         """
-        scale, axis = torch.linalg.cholesky(covariance), torch.linspace(-REACH, REACH, POINTS, dtype=torch.float64)
+        scale, axis = (
+            torch.linalg.cholesky(covariance),
+            torch.linspace(-REACH, REACH, POINTS, dtype=torch.float64),
+        )
         square, unit = torch.cartesian_prod(axis, axis), torch.eye(2, dtype=torch.float64)
         for _ in range(12):
             rows = self.rows(place if expanded is None else expanded)
             theta = place[:2] + square @ scale.T
-            log_density, known = torch.vmap(self._solved, in_dims=(0, None, None), chunk_size=CHUNK)(theta, place[2:], rows)
+            log_density, known = torch.vmap(
+                self._solved, in_dims=(0, None, None), chunk_size=CHUNK
+            )(theta, place[2:], rows)
             log_density = log_density + self._log_prior(theta)
             weight = torch.softmax(log_density, 0)
             found, moments = torch.cat([weight @ theta, weight @ known]), weight @ square
-            spread = (square - moments).T @ (weight.unsqueeze(1) * (square - moments))  # in units of the scale
+            spread = (square - moments).T @ (
+                weight.unsqueeze(1) * (square - moments)
+            )  # in units of the scale
             moved = torch.cat([moments, found[2:] - place[2:]])
             if float(moved.abs().max()) < STAYS and float((spread - unit).abs().max()) < 0.3:
-                possible = log_density[(theta > 0.0).all(1)].logsumexp(0) + scale.diagonal().log().sum()
+                possible = (
+                    log_density[(theta > 0.0).all(1)].logsumexp(0) + scale.diagonal().log().sum()
+                )
                 noise = torch.logdet(self._covariance(self.start(found), rows)).sum()
                 return Belief(possible - 0.5 * noise, found[:2], scale @ spread @ scale.T)
             step = float(axis[1] - axis[0])
@@ -114,15 +138,25 @@ class WholeDrive:
         columns, free = self._columns(k, rows), k[2:]
         whitened = torch.linalg.solve(self._covariance(k, rows), columns)
         factor = torch.linalg.cholesky((columns.mT @ whitened).sum(0) + torch.diag(self._precision))
-        gradient = self._precision * free - torch.einsum("bqz,bq->z", whitened, self._residual(k, rows))
+        gradient = self._precision * free - torch.einsum(
+            "bqz,bq->z", whitened, self._residual(k, rows)
+        )
         free = free - torch.cholesky_solve(gradient.unsqueeze(1), factor).squeeze(1)
-        slope, misfit = torch.func.grad_and_value(lambda free: self._misfit(torch.cat([theta, free]), rows))(free)
+        slope, misfit = torch.func.grad_and_value(
+            lambda free: self._misfit(torch.cat([theta, free]), rows)
+        )(free)
         step = 0.5 * torch.cholesky_solve(slope.unsqueeze(1), factor).squeeze(1)
-        return -0.5 * (misfit - 0.5 * slope @ step) - factor.diagonal().log().sum(), (free - step)[: self.place - 2]
+        return (
+            -0.5 * (misfit - 0.5 * slope @ step) - factor.diagonal().log().sum(),
+            (free - step)[: self.place - 2],
+        )
 
     def _log_prior(self, theta: Tensor) -> Tensor:
         """Of (c, tan phi) [P, 2]: the model's mixture, each part of which ends at zero."""
-        centre, deviation = self._mean + self._model.offsets * self._deviation, self._model.offset_spread * self._deviation
+        centre, deviation = (
+            self._mean + self._model.offsets * self._deviation,
+            self._model.offset_spread * self._deviation,
+        )
         possible = torch.special.log_ndtr(centre / deviation).sum(1)
         distance = ((theta.unsqueeze(1) - centre) / deviation).square().sum(-1)
         return torch.logsumexp(self._model.offset_log_weight - possible - 0.5 * distance, 1)
@@ -136,7 +170,9 @@ class WholeDrive:
     def _residual(self, k: Tensor, rows: BlockRows) -> Tensor:
         """[B, Q]"""
         from_expansion = k[2:] - nn.functional.pad(rows.expansion, [0, k.shape[0] - self.place])
-        explained = rows.linear[..., :2] @ k[:2] + (self._columns(k, rows) @ from_expansion.unsqueeze(-1)).squeeze(-1)
+        explained = rows.linear[..., :2] @ k[:2] + (
+            self._columns(k, rows) @ from_expansion.unsqueeze(-1)
+        ).squeeze(-1)
         return rows.target - rows.offset - explained
 
     def _columns(self, k: Tensor, rows: BlockRows) -> Tensor:

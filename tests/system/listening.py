@@ -29,19 +29,32 @@ class Listener:
     def __init__(self, domain_id: int, namespace: str = "") -> None:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
-        self.node = rclpy.create_node(f"listener_{next(_numbers)}", namespace=namespace, context=self._context)
+        self.node = rclpy.create_node(
+            f"listener_{next(_numbers)}", namespace=namespace, context=self._context
+        )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
 
-    def spin_until(self, condition: Callable[[], T], what: str, timeout: float = 20.0, seen: Callable[[], object] = lambda: "") -> T:
+    def spin_until(
+        self,
+        condition: Callable[[], T],
+        what: str,
+        timeout: float = 20.0,
+        seen: Callable[[], object] = lambda: "",
+    ) -> T:
         """Runs callbacks until the condition holds; returns its value, raises TimeOutError after timeout [s]."""
 
         def spin() -> T:
@@ -67,15 +80,31 @@ class Listener:
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
-    def publisher(self, kind: type, topic: str, qos: QoSProfile = RELIABLE, readers: int = 1, timeout: float = 20.0) -> Publisher:
+    def publisher(
+        self,
+        kind: type,
+        topic: str,
+        qos: QoSProfile = RELIABLE,
+        readers: int = 1,
+        timeout: float = 20.0,
+    ) -> Publisher:
         """Returns a publisher that so many subscriptions have matched: what it says is heard."""
         publisher = self.node.create_publisher(kind, topic, qos)
-        self.spin_until(lambda: publisher.get_subscription_count() >= readers, f"{readers} readers of {topic} have matched", timeout)
+        self.spin_until(
+            lambda: publisher.get_subscription_count() >= readers,
+            f"{readers} readers of {topic} have matched",
+            timeout,
+        )
         return publisher
 
     def wait_for_messages(self, messages: list[Any], count: int, timeout: float = 20.0) -> None:
         """Waits until the list of `collect` has so many messages."""
-        self.spin_until(lambda: len(messages) >= count, f"{count} messages have arrived", timeout, lambda: f"{len(messages)} came.")
+        self.spin_until(
+            lambda: len(messages) >= count,
+            f"{count} messages have arrived",
+            timeout,
+            lambda: f"{len(messages)} came.",
+        )
 
     def call(self, kind: Any, service: str, request: object, timeout: float = 20.0) -> Any:
         """Calls a service; returns its response."""

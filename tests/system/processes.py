@@ -22,10 +22,18 @@ class Process:
         self.log = log
         self.name = Path(command[0]).name
         with log.open("wb") as stream:
-            # A session of its own: a signal meant for the tests does not reach it, and its children can be ended with it.
-            # A shell that runs the tests in the background ignores SIGINT, and so would all that they start.
+            # A session of its own: a signal meant for the tests does not reach it, and its children
+            # can be ended with it.
+            # A shell that runs the tests in the background ignores SIGINT, and so would all that
+            # they start.
             command = ["env", "--default-signal=INT", *command]
-            self._process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=environment, start_new_session=True)
+            self._process = subprocess.Popen(
+                command,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                start_new_session=True,
+            )
 
     @property
     def pid(self) -> int:
@@ -48,10 +56,15 @@ class Process:
         def found() -> re.Match[str] | None:
             running = self.running
             match = re.search(pattern, self.output, re.MULTILINE)
-            assert match or running, f"{self.name} ended with {self._process.returncode} without writing {pattern!r}:\n{self.output}"
+            assert match or running, (
+                f"{self.name} ended with {self._process.returncode} without writing"
+                f" {pattern!r}:\n{self.output}"
+            )
             return match
 
-        match = wait_until(found, f"{self.name} writes {pattern!r}", timeout, lambda: f"Its output:\n{self.output}")
+        match = wait_until(
+            found, f"{self.name} writes {pattern!r}", timeout, lambda: f"Its output:\n{self.output}"
+        )
         assert match is not None
         return match
 
@@ -64,7 +77,9 @@ class Process:
         try:
             return self._process.wait(timeout)
         except subprocess.TimeoutExpired:
-            raise AssertionError(f"{self.name} did not end within {timeout:g} s. Its output:\n{self.output}") from None
+            raise AssertionError(
+                f"{self.name} did not end within {timeout:g} s. Its output:\n{self.output}"
+            ) from None
 
     def interrupt(self, timeout: float = 20.0) -> int:
         """Does what Ctrl-C does; returns the exit code."""
@@ -100,17 +115,25 @@ class Starter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         killed = [process for process in self._processes if process.running]
         for process in killed:
             process.kill()
         if any(process.wait() < 0 for process in self._processes):
-            # A killed process leaves its shared-memory files behind. Housekeeping only, and the wheel for Python 3.13 lacks the tool.
+            # A killed process leaves its shared-memory files behind. Housekeeping only, and the
+            # wheel for Python 3.13 lacks the tool.
             subprocess.run(["fastdds", "shm", "clean"], check=False, capture_output=True)
 
     def __call__(self, package: str, executable: str, *arguments: str) -> Process:
         """Starts an executable of an installed package."""
-        return self.command(str(Path(get_package_prefix(package), "lib", package, executable)), *arguments)
+        return self.command(
+            str(Path(get_package_prefix(package), "lib", package, executable)), *arguments
+        )
 
     def command(self, program: str, *arguments: str) -> Process:
         """Starts any program."""

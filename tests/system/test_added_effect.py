@@ -16,13 +16,18 @@ from tests.system.processes import Starter
 PRIOR = 0.05  # [rad] standard deviation
 
 
-def test_the_estimator_takes_the_file_as_it_is_and_publishes_the_effect(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_the_estimator_takes_the_file_as_it_is_and_publishes_the_effect(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     path = tmp_path / "model.pt"
     metadata = add_effects(load_model(), [Sized("slope_bias", 0.0, PRIOR)], path)
     estimates = listener.collect(TerrainEstimate, "terrain_estimate")
     estimator = start("terrain_estimator", "estimator", "--ros-args", "-p", f"model:={path}")
     estimator.wait_for_output("ready", timeout=60.0)
-    publishers = {topic: listener.publisher(factory.message_class(name), topic) for topic, name in INPUT_TYPES.items()}
+    publishers = {
+        topic: listener.publisher(factory.message_class(name), topic)
+        for topic, name in INPUT_TYPES.items()
+    }
     estimator.wait_for_output("matched all inputs")
     for topic, _, message in drive_messages(factory.make, 3.0):
         publishers[topic].publish(message)

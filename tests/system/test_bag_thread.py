@@ -62,14 +62,21 @@ class Recording:
 
     def __init__(self, folder: Path, **parameters: float) -> None:
         self.folder = folder
-        self.thread = BagThread(configure(RecorderConfig, {"output": str(folder), "fsync_interval": 0.01, **parameters}))
+        self.thread = BagThread(
+            configure(RecorderConfig, {"output": str(folder), "fsync_interval": 0.01, **parameters})
+        )
         self.said: list[str] = []
-        self._topic = self.thread.give(lambda: self.thread.bag.add_topic("/slip", SLIP)).result(20.0)
+        self._topic = self.thread.give(lambda: self.thread.bag.add_topic("/slip", SLIP)).result(
+            20.0
+        )
         self._data = self.thread.bag.types.serialize(self.thread.bag.types.make(SLIP))
 
     def write(self, *seconds: int) -> None:
         for second in seconds:
-            self.thread.give(partial(self.thread.bag.write, self._topic, self._data, second * SECOND_NS), len(self._data))
+            self.thread.give(
+                partial(self.thread.bag.write, self._topic, self._data, second * SECOND_NS),
+                len(self._data),
+            )
 
     def close(self) -> str:
         """What is left undone."""
@@ -80,7 +87,9 @@ class Recording:
     def read(self) -> tuple[bool, list[int]]:
         """Whether the bag is finished, and its seconds."""
         with BagReader(self.folder) as reader:
-            return reader.finished, [message.log_time_ns // SECOND_NS for message in reader.messages()]
+            return reader.finished, [
+                message.log_time_ns // SECOND_NS for message in reader.messages()
+            ]
 
     def wait_for_the_end(self) -> None:
         [said] = wait_until(lambda: self.said, "it says that the disk has answered")
@@ -96,10 +105,14 @@ def test_while_nothing_is_synced_files_are_split_and_the_end_does_not_wait(
     disk.answers.clear()
     recording.write(*range(1, 10))
     assert recording.read() == (False, list(range(10)))
-    assert len(list((tmp_path / "run").glob("*.mcap"))) <= 1 + 3 + 1, "what waits for the disk does not grow for ever"
+    assert len(list((tmp_path / "run").glob("*.mcap"))) <= 1 + 3 + 1, (
+        "what waits for the disk does not grow for ever"
+    )
     undone = recording.close()
     assert re.search(
-        rf"^{recording.thread.bag.path}: .* for 0.2 s: the bag is left unfinished .* is lost if the power fails before", undone
+        rf"^{recording.thread.bag.path}: .* for 0.2 s: the bag is left unfinished .* is lost if the"
+        r" power fails before",
+        undone,
     )
     assert "memory" not in undone
     assert recording.read() == (True, list(range(10))), "every file has its footer"
@@ -110,7 +123,9 @@ def test_while_nothing_is_synced_files_are_split_and_the_end_does_not_wait(
     assert (tmp_path / "run/metadata.yaml").exists()
 
 
-def test_what_cannot_be_written_waits_in_memory_up_to_a_limit(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_written_waits_in_memory_up_to_a_limit(
+    disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("terrain_estimator.bags.writing.part.Part.write", disk.through(Part.write))
     monkeypatch.setattr(bag_thread, "MOMENT_S", 0.05)
     recording = Recording(tmp_path / "run")
@@ -157,13 +172,21 @@ def test_a_compression_that_hangs_is_left_and_one_that_takes_long_is_waited_for(
     assert recording.read() == (True, [0])
 
 
-def test_a_bag_on_a_disk_that_hangs_from_the_start_is_refused_by_name(disk: Disk, tmp_path: Path) -> None:
+def test_a_bag_on_a_disk_that_hangs_from_the_start_is_refused_by_name(
+    disk: Disk, tmp_path: Path
+) -> None:
     disk.answers.clear()
-    with pytest.raises(TimeoutError, match=f"{tmp_path / 'run'}: the disk has taken nothing for 0.2 s, so there is no bag"):
+    with pytest.raises(
+        TimeoutError,
+        match=f"{tmp_path / 'run'}: the disk has taken nothing for 0.2 s, so there is no bag",
+    ):
         Recording(tmp_path / "run")
     assert (tmp_path / "run").exists()
     disk.answers.set()
-    wait_until(lambda: not (tmp_path / "run").exists(), "what was begun is taken back once the disk answers")
+    wait_until(
+        lambda: not (tmp_path / "run").exists(),
+        "what was begun is taken back once the disk answers",
+    )
     Recording(tmp_path / "run").thread.abandon()
 
 
@@ -179,12 +202,21 @@ def test_a_node_that_cleans_up_says_what_the_disk_owes_and_later_that_it_is_writ
     for number in range(3):
         publisher.publish(WheelSlip(sequence=number))
     listener.spin_until(lambda: node.received == 3, "the messages are recorded")
-    listener.spin_until(lambda: any(each.check is DISK and each.value > 0.0 for each in node.findings()), "it says that the disk is late")
+    listener.spin_until(
+        lambda: any(each.check is DISK and each.value > 0.0 for each in node.findings()),
+        "it says that the disk is late",
+    )
     node.end()
     assert (node.state, node.disk_failed) == ("unconfigured", True)
-    assert f"{tmp_path / 'run/run_0.mcap'}: the disk has taken nothing for 0.2 s: the bag is left unfinished" in capfd.readouterr().err
+    assert (
+        f"{tmp_path / 'run/run_0.mcap'}: the disk has taken nothing for 0.2 s: the bag is left"
+        " unfinished" in capfd.readouterr().err
+    )
     disk.answers.set()
-    wait_until(lambda: "run: the disk has answered, all is written" in capfd.readouterr().err, "it says that all is written")
+    wait_until(
+        lambda: "run: the disk has answered, all is written" in capfd.readouterr().err,
+        "it says that all is written",
+    )
     with BagReader(tmp_path / "run") as reader:
         assert (reader.finished, reader.span.count) == (True, 3)
 
@@ -200,7 +232,9 @@ sys.exit(recorder.main())
 """
 
 
-def test_a_recorder_ends_on_a_disk_that_never_answers(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_a_recorder_ends_on_a_disk_that_never_answers(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     process = start.command(
         sys.executable, "-c", HANGS_ON_DEMAND, "--ros-args", "-p", f"output:={tmp_path / 'run'}", "-p", "topics:=wheel_slip",
     )  # fmt: skip
@@ -211,7 +245,11 @@ def test_a_recorder_ends_on_a_disk_that_never_answers(start: Starter, listener: 
         publisher.publish(WheelSlip(sequence=number))
     assert publisher.wait_for_all_acked()
     assert process.terminate() == 1
-    assert re.search(rf"{tmp_path / 'run/run_0.mcap'}: the disk has taken nothing for .* is lost if the power fails", process.output)
+    assert re.search(
+        rf"{tmp_path / 'run/run_0.mcap'}: the disk has taken nothing for .* is lost if the power"
+        r" fails",
+        process.output,
+    )
     assert "Fatal" not in process.output
     assert "Traceback" not in process.output
     with BagReader(tmp_path / "run") as reader:

@@ -22,7 +22,9 @@ def script() -> dict[str, Any]:
 
 def test_values_go_to_the_fields_that_they_name(script: dict[str, Any]) -> None:
     kind = script["service_class"]("lifecycle_msgs/srv/ChangeState")
-    request = script["filled"](kind.Request(), yaml.safe_load("{transition: {id: 3, label: activate}}"), "the request")
+    request = script["filled"](
+        kind.Request(), yaml.safe_load("{transition: {id: 3, label: activate}}"), "the request"
+    )
     assert (request.transition.id, request.transition.label) == (3, "activate")
 
 
@@ -46,8 +48,13 @@ def test_a_type_that_is_not_there_is_refused_by_name(script: dict[str, Any], nam
         script["service_class"](name)
 
 
-def test_a_service_that_is_not_there_is_refused_with_those_that_are(script: dict[str, Any], listener: Listener) -> None:
+def test_a_service_that_is_not_there_is_refused_with_those_that_are(
+    script: dict[str, Any], listener: Listener
+) -> None:
     listener.node.create_service(Trigger, "/planner/resume", lambda _, response: response)
     script["answer"].__globals__["APPEAR_S"] = 0.05
-    with pytest.raises(script["CallError"], match=r"no /planner/resum within .* of this type there are: /planner/resume$"):
+    with pytest.raises(
+        script["CallError"],
+        match=r"no /planner/resum within .* of this type there are: /planner/resume$",
+    ):
         script["answer"](listener.node, "/planner/resum", Trigger, Trigger.Request())

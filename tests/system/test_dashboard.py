@@ -36,8 +36,13 @@ class Rover:
 
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
-        quality = {topic: LATCHED if kind == TRUTH else RELIABLE for topic, (kind, _) in TOPICS.items()}
-        self._outputs = {topic: listener.publisher(message_class(kind), topic, quality[topic]) for topic, (kind, _) in TOPICS.items()}
+        quality = {
+            topic: LATCHED if kind == TRUTH else RELIABLE for topic, (kind, _) in TOPICS.items()
+        }
+        self._outputs = {
+            topic: listener.publisher(message_class(kind), topic, quality[topic])
+            for topic, (kind, _) in TOPICS.items()
+        }
 
     def say(self, topic: str, message: Any) -> None:
         self._outputs[topic].publish(message)
@@ -59,27 +64,58 @@ def number(page: Page, selector: str) -> float | None:
 
 
 def shown(page: Page, selector: str) -> list[float]:
-    return [float(value) for value in page.locator(selector).evaluate_all("all => all.map(each => each.value)")]
+    return [
+        float(value)
+        for value in page.locator(selector).evaluate_all("all => all.map(each => each.value)")
+    ]
 
 
 def awaits(page: Page, selector: str, value: float) -> None:
-    wait_until(lambda: number(page, selector) == value, f"{selector} shows {value}", seen=lambda: number(page, selector))
+    wait_until(
+        lambda: number(page, selector) == value,
+        f"{selector} shows {value}",
+        seen=lambda: number(page, selector),
+    )
 
 
 def values_now(step: int) -> dict[str, list[float]]:
     """What has to be shown, by selector."""
     said = dict(instant(make, step))
-    ground, place, state = said["terrain_estimate"], said["odom"].pose.pose.position, health(make, step)
-    named = ("cohesion", "cohesion_stddev", "cohesion_lower_95", "tan_phi", "tan_phi_stddev", "tan_phi_upper_95", "change_probability")
-    effects = [number for pair in zip(ground.effect_value, ground.effect_stddev, strict=True) for number in pair]
+    ground, place, state = (
+        said["terrain_estimate"],
+        said["odom"].pose.pose.position,
+        health(make, step),
+    )
+    named = (
+        "cohesion",
+        "cohesion_stddev",
+        "cohesion_lower_95",
+        "tan_phi",
+        "tan_phi_stddev",
+        "tan_phi_upper_95",
+        "change_probability",
+    )
+    effects = [
+        number
+        for pair in zip(ground.effect_value, ground.effect_stddev, strict=True)
+        for number in pair
+    ]
     return {
-        **{f'[data-path="terrain_estimate/{name}"] >> nth=0': [getattr(ground, name)] for name in named},
+        **{
+            f'[data-path="terrain_estimate/{name}"] >> nth=0': [getattr(ground, name)]
+            for name in named
+        },
         **{f'[data-path="odom/{axis}"]': [getattr(place, axis)] for axis in ("x", "y", "z")},
         '[data-path="odom/velocity"]': [said["odom"].twist.twist.linear.x],
         "#wheel-table td:nth-child(2) data": list(said["wheel_slip"].slip),
         "#wheel-table td:nth-child(4) data": list(reversed(said["wheel_sinkage"].sinkage)),
         "#effect-table data": effects,
-        "#inputs data": [state.input_received[0], state.input_unpaired[0], state.input_lost[0], state.input_age[0]],
+        "#inputs data": [
+            state.input_received[0],
+            state.input_unpaired[0],
+            state.input_lost[0],
+            state.input_age[0],
+        ],
         "#counts data": [step, 7, 1.07, 0.00125, 0],
     }
 
@@ -88,7 +124,9 @@ def values_now(step: int) -> dict[str, list[float]]:
 def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
     start: Starter, listener: Listener, browser: Browser, width: int, scheme: str
 ) -> None:
-    process = start("terrain_estimator", "dashboard", "--ros-args", "-p", "port:=0", "-p", "rate:=20.0")
+    process = start(
+        "terrain_estimator", "dashboard", "--ros-args", "-p", "port:=0", "-p", "rate:=20.0"
+    )
     url, rover, last = url_of(process), Rover(listener), STEPS - 1
     rover.say("ground_truth/terrain", truth(make))
     with opened(browser, url, width, scheme) as it:
@@ -103,9 +141,14 @@ def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
         assert {selector: shown(page, selector) for selector in expected} == expected
         assert page.locator("#stop").inner_text() == "Stop: the wheels slip"
         history_equals_the_topics(page)
-        assert page.locator("#cohesion canvas").get_attribute("aria-label") == "Cohesion c: now 1.54, 95 percent between 1.34 and 1.74 kPa"
+        assert (
+            page.locator("#cohesion canvas").get_attribute("aria-label")
+            == "Cohesion c: now 1.54, 95 percent between 1.34 and 1.74 kPa"
+        )
         depths = "front left 15.4, front right 16.4, rear left 17.4, rear right 18.4 mm"
-        assert page.locator("#sinkage canvas").get_attribute("aria-label") == f"Sinkage now: {depths}"
+        assert (
+            page.locator("#sinkage canvas").get_attribute("aria-label") == f"Sinkage now: {depths}"
+        )
         usable_by_everybody(page)
         assert it.said == []
         assert {urlsplit(address).netloc for address in it.asked_for} == {urlsplit(url).netloc}
@@ -159,14 +202,25 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
         rover.drive(range(STEPS))
         rover.say("traction_advice", advice(make, STEPS, stop=False))
         planner = it.page.locator("#advice")
-        wait_until(lambda: planner.inner_text() == "planner: at most 0.0815 m/s", "the planner is heard", seen=planner.inner_text)
+        wait_until(
+            lambda: planner.inner_text() == "planner: at most 0.0815 m/s",
+            "the planner is heard",
+            seen=planner.inner_text,
+        )
         awaits(it.page, '[data-path="odom/x"]', 0.01 * (STEPS - 1))
         assert it.said == []
         assert first.interrupt(60.0) == 0
         connection = it.page.locator("#connection")
-        wait_until(lambda: connection.get_attribute("data-state") == "lost", "the page says that the connection is lost")
+        wait_until(
+            lambda: connection.get_attribute("data-state") == "lost",
+            "the page says that the connection is lost",
+        )
         silent = re.compile(r"planner: not heard for \d+ s")
-        wait_until(lambda: silent.fullmatch(planner.inner_text()), "a limit that is not repeated is none", seen=planner.inner_text)
+        wait_until(
+            lambda: silent.fullmatch(planner.inner_text()),
+            "a limit that is not repeated is none",
+            seen=planner.inner_text,
+        )
         again = start("terrain_estimator", "dashboard", *arguments, "-p", f"port:={port}")
         assert url_of(again) == url
         step = STEPS + 3
@@ -179,6 +233,8 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
         wait_until(returned, "the page shows what is said after the restart")
         assert connection.get_attribute("data-state") == "live"
         assert all("ERR_CONNECTION_REFUSED" in text for text in it.said), it.said
-    again.wait_for_output("no data on odom since the start: /odom has a publisher, which says nothing")
+    again.wait_for_output(
+        "no data on odom since the start: /odom has a publisher, which says nothing"
+    )
     assert "no data on terrain_estimate since the start" not in again.output
     assert again.terminate(60.0) == 0

@@ -21,7 +21,17 @@ TEN_HZ = (*INPUT_TYPES, *OUTPUT_TYPES)
 
 
 def demo(start: Starter, domain_id: int, out: Path, *more: str) -> Process:
-    return start("terrain_estimator", "demo", "--out", str(out), "--domain-id", str(domain_id), "--duration", "12", *more)
+    return start(
+        "terrain_estimator",
+        "demo",
+        "--out",
+        str(out),
+        "--domain-id",
+        str(domain_id),
+        "--duration",
+        "12",
+        *more,
+    )
 
 
 def in_domain(domain_id: int) -> list[str]:
@@ -34,7 +44,9 @@ def in_domain(domain_id: int) -> list[str]:
     return found
 
 
-def test_the_demo_drives_records_replays_and_draws(start: Starter, domain_id: int, tmp_path: Path) -> None:
+def test_the_demo_drives_records_replays_and_draws(
+    start: Starter, domain_id: int, tmp_path: Path
+) -> None:
     process = demo(start, domain_id, tmp_path / "demo")
     assert process.wait(120.0) == 0, process.output
     summary = json.loads((tmp_path / "demo/summary.json").read_text())
@@ -55,7 +67,9 @@ def test_the_demo_drives_records_replays_and_draws(start: Starter, domain_id: in
     assert process.output.count(" kPa, truth") >= 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name)
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name
+)
 def test_a_demo_that_is_ended_early_leaves_no_process_behind(
     start: Starter, domain_id: int, tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -65,12 +79,18 @@ def test_a_demo_that_is_ended_early_leaves_no_process_behind(
     process.signal(number)
     assert process.wait() == (-number if number is signal.SIGKILL else INTERRUPTED)
     assert "Traceback" not in process.output
-    wait_until(lambda: not in_domain(domain_id), "every process has ended", seen=lambda: in_domain(domain_id))
+    wait_until(
+        lambda: not in_domain(domain_id),
+        "every process has ended",
+        seen=lambda: in_domain(domain_id),
+    )
     with BagReader(tmp_path / "demo/bag") as reader:
         assert reader.finished
 
 
-def test_a_demo_with_a_wrong_soil_says_what_the_simulator_said(start: Starter, domain_id: int, tmp_path: Path) -> None:
+def test_a_demo_with_a_wrong_soil_says_what_the_simulator_said(
+    start: Starter, domain_id: int, tmp_path: Path
+) -> None:
     process = demo(start, domain_id, tmp_path / "demo", "--soil", "cheese")
     assert process.wait(60.0) == 2
     assert "cheese" in process.output
@@ -86,8 +106,16 @@ def test_rate_and_jitter_are_those_of_the_arrivals() -> None:
     assert timing([1]).messages == 1
 
 
-@pytest.mark.parametrize(("rate", "jitter", "kept"), [(10.05, 5.0, True), (10.2, 5.0, False), (9.85, 5.0, False), (10.0, 10.0, False)])
-def test_a_topic_keeps_its_rate_within_one_percent_and_ten_milliseconds(rate: float, jitter: float, *, kept: bool) -> None:
-    assert keeps_its_rate({"rate_hz": {"odom": rate}, "jitter_ms_p99": {"odom": jitter}}, "odom") is kept
+@pytest.mark.parametrize(
+    ("rate", "jitter", "kept"),
+    [(10.05, 5.0, True), (10.2, 5.0, False), (9.85, 5.0, False), (10.0, 10.0, False)],
+)
+def test_a_topic_keeps_its_rate_within_one_percent_and_ten_milliseconds(
+    rate: float, jitter: float, *, kept: bool
+) -> None:
+    assert (
+        keeps_its_rate({"rate_hz": {"odom": rate}, "jitter_ms_p99": {"odom": jitter}}, "odom")
+        is kept
+    )
     assert not keeps_its_rate({"rate_hz": {}, "jitter_ms_p99": {}}, "odom")
     assert (RATE_HZ, JITTER_LIMIT_MS) == (10.0, 10.0)

@@ -37,10 +37,13 @@ class Rover:
         self.predictions = listener.collect(MotionPrediction, "motion_prediction")
         self.health = listener.collect(EstimatorHealth, "estimator_health")
         self._publishers: dict[str, Publisher] = {
-            topic: listener.publisher(factory.message_class(type_name), topic) for topic, type_name in INPUT_TYPES.items()
+            topic: listener.publisher(factory.message_class(type_name), topic)
+            for topic, type_name in INPUT_TYPES.items()
         }
         for subscription in listener.node.subscriptions:
-            listener.spin_until(subscription.get_publisher_count, f"{subscription.topic_name} is matched")
+            listener.spin_until(
+                subscription.get_publisher_count, f"{subscription.topic_name} is matched"
+            )
         estimator.wait_for_output("matched all inputs")
 
     def send(self, events: list[Event]) -> None:
@@ -72,7 +75,9 @@ class Rover:
 def thirds(events: list[Event]) -> tuple[list[Event], list[Event], list[Event]]:
     """Three parts of equal duration."""
     start, third = events[0][1], (events[-1][1] + STEP_NS - events[0][1]) // 3
-    first, middle, last = ([event for event in events if (event[1] - start) // third == part] for part in range(3))
+    first, middle, last = (
+        [event for event in events if (event[1] - start) // third == part] for part in range(3)
+    )
     return first, middle, last
 
 
@@ -97,11 +102,15 @@ def assert_sound(messages: list[Any]) -> None:
     assert [text for message in messages for text in unsound(message)] == []
 
 
-def test_it_estimates_and_predicts_once_for_each_complete_set(rover: Rover, listener: Listener, estimator: Process) -> None:
+def test_it_estimates_and_predicts_once_for_each_complete_set(
+    rover: Rover, listener: Listener, estimator: Process
+) -> None:
     events = inputs()
     estimates = rover.drive(events)
     stamps = sorted({stamp for _, stamp, _ in events})
-    assert [each.header.stamp.sec * 10**9 + each.header.stamp.nanosec for each in estimates] == stamps
+    assert [
+        each.header.stamp.sec * 10**9 + each.header.stamp.nanosec for each in estimates
+    ] == stamps
     assert [each.sequence for each in estimates] == list(range(len(stamps)))
     assert {each.decision.outcome_name for each in estimates} == {"ACCEPTED"}
     assert estimates[-1].cohesion_stddev < estimates[0].cohesion_stddev
@@ -109,17 +118,23 @@ def test_it_estimates_and_predicts_once_for_each_complete_set(rover: Rover, list
     listener.wait_for_messages(rover.predictions, len(stamps))
     assert [each.sequence for each in rover.predictions] == list(range(len(stamps)))
     assert rover.predictions[-1].valid
-    assert abs(rover.predictions[-1].innovation) < 6.0 * math.sqrt(rover.predictions[-1].innovation_variance)
+    assert abs(rover.predictions[-1].innovation) < 6.0 * math.sqrt(
+        rover.predictions[-1].innovation_variance
+    )
     assert estimator.interrupt() == 0
 
 
 def test_its_health_counts_every_message(rover: Rover, listener: Listener) -> None:
     rover.drive(inputs(2.0))
     total = rover.counted(20)
-    assert dict(zip(total.input_topic, total.input_received, strict=True)) == dict.fromkeys(INPUT_TYPES, 20)
+    assert dict(zip(total.input_topic, total.input_received, strict=True)) == dict.fromkeys(
+        INPUT_TYPES, 20
+    )
     assert sum(total.input_unpaired) == sum(total.input_out_of_order) == sum(total.input_lost) == 0
     assert 0.0 < total.update_latency_median <= total.update_latency_max
-    listener.spin_until(lambda: rover.health[-1].level == EstimatorHealth.STALE, "silence is reported")
+    listener.spin_until(
+        lambda: rover.health[-1].level == EstimatorHealth.STALE, "silence is reported"
+    )
     assert "wheel_slip" in rover.health[-1].summary
 
 
@@ -162,13 +177,21 @@ BAD_INPUT = [
 ]
 
 
-def test_bad_input_is_a_counted_refusal_and_good_input_is_taken_after_it(rover: Rover, estimator: Process) -> None:
+def test_bad_input_is_a_counted_refusal_and_good_input_is_taken_after_it(
+    rover: Rover, estimator: Process
+) -> None:
     for number, (topic, field, value, outcome) in enumerate(BAD_INPUT, start=1):
         first, bad, rest = thirds(inputs(3.0))
         known = rover.drive(first)[-1]
         refused = rover.drive(spoiled(bad, topic, field, value))
-        assert {each.decision.outcome_name for each in refused} == {outcome.name}, (topic, field, value)
-        assert {(each.cohesion, each.observations_used) for each in refused} == {(known.cohesion, known.observations_used)}
+        assert {each.decision.outcome_name for each in refused} == {outcome.name}, (
+            topic,
+            field,
+            value,
+        )
+        assert {(each.cohesion, each.observations_used) for each in refused} == {
+            (known.cohesion, known.observations_used)
+        }
         assert outcome is Outcome.STANDSTILL or outcome.name in refused[-1].status_text
         last = rover.drive(rest)
         assert last[-1].decision.outcome_name == "ACCEPTED"
@@ -177,7 +200,9 @@ def test_bad_input_is_a_counted_refusal_and_good_input_is_taken_after_it(rover: 
         rover.reset()
     counts = dict(zip(rover.health[-1].outcome, rover.health[-1].outcome_count, strict=True))
     refusals = Counter(outcome.name for *_, outcome in BAD_INPUT)
-    assert {name: count for name, count in counts.items() if name in refusals} == {name: 10 * count for name, count in refusals.items()}
+    assert {name: count for name, count in counts.items() if name in refusals} == {
+        name: 10 * count for name, count in refusals.items()
+    }
     assert estimator.terminate() == 0
 
 
@@ -217,16 +242,23 @@ def test_without_torque_and_imu_it_estimates_with_fewer_rows_and_says_so(rover: 
     assert_sound(estimates)
 
 
-def test_a_reset_brings_the_prior_back_and_lets_time_start_again(rover: Rover, listener: Listener) -> None:
+def test_a_reset_brings_the_prior_back_and_lets_time_start_again(
+    rover: Rover, listener: Listener
+) -> None:
     events = inputs(2.0)
     first = rover.drive(events)
     assert rover.drive(events[-25:], waiting=5) == []  # stamps of before are not taken
-    listener.spin_until(lambda: rover.health and sum(rover.health[-1].input_out_of_order) == 25, "all of them came before the reset")
+    listener.spin_until(
+        lambda: rover.health and sum(rover.health[-1].input_out_of_order) == 25,
+        "all of them came before the reset",
+    )
     rover.reset()
     again = rover.drive(events)
     assert [each.cohesion for each in again] == [each.cohesion for each in first]
     assert again[0].sequence == len(first)
-    listener.spin_until(lambda: rover.health and rover.health[-1].resets == 1, "the reset is counted")
+    listener.spin_until(
+        lambda: rover.health and rover.health[-1].resets == 1, "the reset is counted"
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
@@ -245,7 +277,9 @@ def test_a_signal_ends_it_with_success(estimator: Process, number: signal.Signal
         (["-p", "prior.cohesion_mean:=1000.0"], ["prior.cohesion_sd"]),
     ],
 )
-def test_a_wrong_parameter_is_named_and_ends_it_at_once(start: Starter, arguments: list[str], words: list[str]) -> None:
+def test_a_wrong_parameter_is_named_and_ends_it_at_once(
+    start: Starter, arguments: list[str], words: list[str]
+) -> None:
     process = start("terrain_estimator", "estimator", "--ros-args", *arguments)
     assert process.wait() == 2
     assert all(word in process.output for word in words), process.output
@@ -269,12 +303,32 @@ def test_a_parameter_file_that_is_for_no_such_node_is_named(start: Starter, tmp_
     assert "did you mean /estimatr?" in process.output
 
 
-def test_the_dumped_configuration_is_a_parameter_file_that_gives_the_same_again(start: Starter, tmp_path: Path) -> None:
+def test_the_dumped_configuration_is_a_parameter_file_that_gives_the_same_again(
+    start: Starter, tmp_path: Path
+) -> None:
     path = tmp_path / "p.yaml"
-    first = start("terrain_estimator", "estimator", "--dump-config", "--ros-args", "-r", "__ns:=/a", "-p", "prior.soil:=regolith")
+    first = start(
+        "terrain_estimator",
+        "estimator",
+        "--dump-config",
+        "--ros-args",
+        "-r",
+        "__ns:=/a",
+        "-p",
+        "prior.soil:=regolith",
+    )
     assert first.wait() == 0
     path.write_text(first.output)
-    second = start("terrain_estimator", "estimator", "--dump-config", "--ros-args", "-r", "__ns:=/a", "--params-file", str(path))
+    second = start(
+        "terrain_estimator",
+        "estimator",
+        "--dump-config",
+        "--ros-args",
+        "-r",
+        "__ns:=/a",
+        "--params-file",
+        str(path),
+    )
     assert second.wait() == 0
     assert second.output == first.output
     assert "prior.soil: regolith" in first.output
@@ -286,12 +340,22 @@ def test_an_unknown_argument_is_named(start: Starter) -> None:
     assert "--modle" in process.output
 
 
-def test_parameters_are_described_and_cannot_be_changed_later(start: Starter, listener: Listener) -> None:
+def test_parameters_are_described_and_cannot_be_changed_later(
+    start: Starter, listener: Listener
+) -> None:
     process = start("terrain_estimator", "estimator")
     process.wait_for_output("ready")
-    described = listener.call(DescribeParameters, "estimator/describe_parameters", DescribeParameters.Request(names=["pairing_timeout"]))
+    described = listener.call(
+        DescribeParameters,
+        "estimator/describe_parameters",
+        DescribeParameters.Request(names=["pairing_timeout"]),
+    )
     assert "[s]" in described.descriptors[0].description
     assert described.descriptors[0].floating_point_range[0].to_value == 60.0
-    change = SetParameters.Request(parameters=[Parameter("use_imu", value=False).to_parameter_msg()])
-    assert not listener.call(SetParameters, "estimator/set_parameters", change).results[0].successful
+    change = SetParameters.Request(
+        parameters=[Parameter("use_imu", value=False).to_parameter_msg()]
+    )
+    assert (
+        not listener.call(SetParameters, "estimator/set_parameters", change).results[0].successful
+    )
     wait_until(lambda: process.running, "it still runs")

@@ -51,7 +51,10 @@ def _loaded_once(model: LoadedModel, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def node(listener: Listener, path: Path) -> EstimatorNode:
-    return listener.host(partial(EstimatorNode, threading.Event()), parameter_overrides=[Parameter("state.file", value=str(path))])
+    return listener.host(
+        partial(EstimatorNode, threading.Event()),
+        parameter_overrides=[Parameter("state.file", value=str(path))],
+    )
 
 
 def held(node: EstimatorNode) -> tuple[int, int, int]:
@@ -68,7 +71,9 @@ def failing(*_: Any, **__: Any) -> None:
     raise RuntimeError("by the test")
 
 
-def test_a_transition_that_raises_leaves_nothing_half_done(node: EstimatorNode, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_transition_that_raises_leaves_nothing_half_done(
+    node: EstimatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
     trigger(node, "configure")
     idle = held(node)
     subscribe, calls = node.create_subscription, []
@@ -96,28 +101,44 @@ def test_a_transition_that_raises_leaves_nothing_half_done(node: EstimatorNode, 
     node.end()
     node.start()
     node._publish_health()
-    assert "0 callbacks failed" in [finding.text for finding in node.findings()], "they were told before"
+    assert "0 callbacks failed" in [finding.text for finding in node.findings()], (
+        "they were told before"
+    )
     node.end()
     assert (node.state, held(node)) == ("unconfigured", (*idle[:2], 0))
 
 
-def test_a_clock_that_stops_is_told_from_one_that_never_came(listener: Listener, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_that_stops_is_told_from_one_that_never_came(
+    listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
     steady_s = [0.0]
     monkeypatch.setattr(managed, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
-    listener.host(partial(EstimatorNode, threading.Event()), parameter_overrides=[Parameter("use_sim_time", value=True)])
+    listener.host(
+        partial(EstimatorNode, threading.Event()),
+        parameter_overrides=[Parameter("use_sim_time", value=True)],
+    )
     diagnostics = listener.collect(DiagnosticArray, "/diagnostics")
     clock = listener.publisher(Clock, "/clock")
 
     def judged(level: Level, words: str) -> bool:
-        found = [each for message in diagnostics[-1:] for each in message.status if each.name.endswith(": clock")]
+        found = [
+            each
+            for message in diagnostics[-1:]
+            for each in message.status
+            if each.name.endswith(": clock")
+        ]
         return any(each.level == bytes([level]) and words in each.message for each in found)
 
     steady_s[0] += 6.0
-    listener.spin_until(lambda: judged(Level.ERROR, "no /clock came for 6 s"), "it waits for a clock")
+    listener.spin_until(
+        lambda: judged(Level.ERROR, "no /clock came for 6 s"), "it waits for a clock"
+    )
     clock.publish(Clock(clock=Time(sec=1)))
     listener.spin_until(lambda: judged(Level.OK, "/clock runs"), "the clock runs")
     steady_s[0] += 3.0
-    listener.spin_until(lambda: judged(Level.WARN, "/clock stands still for 3 s"), "the clock is late")
+    listener.spin_until(
+        lambda: judged(Level.WARN, "/clock stands still for 3 s"), "the clock is late"
+    )
     clock.publish(Clock(clock=Time(sec=2)))
     listener.spin_until(lambda: judged(Level.OK, "/clock runs"), "the clock runs again")
 
@@ -139,7 +160,9 @@ def test_a_state_that_is_refused_is_put_aside_and_the_node_estimates(
     node.end()
     path.write_bytes(good[:-1])
     node.start()
-    assert [path.with_name(f"ground.state.refused{ending}").read_bytes() for ending in ("", "-2")] == [bytes(600), good[:-1]]
+    assert [
+        path.with_name(f"ground.state.refused{ending}").read_bytes() for ending in ("", "-2")
+    ] == [bytes(600), good[:-1]]
     node.end()
     path.write_bytes(b"")
     node.start()
@@ -152,7 +175,11 @@ def test_a_second_estimator_with_one_state_file_is_not_configured_until_the_firs
 ) -> None:
     node.start()
     parameters = [Parameter("state.file", value=str(path))]
-    other = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover2", parameter_overrides=parameters)
+    other = listener.host(
+        partial(EstimatorNode, threading.Event()),
+        namespace="/rover2",
+        parameter_overrides=parameters,
+    )
     other.start()
     assert (node.state, other.state) == ("active", "unconfigured")
     assert f"{path}: another estimator keeps its state there" in other.wrong
@@ -163,15 +190,22 @@ def test_a_second_estimator_with_one_state_file_is_not_configured_until_the_firs
 
 
 @pytest.mark.parametrize("content", [b"# Rover terrain estimation", b"PK\x03\x04\x00\x00", b"{}"])
-def test_a_file_that_never_was_a_state_is_left_alone(node: EstimatorNode, path: Path, content: bytes) -> None:
+def test_a_file_that_never_was_a_state_is_left_alone(
+    node: EstimatorNode, path: Path, content: bytes
+) -> None:
     path.write_bytes(content)
     node.start()
     assert (node.state, path.read_bytes()) == ("unconfigured", content)
-    assert node.wrong.endswith("ground.state is another file, no state: it is left alone; name another one by the parameter state.file")
+    assert node.wrong.endswith(
+        "ground.state is another file, no state: it is left alone; name another one by the"
+        " parameter state.file"
+    )
     assert [each.name for each in path.parent.iterdir()] == [path.name]
 
 
-def test_a_state_file_in_a_folder_that_is_not_there_is_refused_before_the_drive(node: EstimatorNode, path: Path) -> None:
+def test_a_state_file_in_a_folder_that_is_not_there_is_refused_before_the_drive(
+    node: EstimatorNode, path: Path
+) -> None:
     path.parent.rmdir()
     node.start()
     assert (node.state, f"there is no folder {path.parent}" in node.wrong) == ("unconfigured", True)
@@ -181,12 +215,17 @@ def test_a_state_file_in_a_folder_that_is_not_there_is_refused_before_the_drive(
     node.end()
 
 
-def test_a_folder_that_is_named_as_state_file_is_left_where_it_is(node: EstimatorNode, path: Path) -> None:
+def test_a_folder_that_is_named_as_state_file_is_left_where_it_is(
+    node: EstimatorNode, path: Path
+) -> None:
     (path / "bags").mkdir(parents=True)
     node.start()
     assert (node.state, node.wrong) == (
         "unconfigured",
-        f"cannot configure: {path} is a folder or a device: name a file by the parameter state.file",
+        (
+            f"cannot configure: {path} is a folder or a device: name a file by the parameter"
+            " state.file"
+        ),
     )
     assert [each.name for each in path.parent.iterdir()] == [path.name]
     path.rename(path.with_name("data"))
@@ -204,19 +243,29 @@ class Rover:
         self.estimates = listener.collect(TerrainEstimate, f"/{name}/terrain_estimate")
         self.health = listener.collect(EstimatorHealth, f"/{name}/estimator_health")
         self._publishers = {
-            topic: listener.publisher(factory.message_class(kind), f"/{name}/{topic}") for topic, kind in INPUT_TYPES.items()
+            topic: listener.publisher(factory.message_class(kind), f"/{name}/{topic}")
+            for topic, kind in INPUT_TYPES.items()
         }
-        listener.spin_until(lambda: listener.node.count_publishers(f"/{name}/terrain_estimate"), f"{name} estimates")
+        listener.spin_until(
+            lambda: listener.node.count_publishers(f"/{name}/terrain_estimate"), f"{name} estimates"
+        )
 
     def publish(self, step: int) -> None:
-        for topic, _, message in self.events[step * len(INPUT_TYPES) : (step + 1) * len(INPUT_TYPES)]:
+        for topic, _, message in self.events[
+            step * len(INPUT_TYPES) : (step + 1) * len(INPUT_TYPES)
+        ]:
             self._publishers[topic].publish(message)
 
     def reset(self) -> None:
-        assert self._listener.call(Trigger, f"/{self.name}/estimator/reset", Trigger.Request()).success
+        assert self._listener.call(
+            Trigger, f"/{self.name}/estimator/reset", Trigger.Request()
+        ).success
 
     def said(self) -> list[tuple[float, ...]]:
-        return [(each.sequence, each.cohesion, each.tan_phi, *each.covariance) for each in self.estimates]
+        return [
+            (each.sequence, each.cohesion, each.tan_phi, *each.covariance)
+            for each in self.estimates
+        ]
 
     def counted(self) -> bool:
         """Whether it has counted as many messages as were meant for it, on every topic."""
@@ -235,7 +284,11 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
 
     monkeypatch.setattr(keeping, "write_state", write)
     parameters = [Parameter("state.file", value=str(path))]
-    node = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover1", parameter_overrides=parameters)
+    node = listener.host(
+        partial(EstimatorNode, threading.Event()),
+        namespace="/rover1",
+        parameter_overrides=parameters,
+    )
     node.start()
     rover = Rover(listener, "rover1", list(drive_messages(factory.make, 6.0)))
     client = listener.node.create_client(Trigger, "/rover1/estimator/save_state")
@@ -248,7 +301,10 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
     assert not saved.done()
     rover.publish(1)
     threading.Event().wait(QUEUED_S)  # nobody serves the queue
-    listener.spin_until(lambda: any(each.update_latency_max >= QUEUED_S for each in rover.health), "the wait in the queue is seen")
+    listener.spin_until(
+        lambda: any(each.update_latency_max >= QUEUED_S for each in rover.health),
+        "the wait in the queue is seen",
+    )
     answers.set()
     listener.spin_until(saved.done, "the service has answered")
     assert (saved.result().success, saved.result().message) == (True, f"the state is in {path}")
@@ -270,7 +326,14 @@ def alone(model: LoadedModel, events: list[Event], *, reset: bool) -> list[tuple
         if reset and index == RESET_AFTER * len(INPUT_TYPES):
             pipeline.reset()
         updates = [answer.update for answer in pipeline.add(topic, message)]
-        said += [(each.sequence, *each.estimate.mean.tolist(), *each.estimate.covariance.ravel().tolist()) for each in updates]
+        said += [
+            (
+                each.sequence,
+                *each.estimate.mean.tolist(),
+                *each.estimate.covariance.ravel().tolist(),
+            )
+            for each in updates
+        ]
     return said
 
 
@@ -278,7 +341,10 @@ def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone
     start: Starter, listener: Listener, model: LoadedModel
 ) -> None:
     other = start("terrain_estimator", "estimator", "--ros-args", "-r", "__ns:=/rover3")
-    nodes = [listener.host(partial(EstimatorNode, threading.Event()), namespace=f"/rover{number}") for number in (1, 2)]
+    nodes = [
+        listener.host(partial(EstimatorNode, threading.Event()), namespace=f"/rover{number}")
+        for number in (1, 2)
+    ]
     for node in nodes:
         node.start()
     other.wait_for_output("ready", timeout=60.0)
@@ -293,7 +359,9 @@ def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone
             rover.publish(step)
         for rover in rovers:
             listener.wait_for_messages(rover.estimates, step + 1)
-    assert [rover.said() for rover in rovers] == [alone(model, rover.events, reset=rover is rovers[0]) for rover in rovers]
+    assert [rover.said() for rover in rovers] == [
+        alone(model, rover.events, reset=rover is rovers[0]) for rover in rovers
+    ]
     assert len({rover.said()[-1] for rover in rovers}) == len(rovers), "the drives differ"
     assert without_namespace == []
     for rover in rovers:
@@ -303,7 +371,9 @@ def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone
         node.end()
 
 
-def test_in_an_executor_with_threads_a_service_waits_for_the_update(listener: Listener, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_an_executor_with_threads_a_service_waits_for_the_update(
+    listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover1")
     node.start()
     rover = Rover(listener, "rover1", list(drive_messages(factory.make, 0.1)))

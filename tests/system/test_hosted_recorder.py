@@ -36,7 +36,9 @@ SLIP = "msg_defs/msg/WheelSlip"
 RECORDED = "every topic that is recorded has a publisher"
 
 
-def recorder(listener: Listener, folder: Path | str, parameters: dict[str, float | str | bool] | None = None) -> RecorderNode:
+def recorder(
+    listener: Listener, folder: Path | str, parameters: dict[str, float | str | bool] | None = None
+) -> RecorderNode:
     values = {"output": str(folder), "topics": "wheel_slip"} | (parameters or {})
     given = [Parameter(name, value=value) for name, value in values.items()]
     node = listener.host(partial(RecorderNode, threading.Event()), parameter_overrides=given)
@@ -50,7 +52,8 @@ def record(listener: Listener, node: RecorderNode, count: int) -> None:
     before = node.received
     for number in range(count):
         publisher.publish(WheelSlip(sequence=number))
-        listener.spin_until(lambda number=number: node.received == before + number + 1, "the message is recorded")  # type: ignore[misc]
+        wanted = before + number + 1
+        listener.spin_until(lambda wanted=wanted: node.received == wanted, "it is recorded")  # type: ignore[misc]
     listener.node.destroy_publisher(publisher)
 
 
@@ -62,12 +65,16 @@ def test_a_long_recording_goes_on_in_the_next_file(listener: Listener, tmp_path:
         node.end()
         listener.leave(node)
         with BagReader(folder) as reader:
-            assert [reader.decode(message).sequence for message in reader.messages()] == list(range(10))
+            assert [reader.decode(message).sequence for message in reader.messages()] == list(
+                range(10)
+            )
             assert reader.finished
         assert len(list(folder.glob("*.mcap"))) > 1
 
 
-def test_a_name_by_the_time_is_never_taken(listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_by_the_time_is_never_taken(
+    listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     same = SimpleNamespace(now=lambda zone: datetime(2026, 1, 2, 3, 4, 5, tzinfo=zone))
@@ -77,7 +84,10 @@ def test_a_name_by_the_time_is_never_taken(listener: Listener, tmp_path: Path, m
     for node in nodes:
         node.end()
     time = "bags/2026-01-02T03-04-05Z"
-    assert all((tmp_path / folder / "metadata.yaml").exists() for folder in (time, f"{time}-2", f"{time}-3", "run"))
+    assert all(
+        (tmp_path / folder / "metadata.yaml").exists()
+        for folder in (time, f"{time}-2", f"{time}-3", "run")
+    )
 
 
 def test_a_clock_that_steps_back_leaves_live_and_replay_the_same(
@@ -102,7 +112,10 @@ def test_a_clock_that_steps_back_leaves_live_and_replay_the_same(
         listener.spin_until(lambda: node.received > before, "the message is recorded")
 
     set_clock(1000)
-    publishers = {topic: listener.publisher(factory.message_class(kind), topic) for topic, kind in types.items()}
+    publishers = {
+        topic: listener.publisher(factory.message_class(kind), topic)
+        for topic, kind in types.items()
+    }
     live = Pipeline(load_model(), EstimatorConfig())
     steps = dict(enumerate([1001, 1002, 1003, 500, 501, 1004, 900, 1005]))
     for number, (topic, _, message) in enumerate(drive_messages(factory.make, len(steps) / 10)):
@@ -119,7 +132,9 @@ def test_a_clock_that_steps_back_leaves_live_and_replay_the_same(
     assert times == sorted(times)
     assert set(times) == {1000.0, 1001.0, 1002.0, 1003.0, 1004.0, 1005.0}
     assert replay.main([str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--compare"]) == 0
-    assert json.loads((tmp_path / "out/summary.json").read_text())["bags"][0]["estimates"] == len(steps)
+    assert json.loads((tmp_path / "out/summary.json").read_text())["bags"][0]["estimates"] == len(
+        steps
+    )
 
 
 def test_a_publisher_of_another_type_is_said_and_nothing_is_lost(
@@ -137,15 +152,22 @@ def test_a_publisher_of_another_type_is_said_and_nothing_is_lost(
     with Listener(domain_id, namespace="changed") as other:
         publisher = other.node.create_publisher(WheelSinkage, "/wheel_slip", 1)
         listener.spin_until(warned, "the other type is noticed")
-        assert f"/wheel_slip: a publisher of msg_defs/msg/WheelSinkage is left out, only {SLIP} is recorded" in said
+        assert (
+            f"/wheel_slip: a publisher of msg_defs/msg/WheelSinkage is left out, only {SLIP} is"
+            " recorded" in said
+        )
         publisher.publish(WheelSinkage())
         record(listener, node, 2)
     node.end()
     with BagReader(tmp_path / "run") as reader:
-        assert [(raw.type_name, reader.decode(raw).sequence) for raw in reader.messages()] == [(SLIP, n) for n in (0, 1, 2, 0, 1)]
+        assert [(raw.type_name, reader.decode(raw).sequence) for raw in reader.messages()] == [
+            (SLIP, n) for n in (0, 1, 2, 0, 1)
+        ]
 
 
-def test_diagnostics_say_what_is_not_recorded_and_why(listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diagnostics_say_what_is_not_recorded_and_why(
+    listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node = recorder(listener, tmp_path / "run", {"topics": "wheel_slip wheel_sinkage"})
 
     def said(check: Check) -> str:
@@ -154,12 +176,18 @@ def test_diagnostics_say_what_is_not_recorded_and_why(listener: Listener, tmp_pa
         return finding.text
 
     record(listener, node, 1)  # whose publisher ends
-    listener.spin_until(lambda: said(UNRECORDED) == "without a publisher: /wheel_slip, /wheel_sinkage", "the end is noticed")
+    listener.spin_until(
+        lambda: said(UNRECORDED) == "without a publisher: /wheel_slip, /wheel_sinkage",
+        "the end is noticed",
+    )
     slips = listener.publisher(WheelSlip, "wheel_slip")
     with monkeypatch.context() as patch:
         patch.setattr("terrain_estimator.nodes.recorder.message_class", not_installed)
         sinkages = listener.node.create_publisher(WheelSinkage, "wheel_sinkage", 1)
-        listener.spin_until(lambda: said(UNRECORDED) == "cannot record /wheel_sinkage: no such package", "it says why")
+        listener.spin_until(
+            lambda: said(UNRECORDED) == "cannot record /wheel_sinkage: no such package",
+            "it says why",
+        )
     listener.spin_until(lambda: said(UNRECORDED) == RECORDED, "it looks again")
     assert said(FAILURES) == "0 callbacks failed"
     with monkeypatch.context() as patch:
@@ -172,7 +200,10 @@ def test_diagnostics_say_what_is_not_recorded_and_why(listener: Listener, tmp_pa
     listener.node.destroy_publisher(sinkages)
     assert said(UNRECORDED) == RECORDED
     node.activate()
-    listener.spin_until(lambda: said(UNRECORDED) == "without a publisher: /wheel_sinkage", "what ended in the pause is missed after it")
+    listener.spin_until(
+        lambda: said(UNRECORDED) == "without a publisher: /wheel_sinkage",
+        "what ended in the pause is missed after it",
+    )
     node.end()
 
 
@@ -185,11 +216,17 @@ class HalfInstalled(type):
     def __import_type_support__(cls) -> None: ...
 
 
-def test_what_one_topic_raises_is_no_matter_of_the_others(listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_one_topic_raises_is_no_matter_of_the_others(
+    listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node = recorder(listener, tmp_path / "run", {"topics": "wheel_sinkage wheel_slip"})
 
     def found(name: str) -> type[Any]:
-        return HalfInstalled("Half", (), {}) if name.endswith("WheelSinkage") else factory.message_class(name)
+        return (
+            HalfInstalled("Half", (), {})
+            if name.endswith("WheelSinkage")
+            else factory.message_class(name)
+        )
 
     monkeypatch.setattr("terrain_estimator.nodes.recorder.message_class", found)
     listener.node.create_publisher(WheelSinkage, "wheel_sinkage", 1)
@@ -198,20 +235,28 @@ def test_what_one_topic_raises_is_no_matter_of_the_others(listener: Listener, tm
     [finding] = [each for each in node.findings() if each.check is UNRECORDED]
     assert "cannot record /wheel_sinkage: no type_support imported" in finding.text
     look = node.get_publishers_info_by_topic
-    monkeypatch.setattr(node, "get_publishers_info_by_topic", lambda name: look(name) if name == "/wheel_slip" else not_installed())
+    monkeypatch.setattr(
+        node,
+        "get_publishers_info_by_topic",
+        lambda name: look(name) if name == "/wheel_slip" else not_installed(),
+    )
     record(listener, node, 1)
     node.end()
     with BagReader(tmp_path / "run") as reader:
         assert (list(reader.topics), reader.span.count) == (["/wheel_slip"], 3)
 
 
-def test_what_waits_when_publishers_offer_something_else_is_recorded(listener: Listener, tmp_path: Path) -> None:
+def test_what_waits_when_publishers_offer_something_else_is_recorded(
+    listener: Listener, tmp_path: Path
+) -> None:
     node = recorder(listener, tmp_path / "run")
     publisher = listener.publisher(WheelSlip, "wheel_slip")
     for number in range(20):
         publisher.publish(WheelSlip(sequence=number))
     assert publisher.wait_for_all_acked()
-    listener.node.create_publisher(WheelSlip, "wheel_slip", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+    listener.node.create_publisher(
+        WheelSlip, "wheel_slip", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
     wait_until(lambda: node.count_publishers("wheel_slip") == 2, "the other publisher is there")
     listener.spin_until(lambda: not node._sources["/wheel_slip"].reliable, "it follows")
     node.end()

@@ -11,7 +11,9 @@ from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.nodes.common import keeping
 
 
-def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     errors = [OSError(28, "No space left on device"), ValueError("embedded null byte"), None]
     written: list[bytes] = []
     said: list[str] = []
@@ -36,7 +38,9 @@ def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(tmp_
     assert "No space left on device; trying on" in said[0]
 
 
-def test_a_disk_that_hangs_is_reported_and_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_hangs_is_reported_and_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     hangs, answers, written, said = threading.Event(), threading.Event(), list[bytes](), list[str]()
 
     def write(_: Path, content: bytes) -> None:
@@ -53,7 +57,11 @@ def test_a_disk_that_hangs_is_reported_and_is_not_waited_for(tmp_path: Path, mon
     second, third = keeper.give(b"second"), keeper.give(b"third")
     assert second is third, "the newer state is in the place of the one that waited"
     keeper.end(0.01)
-    assert said == [f"the disk has not written the state to {tmp_path / 'state'} within 0.01 s: it is left with the one of before"]
+    (line,) = said
+    assert line == (
+        f"the disk has not written the state to {tmp_path / 'state'} within 0.01 s: it is left with"
+        " the one of before"
+    )
     answers.set()
     for each in (first, third):
         each.result(20.0)
@@ -61,16 +69,24 @@ def test_a_disk_that_hangs_is_reported_and_is_not_waited_for(tmp_path: Path, mon
     assert keeper.judge().value == 0.0
 
 
-def test_a_state_is_on_the_disk_by_its_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_state_is_on_the_disk_by_its_name_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     synced: list[tuple[Path, bytes]] = []
-    monkeypatch.setattr(keeping, "sync_folder", lambda folder: synced.append((folder, (folder / "state").read_bytes())))
+    monkeypatch.setattr(
+        keeping,
+        "sync_folder",
+        lambda folder: synced.append((folder, (folder / "state").read_bytes())),
+    )
     keeper = keeping.StateKeeper(tmp_path / "state", pytest.fail)
     keeper.give(b"content").result(20.0)
     keeper.end()
     assert synced == [(tmp_path, b"content")]
 
 
-def test_a_state_file_has_one_keeper_until_all_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_state_file_has_one_keeper_until_all_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     hangs, answers = threading.Event(), threading.Event()
 
     def write(*_: object) -> None:
@@ -83,14 +99,19 @@ def test_a_state_file_has_one_keeper_until_all_is_written(tmp_path: Path, monkey
     first.give(b"state")
     assert hangs.wait(20.0)
     first.end(0.01)
-    with pytest.raises(StateFileError, match="state: another estimator keeps its state there: name a file of its own"):
+    with pytest.raises(
+        StateFileError,
+        match="state: another estimator keeps its state there: name a file of its own",
+    ):
         keeping.StateKeeper(tmp_path / "state", pytest.fail)
     answers.set()
     first.end()
     keeping.StateKeeper(tmp_path / "state", pytest.fail).end()
 
 
-def test_where_there_is_no_lock_the_writing_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_there_is_no_lock_the_writing_says_what_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     said: list[str] = []
     keeper = keeping.StateKeeper(tmp_path / "none" / "state", said.append)
     with pytest.raises(FileNotFoundError):

@@ -39,18 +39,36 @@ def state(listener: Listener, node: str) -> str:
 
 def status(messages: list[Any], name: str) -> Any:
     """The newest status of that name."""
-    return next((each for message in reversed(messages) for each in message.status if each.name.endswith(name)), None)
+    return next(
+        (
+            each
+            for message in reversed(messages)
+            for each in message.status
+            if each.name.endswith(name)
+        ),
+        None,
+    )
 
 
-def test_what_cannot_be_configured_stays_alive_and_can_be_once_it_is_mended(start: Starter, listener: Listener, tmp_path: Path) -> None:
-    estimator = start("terrain_estimator", "estimator", "--ros-args", "-p", f"model:={tmp_path}/model.pt")
+def test_what_cannot_be_configured_stays_alive_and_can_be_once_it_is_mended(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
+    estimator = start(
+        "terrain_estimator", "estimator", "--ros-args", "-p", f"model:={tmp_path}/model.pt"
+    )
     diagnostics = listener.collect(DiagnosticArray, "/diagnostics")
-    estimator.wait_for_output(r"cannot configure: model '.*model.pt': no such file.*the node stays unconfigured")
+    estimator.wait_for_output(
+        r"cannot configure: model '.*model.pt': no such file.*the node stays unconfigured"
+    )
     assert state(listener, "estimator") == "unconfigured"
-    listener.spin_until(lambda: status(diagnostics, "lifecycle"), "a diagnosis comes in this state too")
+    listener.spin_until(
+        lambda: status(diagnostics, "lifecycle"), "a diagnosis comes in this state too"
+    )
     assert status(diagnostics, "lifecycle").level == b"\x02"
     assert "no such file" in status(diagnostics, "lifecycle").message
-    assert not change(listener, "estimator", Transition.TRANSITION_ACTIVATE)  # not a transition of this state
+    assert not change(
+        listener, "estimator", Transition.TRANSITION_ACTIVATE
+    )  # not a transition of this state
     for suffix in (".pt", ".json"):
         shutil.copy(MODELS / f"mars_rover{suffix}", tmp_path / f"model{suffix}")
     assert change(listener, "estimator", Transition.TRANSITION_CONFIGURE)
@@ -58,9 +76,13 @@ def test_what_cannot_be_configured_stays_alive_and_can_be_once_it_is_mended(star
     assert "ready" not in estimator.output
     for _ in range(2):
         assert change(listener, "estimator", Transition.TRANSITION_ACTIVATE)
-        listener.spin_until(lambda: listener.node.count_subscribers("wheel_slip") == 1, "it has subscribed")
+        listener.spin_until(
+            lambda: listener.node.count_subscribers("wheel_slip") == 1, "it has subscribed"
+        )
         assert change(listener, "estimator", Transition.TRANSITION_DEACTIVATE)
-        listener.spin_until(lambda: listener.node.count_subscribers("wheel_slip") == 0, "it has unsubscribed")
+        listener.spin_until(
+            lambda: listener.node.count_subscribers("wheel_slip") == 0, "it has unsubscribed"
+        )
     assert estimator.output.count("ready: model") == 2
     assert change(listener, "estimator", Transition.TRANSITION_CLEANUP)
     assert state(listener, "estimator") == "unconfigured"
@@ -69,17 +91,33 @@ def test_what_cannot_be_configured_stays_alive_and_can_be_once_it_is_mended(star
     assert "Traceback" not in estimator.output
 
 
-def test_a_recorder_writes_while_it_is_active_and_notes_who_estimated(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_a_recorder_writes_while_it_is_active_and_notes_who_estimated(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
-    parameters = ["auto_start:=false", f"output:={folder}", "topics:=[wheel_slip, estimator_health]"]
-    recorder = start("terrain_estimator", "recorder", "--ros-args", *(word for each in parameters for word in ("-p", each)))
+    parameters = [
+        "auto_start:=false",
+        f"output:={folder}",
+        "topics:=[wheel_slip, estimator_health]",
+    ]
+    recorder = start(
+        "terrain_estimator",
+        "recorder",
+        "--ros-args",
+        *(word for each in parameters for word in ("-p", each)),
+    )
     assert state(listener, "recorder") == "unconfigured"
     assert change(listener, "recorder", Transition.TRANSITION_CONFIGURE)
     for count in (1, 2):
         assert change(listener, "recorder", Transition.TRANSITION_ACTIVATE)
-        slips, health = listener.publisher(WheelSlip, "wheel_slip"), listener.publisher(EstimatorHealth, "estimator_health")
+        slips, health = (
+            listener.publisher(WheelSlip, "wheel_slip"),
+            listener.publisher(EstimatorHealth, "estimator_health"),
+        )
         slips.publish(WheelSlip(sequence=count))
-        health.publish(EstimatorHealth(model_id="m", model_sha256="ab", configuration_sha256=f"c{count}"))
+        health.publish(
+            EstimatorHealth(model_id="m", model_sha256="ab", configuration_sha256=f"c{count}")
+        )
         wait_until(lambda count=count: recorded(folder) == 2 * count, "both are recorded")  # type: ignore[misc]
         assert change(listener, "recorder", Transition.TRANSITION_DEACTIVATE)
         slips.publish(WheelSlip(sequence=100))
@@ -88,10 +126,14 @@ def test_a_recorder_writes_while_it_is_active_and_notes_who_estimated(start: Sta
     assert change(listener, "recorder", Transition.TRANSITION_CLEANUP)
     assert recorder.interrupt() == 0
     with BagReader(folder) as reader:
-        assert [reader.decode(message).sequence for message in reader.messages(["/wheel_slip"])] == [1, 2]
+        assert [
+            reader.decode(message).sequence for message in reader.messages(["/wheel_slip"])
+        ] == [1, 2]
     with (folder / "run_0.mcap").open("rb") as file:
         notes = [(record.name, record.metadata) for record in make_reader(file).iter_metadata()]
-    assert [note["configuration_sha256"] for name, note in notes if name == "terrain_estimator"] == ["c1", "c2"]
+    assert [
+        note["configuration_sha256"] for name, note in notes if name == "terrain_estimator"
+    ] == ["c1", "c2"]
     [own] = [note for name, note in notes if name == "recorder"]
     assert own["fsync_interval"] == "1.0"
     assert len(own["configuration_sha256"]) == 64
@@ -105,10 +147,17 @@ def recorded(folder: Path) -> int:
 def drive(listener: Listener, estimator: Process, events: list[Event], expected: int) -> list[Any]:
     """Publish the events to an estimator; its estimates.
 
-    One that was killed still counts as a reader and as a publisher: this one must say that it hears, and be heard.
+    One that was killed still counts as a reader and as a publisher: this one must say that it
+    hears, and be heard.
     """
-    estimates, health = listener.collect(TerrainEstimate, "terrain_estimate"), listener.collect(EstimatorHealth, "estimator_health")
-    publishers = {topic: listener.publisher(factory.message_class(kind), topic) for topic, kind in INPUT_TYPES.items()}
+    estimates, health = (
+        listener.collect(TerrainEstimate, "terrain_estimate"),
+        listener.collect(EstimatorHealth, "estimator_health"),
+    )
+    publishers = {
+        topic: listener.publisher(factory.message_class(kind), topic)
+        for topic, kind in INPUT_TYPES.items()
+    }
     estimator.wait_for_output("matched all inputs")
     listener.wait_for_messages(health, 1)
     for index in range(0, len(events), 50):
@@ -121,22 +170,40 @@ def drive(listener: Listener, estimator: Process, events: list[Event], expected:
 
 
 def with_state(start: Starter, path: Path) -> Process:
-    process = start("terrain_estimator", "estimator", "--ros-args", "-p", f"state.file:={path}", "-p", "state.autosave_period:=0.2")
+    process = start(
+        "terrain_estimator",
+        "estimator",
+        "--ros-args",
+        "-p",
+        f"state.file:={path}",
+        "-p",
+        "state.autosave_period:=0.2",
+    )
     process.wait_for_output("ready", timeout=60.0)
     return process
 
 
-def test_a_killed_node_goes_on_where_it_was_and_refuses_a_damaged_state(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_a_killed_node_goes_on_where_it_was_and_refuses_a_damaged_state(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     path = tmp_path / "ground.state"
     events = list(drive_messages(factory.make, 6.0))
     first = with_state(start, path)
     drive(listener, first, events[:200], 40)
     model = load_model()
-    wait_until(lambda: path.exists() and read_state(path, model.sha256)["counts"][1] == 40, "the state is kept by itself")
+    wait_until(
+        lambda: path.exists() and read_state(path, model.sha256)["counts"][1] == 40,
+        "the state is kept by itself",
+    )
     saved = path.read_bytes()
     first.kill()
-    # DDS takes a killed process for alive for 20 s: its subscriptions would be taken for those of the next
-    listener.spin_until(lambda: not listener.node.count_subscribers("wheel_slip"), "the killed node is forgotten", timeout=60.0)
+    # DDS takes a killed process for alive for 20 s: its subscriptions would be taken for those of
+    # the next
+    listener.spin_until(
+        lambda: not listener.node.count_subscribers("wheel_slip"),
+        "the killed node is forgotten",
+        timeout=60.0,
+    )
     second = with_state(start, path)
     assert f"going on from the state in {path}" in second.output
     last = drive(listener, second, events[200:], 20)[-1]
@@ -144,7 +211,9 @@ def test_a_killed_node_goes_on_where_it_was_and_refuses_a_damaged_state(start: S
     assert read_state(path, model.sha256)["counts"][1] == 60
     assert listener.call(Trigger, "estimator/load_state", Trigger.Request()).success
     pipeline = Pipeline(model, EstimatorConfig())
-    whole = [answer for topic, _, message in events for answer in pipeline.add(topic, message)][-1].update.estimate
+    whole = [answer for topic, _, message in events for answer in pipeline.add(topic, message)][
+        -1
+    ].update.estimate
     assert (last.observations_used, last.cohesion, last.tan_phi) == (60, *whole.mean.tolist())
     np.testing.assert_array_equal(last.covariance, whole.covariance.ravel())
     assert second.interrupt() == 0
@@ -168,7 +237,9 @@ def test_it_says_from_the_start_what_it_will_never_hear(start: Starter, listener
     }
     for check, words in expected.items():
         listener.spin_until(
-            lambda check=check, words=words: words in getattr(status(diagnostics, check), "message", ""),  # type: ignore[misc]
+            lambda check=check, words=words: (
+                words in getattr(status(diagnostics, check), "message", "")
+            ),  # type: ignore[misc]
             f"{check} is judged",
             seen=lambda check=check: status(diagnostics, check),  # type: ignore[misc]
         )
@@ -180,6 +251,10 @@ def test_it_says_from_the_start_what_it_will_never_hear(start: Starter, listener
 
 def test_a_service_that_cannot_do_it_says_why(start: Starter, listener: Listener) -> None:
     start("terrain_estimator", "estimator", "--ros-args", "-p", "auto_start:=false")
-    for name, words in {"reset": "not configured", "save_state": "state.file", "load_state": "state.file"}.items():
+    for name, words in {
+        "reset": "not configured",
+        "save_state": "state.file",
+        "load_state": "state.file",
+    }.items():
         answer = listener.call(Trigger, f"estimator/{name}", Trigger.Request())
         assert (answer.success, words in answer.message) == (False, True), answer

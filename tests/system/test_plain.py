@@ -46,7 +46,9 @@ def test_a_callback_that_raises_is_counted_and_said_and_the_next_message_is_take
 ) -> None:
     failures: list[int] = []
     taken: list[float] = []
-    callback = guarded(listener.node, lambda value: taken.append(1.0 / value), lambda: failures.append(1))
+    callback = guarded(
+        listener.node, lambda value: taken.append(1.0 / value), lambda: failures.append(1)
+    )
     for value in (0.0, 2.0):
         callback(value)
     assert (len(failures), taken) == (1, [0.5])
@@ -73,7 +75,14 @@ def test_what_is_not_judged_any_more_is_not_said_to_be_well(
     monkeypatch.setattr(reporting, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
     reporter = reporting.Reporter(listener.node, list)
     missing, there = REQUIRED.judge(9.0, "odom", "no data"), REQUIRED.judge(0.1, "odom", "data")
-    for now_s, findings in ((0.0, [missing]), (6.0, [missing]), (7.0, []), (8.0, [missing]), (14.0, [missing]), (15.0, [there])):
+    for now_s, findings in (
+        (0.0, [missing]),
+        (6.0, [missing]),
+        (7.0, []),
+        (8.0, [missing]),
+        (14.0, [missing]),
+        (15.0, [there]),
+    ):
         steady_s[0] = now_s
         reporter._say(findings)
     said = capfd.readouterr().err

@@ -38,21 +38,37 @@ def estimate(header: Any, *, identified: bool) -> TerrainEstimate:
     )
 
 
-def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     rover = tmp_path / "rover.yaml"
-    rover.write_text((PRESETS / "rovers/mars_rover.yaml").read_text().replace("name: mars_rover", "name: twin"))
-    process = start("terrain_estimator", "planner", "--ros-args", "-p", "period:=0.3", "-p", f"rover:={rover}")
+    rover.write_text(
+        (PRESETS / "rovers/mars_rover.yaml").read_text().replace("name: mars_rover", "name: twin")
+    )
+    process = start(
+        "terrain_estimator", "planner", "--ros-args", "-p", "period:=0.3", "-p", f"rover:={rover}"
+    )
     process.wait_for_output("ready: rover twin", timeout=60.0)
     found = listener.collect(TractionAdvice, "traction_advice")
-    outputs = {topic: listener.publisher(factory.message_class(name), topic) for topic, name in INPUT_TYPES.items()}
+    outputs = {
+        topic: listener.publisher(factory.message_class(name), topic)
+        for topic, name in INPUT_TYPES.items()
+    }
     estimates = listener.publisher(TerrainEstimate, "terrain_estimate")
     for topic, _, message in drive_messages(factory.make, 3.0):
         outputs[topic].publish(message)
         if topic == "imu":
             stamp = message.header.stamp
-            estimates.publish(estimate(message.header, identified=stamp.sec + 1e-9 * stamp.nanosec >= 101.45))
+            estimates.publish(
+                estimate(message.header, identified=stamp.sec + 1e-9 * stamp.nanosec >= 101.45)
+            )
             listener.spin_until(lambda: True, "what came is taken")
-    for wrong in ({"soil": ["mud"]}, {"cohesion": math.nan}, {"soil_probability": [0.0] * 3}, {"soil_probability": [1.0]}):
+    for wrong in (
+        {"soil": ["mud"]},
+        {"cohesion": math.nan},
+        {"soil_probability": [0.0] * 3},
+        {"soil_probability": [1.0]},
+    ):
         message = estimate(found[-1].header, identified=True)
         for name, value in wrong.items():
             setattr(message, name, value)
@@ -68,25 +84,42 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(start: Star
     assert 0.0 < last.expected_slip_lower < last.expected_slip < last.expected_slip_upper < 1.0
     assert last.speed_limit > 0.0
     assert 0.0 <= last.front_stall_probability < 0.5
-    caller = start.command(sys.executable, str(CALL_SERVICE), "/planner/resume", "std_srvs/srv/Trigger")
+    caller = start.command(
+        sys.executable, str(CALL_SERVICE), "/planner/resume", "std_srvs/srv/Trigger"
+    )
     listener.spin_until(lambda: not caller.running, "the documented call ends")
-    assert (caller.wait(), "Trigger_Response(success=True" in caller.output) == (0, True), caller.output
+    assert (caller.wait(), "Trigger_Response(success=True" in caller.output) == (
+        0,
+        True,
+    ), caller.output
     assert "over the soils mud" in process.output
-    assert process.output.count("terrain_estimate is of model wheelbarrow-1, the planner's is mars_rover") == 1
+    assert (
+        process.output.count(
+            "terrain_estimate is of model wheelbarrow-1, the planner's is mars_rover"
+        )
+        == 1
+    )
     assert process.interrupt(60.0) == 0
 
 
 def test_what_is_wrong_is_named(start: Starter) -> None:
-    for argument, words in (("model:=nowhere.pt", "nowhere.pt"), ("slip_limt:=0.5", "did you mean slip_limit")):
+    for argument, words in (
+        ("model:=nowhere.pt", "nowhere.pt"),
+        ("slip_limt:=0.5", "did you mean slip_limit"),
+    ):
         process = start("terrain_estimator", "planner", "--ros-args", "-p", argument)
         assert process.wait(60.0) == 2
         assert words in process.output
         assert "Traceback" not in process.output
 
 
-def test_the_documented_subscriber_goes_by_a_clock_that_nobody_sets_back_or_stops(start: Starter, listener: Listener) -> None:
+def test_the_documented_subscriber_goes_by_a_clock_that_nobody_sets_back_or_stops(
+    start: Starter, listener: Listener
+) -> None:
     commands = listener.collect(Twist, "cmd_vel")
-    start.command(sys.executable, str(EXAMPLES / "follow_advice.py"), "--ros-args", "-p", "use_sim_time:=true")  # and there is no /clock
+    start.command(
+        sys.executable, str(EXAMPLES / "follow_advice.py"), "--ros-args", "-p", "use_sim_time:=true"
+    )  # and there is no /clock
     listener.wait_for_messages(commands, 2)
     assert {each.linear.x for each in commands} == {0.0}
 
@@ -97,7 +130,9 @@ def test_the_documented_subscriber_stops_the_rover_before_a_soft_patch_traps_it_
     found = listener.collect(TractionAdvice, "traction_advice")
     process = start.command("bash", str(EXAMPLES / "soft_patch.sh"), "true", "3.0", "45.0")
     process.wait_for_output("stop: the ground under the front wheels", timeout=120.0)
-    listener.spin_until(lambda: found[-1].stop and math.isnan(found[-1].measured_slip), "the rover stands", 60.0)
+    listener.spin_until(
+        lambda: found[-1].stop and math.isnan(found[-1].measured_slip), "the rover stands", 60.0
+    )
     assert listener.call(Trigger, "planner/resume", Trigger.Request()).success
     process.wait_for_output("creep: nothing was measured on the move", timeout=60.0)
     listener.spin_until(lambda: found[-1].commanded_speed > 0.02, "the rover moves again", 60.0)

@@ -19,7 +19,9 @@ from terrain_estimator.nodes.estimator import EstimatorNode
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 
-ROW = re.compile(r"^\| `([\w/]+)` \| `([\w/]+)` \| (\w+) \| [^|]+ \| (\w+) \| (\w+) \| (\d+) \|$", re.MULTILINE)
+ROW = re.compile(
+    r"^\| `([\w/]+)` \| `([\w/]+)` \| (\w+) \| [^|]+ \| (\w+) \| (\w+) \| (\d+) \|$", re.MULTILINE
+)
 TABLE = ROW.findall((Path(__file__).parents[2] / "docs/messages.md").read_text(encoding="utf-8"))
 PACKAGE_OF = {
     "simulator": "rover_sim_node",
@@ -41,31 +43,49 @@ class Offer(NamedTuple):
 @pytest.mark.parametrize("node", sorted(PACKAGE_OF))
 def test_a_node_offers_what_the_table_says(node: str, start: Starter, listener: Listener) -> None:
     documented = {
-        Offer(topic, kind, reliability, durability) for topic, kind, publisher, reliability, durability, _ in TABLE if publisher == node
+        Offer(topic, kind, reliability, durability)
+        for topic, kind, publisher, reliability, durability, _ in TABLE
+        if publisher == node
     }
     process = start(PACKAGE_OF[node], node)
 
     def offered() -> set[Offer]:
         assert process.running, process.output
         return {
-            Offer(topic, info.topic_type, info.qos_profile.reliability.name.lower(), info.qos_profile.durability.name.lower())
+            Offer(
+                topic,
+                info.topic_type,
+                info.qos_profile.reliability.name.lower(),
+                info.qos_profile.durability.name.lower(),
+            )
             for topic, *_ in TABLE
             for info in listener.node.get_publishers_info_by_topic(topic)
             if info.node_name == node
         }
 
-    listener.spin_until(lambda: offered() == documented, "the offers are those of the table", seen=lambda: f"{offered()} not {documented}")
+    listener.spin_until(
+        lambda: offered() == documented,
+        "the offers are those of the table",
+        seen=lambda: f"{offered()} not {documented}",
+    )
     assert documented
     assert process.interrupt() == 0
 
 
 def estimator(listener: Listener, **overrides: Any) -> EstimatorNode:
     """With overrides of /rover1/imu by the policy's name."""
-    given = [Parameter(f"qos_overrides./rover1/imu.subscription.{name}", value=value) for name, value in overrides.items()]
-    return listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover1", parameter_overrides=given)
+    given = [
+        Parameter(f"qos_overrides./rover1/imu.subscription.{name}", value=value)
+        for name, value in overrides.items()
+    ]
+    return listener.host(
+        partial(EstimatorNode, threading.Event()), namespace="/rover1", parameter_overrides=given
+    )
 
 
-def test_a_best_effort_publisher_is_heard_by_an_estimator_that_is_told_so(listener: Listener) -> None:
+def test_a_best_effort_publisher_is_heard_by_an_estimator_that_is_told_so(
+    listener: Listener,
+) -> None:
     node = estimator(listener, reliability="best_effort", depth=5)
     sensor = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     health = listener.collect(EstimatorHealth, "/rover1/estimator_health")
@@ -79,7 +99,9 @@ def test_a_best_effort_publisher_is_heard_by_an_estimator_that_is_told_so(listen
         assert node.describe_parameter("qos_overrides./rover1/imu.subscription.depth").read_only
         health.clear()
         publisher.publish(Imu())
-        listener.spin_until(lambda: any(sum(each.input_received) == 1 for each in health), "the message is heard")
+        listener.spin_until(
+            lambda: any(sum(each.input_received) == 1 for each in health), "the message is heard"
+        )
         listener.node.destroy_publisher(publisher)
         node.end()
     listener.leave(node)
@@ -90,13 +112,18 @@ def test_a_best_effort_publisher_is_heard_by_an_estimator_that_is_told_so(listen
     [
         (
             {"reliabilty": "best_effort"},
-            "unknown parameter .*/rover1/imu.subscription.reliabilty: did you mean .*imu.subscription.reliability",
+            (
+                "unknown parameter .*/rover1/imu.subscription.reliabilty: did you mean"
+                " .*imu.subscription.reliability"
+            ),
         ),
         ({"durability": "volatile"}, "unknown parameter .*durability: did you mean"),
         ({"reliability": "best-effort"}, "expected reliable or best_effort, got 'best-effort'"),
         ({"depth": 0}, "expected a whole number from 1 to 10000, got 0"),
     ],
 )
-def test_an_override_that_cannot_be_is_named(listener: Listener, overrides: dict[str, Any], words: str) -> None:
+def test_an_override_that_cannot_be_is_named(
+    listener: Listener, overrides: dict[str, Any], words: str
+) -> None:
     with pytest.raises(ConfigError, match=words):
         estimator(listener, **overrides)

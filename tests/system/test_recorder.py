@@ -21,7 +21,16 @@ from tests.system.waiting import wait_until
 
 
 def record(start: Starter, folder: Path, topics: str, *more: str) -> Process:
-    return start("terrain_estimator", "recorder", "--ros-args", "-p", f"output:={folder}", "-p", f"topics:={topics}", *more)
+    return start(
+        "terrain_estimator",
+        "recorder",
+        "--ros-args",
+        "-p",
+        f"output:={folder}",
+        "-p",
+        f"topics:={topics}",
+        *more,
+    )
 
 
 def count(folder: Path) -> int:
@@ -42,12 +51,16 @@ def sequences(folder: Path) -> list[int]:
         return [reader.decode(message).sequence for message in reader.messages(["/wheel_slip"])]
 
 
-def test_a_kill_loses_no_message_that_was_received(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_a_kill_loses_no_message_that_was_received(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     recorder = record(start, folder, "[wheel_slip]")
     publisher = listener.publisher(WheelSlip, "wheel_slip")
     publish(publisher, range(240))
-    wait_until(lambda: count(folder) == 240, "240 messages are recorded", seen=lambda: count(folder))
+    wait_until(
+        lambda: count(folder) == 240, "240 messages are recorded", seen=lambda: count(folder)
+    )
     assert recorder.kill() == -signal.SIGKILL
     assert sequences(folder) == list(range(240))
     with BagReader(folder) as reader:
@@ -58,7 +71,9 @@ def test_a_kill_loses_no_message_that_was_received(start: Starter, listener: Lis
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
-def test_a_signal_ends_the_recording_cleanly(start: Starter, listener: Listener, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_ends_the_recording_cleanly(
+    start: Starter, listener: Listener, tmp_path: Path, number: signal.Signals
+) -> None:
     folder = tmp_path / "run"
     recorder = record(start, folder, "[wheel_slip]")
     publisher = listener.publisher(WheelSlip, "wheel_slip")
@@ -73,7 +88,9 @@ def test_a_signal_ends_the_recording_cleanly(start: Starter, listener: Listener,
     assert sequences(folder) == list(range(50))
 
 
-def test_it_says_when_all_topics_are_recorded_and_picks_up_a_late_one(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_it_says_when_all_topics_are_recorded_and_picks_up_a_late_one(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     recorder = record(start, folder, "[wheel_slip, ground_truth/terrain]")
     publish(listener.publisher(WheelSlip, "wheel_slip"), range(1))
@@ -81,21 +98,30 @@ def test_it_says_when_all_topics_are_recorded_and_picks_up_a_late_one(start: Sta
     assert "recording 2 topics" not in recorder.output
     latched = listener.node.create_publisher(TerrainTruth, "ground_truth/terrain", LATCHED)
     latched.publish(TerrainTruth(soil="said before the recorder came"))
-    recorder.wait_for_output(r"matched /ground_truth/terrain \(msg_defs/msg/TerrainTruth, reliable, transient local\)")
+    recorder.wait_for_output(
+        r"matched /ground_truth/terrain \(msg_defs/msg/TerrainTruth, reliable, transient local\)"
+    )
     recorder.wait_for_output(rf"recording 2 topics to {folder}")
     wait_until(lambda: count(folder) == 2, "both messages are recorded")
     assert recorder.interrupt() == 0
     with BagReader(folder) as reader:
-        assert {name: topic.count for name, topic in reader.topics.items()} == {"/wheel_slip": 1, "/ground_truth/terrain": 1}
+        assert {name: topic.count for name, topic in reader.topics.items()} == {
+            "/wheel_slip": 1,
+            "/ground_truth/terrain": 1,
+        }
         [profile] = yaml.safe_load(reader.topics["/ground_truth/terrain"].qos_text)
         assert (profile["durability"], profile["reliability"]) == ("transient_local", "reliable")
 
 
-def test_it_follows_a_publisher_that_offers_less(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_it_follows_a_publisher_that_offers_less(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     recorder = record(start, tmp_path / "run", "wheel_slip")
     sensor = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     publish(listener.publisher(WheelSlip, "wheel_slip", sensor), range(1))
-    recorder.wait_for_output(r"matched /wheel_slip \(msg_defs/msg/WheelSlip, best effort, volatile\)")
+    recorder.wait_for_output(
+        r"matched /wheel_slip \(msg_defs/msg/WheelSlip, best effort, volatile\)"
+    )
     assert recorder.interrupt() == 0
 
 
@@ -110,7 +136,9 @@ def test_names_follow_the_namespace(start: Starter, domain_id: int, tmp_path: Pa
         assert list(reader.topics) == ["/rover1/wheel_slip"]
 
 
-def test_with_simulated_time_the_log_times_are_simulated(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_with_simulated_time_the_log_times_are_simulated(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     recorder = record(start, folder, "wheel_slip", "-p", "use_sim_time:=true")
     slips = listener.node.create_publisher(WheelSlip, "wheel_slip", 10)
@@ -128,7 +156,9 @@ def test_with_simulated_time_the_log_times_are_simulated(start: Starter, listene
     clock.publish(Clock(clock=Time(sec=-1)))
     recorder.wait_for_output("in a callback, the message is left out: .*negative")
     publish(slips, range(1, 2))
-    wait_until(lambda: count(folder) == 2, "a clock before zero, at which rclpy raises, does not end it")
+    wait_until(
+        lambda: count(folder) == 2, "a clock before zero, at which rclpy raises, does not end it"
+    )
     assert recorder.interrupt() == 0
     with BagReader(folder) as reader:
         message, _ = reader.messages()
@@ -136,13 +166,17 @@ def test_with_simulated_time_the_log_times_are_simulated(start: Starter, listene
     assert message.publish_time_ns > 10**18
 
 
-def test_a_full_disk_ends_it_with_what_was_written_before(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_a_full_disk_ends_it_with_what_was_written_before(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     recorder = record(start, folder, "wheel_slip")
     publisher = listener.publisher(WheelSlip, "wheel_slip")
     publish(publisher, range(100))
     wait_until(lambda: count(folder) == 100, "100 messages are recorded")
-    room = (folder / "run_0.mcap").stat().st_size + 1000  # a limit on the file's size stands for a full disk
+    room = (
+        folder / "run_0.mcap"
+    ).stat().st_size + 1000  # a limit on the file's size stands for a full disk
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (room, room))
     publish(publisher, range(100, 200))
     assert recorder.wait() == 1
@@ -162,7 +196,9 @@ def test_a_full_disk_ends_it_with_what_was_written_before(start: Starter, listen
         ("topics:=' '", "parameter topics: no topic is named"),
     ],
 )
-def test_a_wrong_parameter_is_an_error_that_names_it(start: Starter, parameter: str, words: str) -> None:
+def test_a_wrong_parameter_is_an_error_that_names_it(
+    start: Starter, parameter: str, words: str
+) -> None:
     recorder = start("terrain_estimator", "recorder", "--ros-args", "-p", parameter)
     assert recorder.wait() == 2
     assert words in recorder.output
@@ -171,7 +207,9 @@ def test_a_wrong_parameter_is_an_error_that_names_it(start: Starter, parameter: 
 
 def test_an_existing_folder_is_never_overwritten(start: Starter, tmp_path: Path) -> None:
     recorder = start("terrain_estimator", "recorder", "--ros-args", "-p", f"output:={tmp_path}")
-    recorder.wait_for_output(f"cannot configure: {tmp_path} exists already.*the node stays unconfigured")
+    recorder.wait_for_output(
+        f"cannot configure: {tmp_path} exists already.*the node stays unconfigured"
+    )
     assert recorder.interrupt() == 0
 
 
@@ -184,11 +222,17 @@ def test_an_unknown_argument_is_an_error(start: Starter) -> None:
 def test_help_lists_every_parameter(start: Starter) -> None:
     recorder = start("terrain_estimator", "recorder", "--help")
     assert recorder.wait() == 0
-    assert all(f"  {name} (default " in recorder.output for name in ("output", "topics", "fsync_interval"))
+    assert all(
+        f"  {name} (default " in recorder.output for name in ("output", "topics", "fsync_interval")
+    )
 
 
-@pytest.mark.parametrize("arguments", [("--params-file", "missing.yaml"), ("-p", "output"), ("-r", "__ns:=rover1/")])
-def test_ros_arguments_that_cannot_be_parsed_are_an_error_and_no_traceback(start: Starter, arguments: tuple[str, str]) -> None:
+@pytest.mark.parametrize(
+    "arguments", [("--params-file", "missing.yaml"), ("-p", "output"), ("-r", "__ns:=rover1/")]
+)
+def test_ros_arguments_that_cannot_be_parsed_are_an_error_and_no_traceback(
+    start: Starter, arguments: tuple[str, str]
+) -> None:
     recorder = start("terrain_estimator", "recorder", "--ros-args", *arguments)
     assert recorder.wait() == 2
     assert f"'{' '.join(arguments)}'" in recorder.output

@@ -13,12 +13,19 @@ from terrain_estimator.demonstration.verdicts import OUTPUTS, verdicts
 from tests.system.processes import Starter
 
 GOOD: dict[str, SimpleNamespace] = {
-    "terrain_estimate": SimpleNamespace(cohesion=1000.0, cohesion_stddev=100.0, tan_phi=0.6, tan_phi_stddev=0.03),
+    "terrain_estimate": SimpleNamespace(
+        cohesion=1000.0, cohesion_stddev=100.0, tan_phi=0.6, tan_phi_stddev=0.03
+    ),
     "ground_truth/terrain": SimpleNamespace(cohesion=1100.0, tan_phi=0.55),
     "motion_prediction": SimpleNamespace(innovation=0.01, innovation_variance=1e-4),
     "estimator_health": SimpleNamespace(accepted=5, rejected=0, summary=""),
     "traction_advice": SimpleNamespace(
-        stop=False, speed_limit=0.2, measured_slip=0.1, measured_sinkage=0.02, front_stall_probability=0.0, status_text="go on"
+        stop=False,
+        speed_limit=0.2,
+        measured_slip=0.1,
+        measured_sinkage=0.02,
+        front_stall_probability=0.0,
+        status_text="go on",
     ),
     "terrain_map": SimpleNamespace(width=3),
 }
@@ -33,9 +40,13 @@ def drive(**changes: Any) -> dict[str, list[Any]]:
 
 
 def test_it_passes_on_the_real_nodes(start: Starter, domain_id: int) -> None:
-    process = start("terrain_estimator", "selftest", "--domain-id", str(domain_id), "--duration", "8")
+    process = start(
+        "terrain_estimator", "selftest", "--domain-id", str(domain_id), "--duration", "8"
+    )
     assert process.wait(180.0) == 0, process.output
-    assert [line.split()[1] for line in process.output.splitlines() if line.startswith("PASS")] == list(OUTPUTS)
+    assert [
+        line.split()[1] for line in process.output.splitlines() if line.startswith("PASS")
+    ] == list(OUTPUTS)
 
 
 def test_a_sound_drive_passes() -> None:
@@ -64,12 +75,22 @@ def test_an_output_that_is_silent_fails(topic: str) -> None:
         ("terrain_map", {"width": 0}),
     ],
 )
-def test_an_output_that_is_wrong_fails_and_says_why(topic: str, fields: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_output_that_is_wrong_fails_and_says_why(
+    topic: str, fields: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert report(verdicts(drive(**{topic: fields}), 5)) == 1
     assert f"FAIL  {topic}: " in capsys.readouterr().out
 
 
 def test_a_lost_message_fails() -> None:
     assert [verdict.output for verdict in verdicts(drive(), 6) if verdict.fault] == [
-        topic for topic in OUTPUTS if topic not in {"ground_truth/terrain", "estimator_health", "traction_advice", "terrain_map"}
+        topic
+        for topic in OUTPUTS
+        if topic
+        not in {
+            "ground_truth/terrain",
+            "estimator_health",
+            "traction_advice",
+            "terrain_map",
+        }
     ]

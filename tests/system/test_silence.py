@@ -21,18 +21,35 @@ KIND = "nav_msgs/msg/Odometry"
 
 def test_the_reason_names_what_is_there_instead_and_how_to_hear_it(listener: Listener) -> None:
     node, name = listener.node, listener.node.get_fully_qualified_name()
-    assert re.fullmatch(r"nobody publishes /a in ROS domain \d+: .*ROS_DOMAIN_ID", why_silent(node, "a", KIND, QOS))
-    for topic, kind, qos in (("elsewhere", Odometry, QOS), ("/rover1/b", Odometry, QOS), ("c", String, QOS), ("d", Odometry, SENSOR)):
+    assert re.fullmatch(
+        r"nobody publishes /a in ROS domain \d+: .*ROS_DOMAIN_ID", why_silent(node, "a", KIND, QOS)
+    )
+    for topic, kind, qos in (
+        ("elsewhere", Odometry, QOS),
+        ("/rover1/b", Odometry, QOS),
+        ("c", String, QOS),
+        ("d", Odometry, SENSOR),
+    ):
         node.create_publisher(kind, topic, qos)
     node.create_publisher(Odometry, "e", QOS)
     assert "/elsewhere" in why_silent(node, "a", KIND, QOS)
-    assert why_silent(node, "b", KIND, QOS).startswith("nobody publishes /b; of its type there is /rover1/b, ")
-    assert why_silent(node, "b", KIND, QOS).endswith("or this node with --ros-args -r __ns:=/rover1")
+    assert why_silent(node, "b", KIND, QOS).startswith(
+        "nobody publishes /b; of its type there is /rover1/b, "
+    )
+    assert why_silent(node, "b", KIND, QOS).endswith(
+        "or this node with --ros-args -r __ns:=/rover1"
+    )
     assert why_silent(node, "a", KIND, QOS).endswith("-r a:=NAME")
     for reason in (why_silent(node, "c", KIND, QOS), why_silent(node, "d", KIND, QOS)):
-        assert reason.endswith(": set its publisher to type and quality of service of docs/messages.md")
-    assert why_silent(node, "c", KIND, QOS).startswith(f"{name} publishes std_msgs/msg/String, not {KIND}: ")
-    assert why_silent(node, "d", KIND, QOS).startswith(f"incompatible quality of service with {name}: best effort publisher")
+        assert reason.endswith(
+            ": set its publisher to type and quality of service of docs/messages.md"
+        )
+    assert why_silent(node, "c", KIND, QOS).startswith(
+        f"{name} publishes std_msgs/msg/String, not {KIND}: "
+    )
+    assert why_silent(node, "d", KIND, QOS).startswith(
+        f"incompatible quality of service with {name}: best effort publisher"
+    )
     assert why_silent(node, "e", KIND, QOS) == "/e has a publisher, which says nothing: check it"
 
 
@@ -53,9 +70,14 @@ def test_it_is_said_once_for_each_topic_on_which_nothing_comes_or_nothing_any_mo
     listener.spin_until(lambda: "come now" in more(), "it is taken back")
     listener.spin_until(lambda: "no data on silent for" in more(), "that it ended is said, too")
     text = more()
-    assert "no data on silent since the start: nobody publishes /silent; of its type there is /rover1/silent: start its publisher" in text
+    assert (
+        "no data on silent since the start: nobody publishes /silent; of its type there is"
+        " /rover1/silent: start its publisher" in text
+    )
     assert "--ros-args -r __ns:=/rover1" in text
-    assert text.count("no data on silent since the start") == text.count("no data on silent for") == 1
+    assert (
+        text.count("no data on silent since the start") == text.count("no data on silent for") == 1
+    )
     assert text.count("no data on heard for") == 1
     assert "silent: messages come now" in text
 
@@ -64,7 +86,9 @@ def test_messages_that_are_never_of_one_instant_are_said_once_and_taken_back(
     listener: Listener, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = itertools.count()
-    monkeypatch.setattr("terrain_estimator.nodes.common.silence.time", SimpleNamespace(monotonic=lambda: next(now)))
+    monkeypatch.setattr(
+        "terrain_estimator.nodes.common.silence.time", SimpleNamespace(monotonic=lambda: next(now))
+    )
     pairs = Pairs(listener.node, ("a", "b"), patience_s=5.0)
 
     def said(topics: str, *, paired: bool = False) -> str:

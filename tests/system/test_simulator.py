@@ -22,7 +22,13 @@ from tests.system.listening import LATCHED, Listener
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 
-TOPICS = {"wheel_slip": WheelSlip, "wheel_sinkage": WheelSinkage, "odom": Odometry, "joint_states": JointState, "imu": Imu}
+TOPICS = {
+    "wheel_slip": WheelSlip,
+    "wheel_sinkage": WheelSinkage,
+    "odom": Odometry,
+    "joint_states": JointState,
+    "imu": Imu,
+}
 FAST = ("real_time_factor:=20.0",)
 
 
@@ -43,11 +49,15 @@ def finish(listener: Listener, process: Process, heard: dict[str, list[Any]], st
     """Listen until every topic has so many messages and the process has ended; its exit code."""
     for messages in heard.values():
         listener.wait_for_messages(messages, steps)
-    listener.spin_until(lambda: not process.running, "the simulator ends", seen=lambda: process.output)
+    listener.spin_until(
+        lambda: not process.running, "the simulator ends", seen=lambda: process.output
+    )
     return process.wait()
 
 
-def test_it_waits_for_its_subscribers_publishes_every_step_on_every_topic_and_ends_by_itself(start: Starter, listener: Listener) -> None:
+def test_it_waits_for_its_subscribers_publishes_every_step_on_every_topic_and_ends_by_itself(
+    start: Starter, listener: Listener
+) -> None:
     process = simulator(start, "wait_for_subscribers:=1", "duration:=5.0", "epoch:=100.0", *FAST)
     heard, clock = collect(listener), listener.collect(Clock, "/clock")
     assert finish(listener, process, heard, 50) == 0
@@ -66,18 +76,24 @@ def test_the_same_seed_gives_the_same_run(start: Starter, listener: Listener) ->
         heard = collect(listener)
         process = simulator(start, "wait_for_subscribers:=1", "duration:=2.0", "seed:=7", *FAST)
         assert finish(listener, process, heard, 20) == 0
-        runs.append({topic: [str(message) for message in messages] for topic, messages in heard.items()})
+        runs.append(
+            {topic: [str(message) for message in messages] for topic, messages in heard.items()}
+        )
         for subscription in list(listener.node.subscriptions):
             listener.node.destroy_subscription(subscription)
     assert all(len(messages) == 20 for messages in runs[0].values())
     assert runs[0] == runs[1]
 
 
-def test_in_real_time_it_keeps_10_hz_without_drift_and_stamps_with_the_present(start: Starter, listener: Listener) -> None:
+def test_in_real_time_it_keeps_10_hz_without_drift_and_stamps_with_the_present(
+    start: Starter, listener: Listener
+) -> None:
     process = simulator(start, "wait_for_subscribers:=1")
     slips = collect(listener)["wheel_slip"]
     arrivals: list[int] = []
-    listener.node.create_subscription(WheelSlip, "wheel_slip", lambda _: arrivals.append(time.monotonic_ns()), 50)
+    listener.node.create_subscription(
+        WheelSlip, "wheel_slip", lambda _: arrivals.append(time.monotonic_ns()), 50
+    )
     listener.wait_for_messages(slips, 41)
     listener.wait_for_messages(arrivals, 41)
     stamps = np.array([stamp_ns(message) for message in slips])
@@ -86,20 +102,29 @@ def test_in_real_time_it_keeps_10_hz_without_drift_and_stamps_with_the_present(s
     beats = np.array(arrivals) * 1e-9
     assert float(np.median(np.diff(beats))) == pytest.approx(0.1, rel=0.02)
     # Lateness of single messages is that of a busy machine; it must not add up over 40 of them.
-    assert float(np.median(beats[-10:] - beats[:10])) == pytest.approx(0.1 * (len(beats) - 10), abs=0.05)
+    assert float(np.median(beats[-10:] - beats[:10])) == pytest.approx(
+        0.1 * (len(beats) - 10), abs=0.05
+    )
     assert process.terminate() == 0
 
 
-def test_a_real_time_factor_below_one_stretches_the_wall_time(start: Starter, listener: Listener) -> None:
+def test_a_real_time_factor_below_one_stretches_the_wall_time(
+    start: Starter, listener: Listener
+) -> None:
     arrivals: list[float] = []
-    listener.node.create_subscription(WheelSlip, "wheel_slip", lambda _: arrivals.append(time.monotonic()), 50)
+    listener.node.create_subscription(
+        WheelSlip, "wheel_slip", lambda _: arrivals.append(time.monotonic()), 50
+    )
     process = simulator(start, "wait_for_subscribers:=1", "duration:=0.5", "real_time_factor:=0.2")
     assert finish(listener, process, collect(listener), 5) == 0
-    # Five times 0.4 s, less what a busy machine keeps the first message back; twice is more than a factor without effect would take.
+    # Five times 0.4 s, less what a busy machine keeps the first message back; twice is more than a
+    # factor without effect would take.
     assert arrivals[-1] - arrivals[0] > 0.8
 
 
-def test_it_follows_velocity_commands_stops_when_they_stop_and_refuses_to_turn(start: Starter, listener: Listener) -> None:
+def test_it_follows_velocity_commands_stops_when_they_stop_and_refuses_to_turn(
+    start: Starter, listener: Listener
+) -> None:
     process = simulator(start, "schedule:=cmd_vel", "noise:=0.0", "real_time_factor:=5.0")
     heard = collect(listener)
     odometry = heard["odom"]
@@ -119,19 +144,37 @@ def test_it_follows_velocity_commands_stops_when_they_stop_and_refuses_to_turn(s
     assert all(math.isfinite(slip) for slip in heard["wheel_slip"][-1].slip)
     commanded(0.15, yaw=0.3)
     listener.spin_until(
-        lambda: "planar and cannot turn" in process.output, "the turn is refused with its reason", seen=lambda: process.output
+        lambda: "planar and cannot turn" in process.output,
+        "the turn is refused with its reason",
+        seen=lambda: process.output,
     )
-    listener.spin_until(lambda: odometry[-1].twist.twist.linear.x == 0.0, "the rover stops", seen=lambda: odometry[-1].twist.twist.linear.x)
+    listener.spin_until(
+        lambda: odometry[-1].twist.twist.linear.x == 0.0,
+        "the rover stops",
+        seen=lambda: odometry[-1].twist.twist.linear.x,
+    )
     assert process.interrupt() == 0
 
 
-def test_whoever_comes_late_has_the_truth_and_hears_of_every_change(start: Starter, listener: Listener) -> None:
-    process = simulator(start, "soil_overrides.cohesion:=1234", "change.soil:=compact_sand", "change.position:=0.6", "schedule:=S3", *FAST)
+def test_whoever_comes_late_has_the_truth_and_hears_of_every_change(
+    start: Starter, listener: Listener
+) -> None:
+    process = simulator(
+        start,
+        "soil_overrides.cohesion:=1234",
+        "change.soil:=compact_sand",
+        "change.position:=0.6",
+        "schedule:=S3",
+        *FAST,
+    )
     slips = listener.collect(WheelSlip, "wheel_slip")
     listener.wait_for_messages(slips, 5)
     truths = listener.collect(TerrainTruth, "ground_truth/terrain", LATCHED)
     listener.wait_for_messages(truths, 2)
-    assert [(truth.soil, truth.sequence) for truth in truths] == [("loose_sand", 0), ("compact_sand", 1)]
+    assert [(truth.soil, truth.sequence) for truth in truths] == [
+        ("loose_sand", 0),
+        ("compact_sand", 1),
+    ]
     assert truths[0].cohesion == 1234.0
     assert truths[0].position == 0.0
     assert truths[1].position == 0.6
@@ -144,42 +187,63 @@ def test_the_clock_has_one_owner(start: Starter, listener: Listener) -> None:
     listener.wait_for_messages(clock, 3)
     second = simulator(start, "publish_clock:=true")
     assert second.wait() == 1
-    assert re.search("/clock has more than one owner: (/simulator|a node not yet known by name)", second.output)
+    assert re.search(
+        "/clock has more than one owner: (/simulator|a node not yet known by name)", second.output
+    )
     assert first.running
     assert first.terminate() == 0
 
 
-def test_without_the_subscribers_that_it_waits_for_it_says_which_topics_miss_them(start: Starter) -> None:
+def test_without_the_subscribers_that_it_waits_for_it_says_which_topics_miss_them(
+    start: Starter,
+) -> None:
     process = simulator(start, "wait_for_subscribers:=2", "wait_timeout:=0.3")
     assert process.wait() == 1
-    assert "after 0.3 s wheel_slip, wheel_sinkage, odom, joint_states, imu had fewer than 2 subscribers" in process.output
+    assert (
+        "after 0.3 s wheel_slip, wheel_sinkage, odom, joint_states, imu had fewer than 2"
+        " subscribers" in process.output
+    )
 
 
 @pytest.mark.parametrize("name", ["interrupt", "terminate"])
-def test_a_signal_ends_its_waiting_with_exit_code_0(name: str, start: Starter, listener: Listener) -> None:
+def test_a_signal_ends_its_waiting_with_exit_code_0(
+    name: str, start: Starter, listener: Listener
+) -> None:
     process = simulator(start, "wait_for_subscribers:=1", "wait_timeout:=60.0")
-    listener.spin_until(lambda: listener.node.count_publishers("wheel_slip") > 0, "the simulator is there")
+    listener.spin_until(
+        lambda: listener.node.count_publishers("wheel_slip") > 0, "the simulator is there"
+    )
     assert getattr(process, name)() == 0
 
 
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        (("soil_overrides.cohesio:=1.0",), "unknown parameter soil_overrides.cohesio: did you mean soil_overrides.cohesion?"),
+        (
+            ("soil_overrides.cohesio:=1.0",),
+            "unknown parameter soil_overrides.cohesio: did you mean soil_overrides.cohesion?",
+        ),
         (("soil:=mud", "sed:=1"), "unknown parameter sed: did you mean seed?"),
         (("soil:=mud",), "mud: neither one of the soils that come with the package"),
     ],
 )
-def test_a_wrong_parameter_is_refused_by_name(parameters: tuple[str, ...], message: str, start: Starter) -> None:
+def test_a_wrong_parameter_is_refused_by_name(
+    parameters: tuple[str, ...], message: str, start: Starter
+) -> None:
     process = simulator(start, *parameters)
     assert process.wait() == 2
     assert message in process.output
     assert "Traceback" not in process.output
 
 
-def test_a_misspelt_name_in_a_parameter_file_and_an_unknown_argument_are_refused(start: Starter, tmp_path: Path) -> None:
+def test_a_misspelt_name_in_a_parameter_file_and_an_unknown_argument_are_refused(
+    start: Starter, tmp_path: Path
+) -> None:
     path = tmp_path / "parameters.yaml"
-    path.write_text("simulator:\n  ros__parameters:\n    soil_overrides: {cohesion: 900.0, phi: 30.0}\n", encoding="utf-8")
+    path.write_text(
+        "simulator:\n  ros__parameters:\n    soil_overrides: {cohesion: 900.0, phi: 30.0}\n",
+        encoding="utf-8",
+    )
     from_file = start("rover_sim_node", "simulator", "--ros-args", "--params-file", str(path))
     argument = start("rover_sim_node", "simulator", "--fast")
     assert (from_file.wait(), argument.wait()) == (2, 2)
@@ -196,15 +260,24 @@ def test_a_missing_parameter_file_is_refused_and_help_lists_the_parameters(start
     assert "  soil_overrides.cohesion (default nan, at least 0 Pa)" in usage.output
 
 
-def test_parameters_are_described_with_their_ranges_and_cannot_be_changed(start: Starter, listener: Listener) -> None:
+def test_parameters_are_described_with_their_ranges_and_cannot_be_changed(
+    start: Starter, listener: Listener
+) -> None:
     process = simulator(start, "real_time_factor:=1.0")
     names = ["rate", "seed", "soil", "soil_overrides.cohesion"]
-    described = listener.call(DescribeParameters, "simulator/describe_parameters", DescribeParameters.Request(names=names)).descriptors
+    described = listener.call(
+        DescribeParameters, "simulator/describe_parameters", DescribeParameters.Request(names=names)
+    ).descriptors
     assert all(each.description and each.read_only for each in described)
-    assert (described[0].floating_point_range[0].from_value, described[0].floating_point_range[0].to_value) == (1.0, 50.0)
+    assert (
+        described[0].floating_point_range[0].from_value,
+        described[0].floating_point_range[0].to_value,
+    ) == (1.0, 50.0)
     assert described[1].integer_range[0].from_value == 0
     assert "[Pa]" in described[3].description
     request = SetParameters.Request(parameters=[Parameter("rate", value=20.0).to_parameter_msg()])
-    assert not listener.call(SetParameters, "simulator/set_parameters", request).results[0].successful
+    assert (
+        not listener.call(SetParameters, "simulator/set_parameters", request).results[0].successful
+    )
     assert process.interrupt() == 0
     wait_until(lambda: not process.running, "the simulator has ended")

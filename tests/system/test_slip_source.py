@@ -19,17 +19,37 @@ from tests.system.processes import Starter
 
 def refusals(reports: list[DiagnosticArray]) -> list[DiagnosticStatus]:
     """What was said of refused pairs."""
-    return [each for report in reports for each in report.status if each.name == "/slip_source: refused" and each.level != b"\x00"]
+    return [
+        each
+        for report in reports
+        for each in report.status
+        if each.name == "/slip_source: refused" and each.level != b"\x00"
+    ]
 
 
-def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(start: Starter, listener: Listener, tmp_path: Path) -> None:
+def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
     rover = tmp_path / "rover.yaml"
-    rover.write_text((PRESETS / "rovers/mars_rover.yaml").read_text().replace("name: mars_rover", "name: twin"))
-    process = start("terrain_estimator", "slip_source", "--ros-args", "-p", f"rover:={rover}", "-r", "velocity:=odom")
+    rover.write_text(
+        (PRESETS / "rovers/mars_rover.yaml").read_text().replace("name: mars_rover", "name: twin")
+    )
+    process = start(
+        "terrain_estimator",
+        "slip_source",
+        "--ros-args",
+        "-p",
+        f"rover:={rover}",
+        "-r",
+        "velocity:=odom",
+    )
     process.wait_for_output("ready: rover twin", timeout=60.0)
     assert "Give velocity another source" in process.output
     found = listener.collect(WheelSlip, "wheel_slip")
-    outputs = {topic: listener.publisher(factory.message_class(INPUT_TYPES[topic]), topic) for topic in ("joint_states", "odom")}
+    outputs = {
+        topic: listener.publisher(factory.message_class(INPUT_TYPES[topic]), topic)
+        for topic in ("joint_states", "odom")
+    }
     measured, reports, last = [], listener.collect(DiagnosticArray, "/diagnostics"), {}
     for topic, _, message in drive_messages(factory.make, 3.0):
         last[topic] = message
@@ -42,22 +62,38 @@ def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(start: Starter
     assert [each.sequence for each in found] == list(range(len(measured)))
     assert {tuple(each.wheel) for each in found} == {ROVER.wheel_names}
     axles = np.array(ROVER.wheel_axle) == np.arange(ROVER.axles)[:, None]
-    slips = (np.array([each.slip for each in found]) - np.array([each.slip for each in measured])) @ axles.T / 2.0
-    variances = np.array([each.slip_stddev for each in found]) ** 2 + np.array([each.slip_stddev for each in measured]) ** 2
-    # Of means of an axle. One velocity an instant: 30 independent values, whose mean square is between 0.4 and 2 with 99.9 %.
+    slips = (
+        (np.array([each.slip for each in found]) - np.array([each.slip for each in measured]))
+        @ axles.T
+        / 2.0
+    )
+    variances = (
+        np.array([each.slip_stddev for each in found]) ** 2
+        + np.array([each.slip_stddev for each in measured]) ** 2
+    )
+    # Of means of an axle. One velocity an instant: 30 independent values, whose mean square is
+    # between 0.4 and 2 with 99.9 %.
     assert 0.4 < (slips**2 / (variances @ axles.T / 4.0)).mean() < 2.0
     joints, odometry = last["joint_states"], last["odom"]
     joints.header.stamp.sec += 1
     odometry.header.stamp, odometry.child_frame_id = joints.header.stamp, "camera"
     outputs["joint_states"].publish(joints)
     outputs["odom"].publish(odometry)
-    listener.spin_until(lambda: refusals(reports), "the velocity of another frame is refused", seen=lambda: reports)
-    assert "velocity (child_frame_id) is in frame 'camera', expected 'base_link'" in refusals(reports)[0].message
+    listener.spin_until(
+        lambda: refusals(reports), "the velocity of another frame is refused", seen=lambda: reports
+    )
+    assert (
+        "velocity (child_frame_id) is in frame 'camera', expected 'base_link'"
+        in refusals(reports)[0].message
+    )
     assert len(found) == len(measured)
     assert process.interrupt(60.0) == 0
 
 
-@pytest.mark.parametrize(("argument", "words"), [("velocity_type:=radar", "odometry, twist"), ("rover:=nothing", "nothing")])
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [("velocity_type:=radar", "odometry, twist"), ("rover:=nothing", "nothing")],
+)
 def test_what_is_wrong_is_named(start: Starter, argument: str, words: str) -> None:
     process = start("terrain_estimator", "slip_source", "--ros-args", "-p", argument)
     assert process.wait(60.0) == 2

@@ -20,8 +20,12 @@ def test_waiting_in_vain_says_for_what_and_what_was_seen() -> None:
         wait_until(lambda: False, "pigs fly", 0.01, lambda: "none seen")
 
 
-def test_two_nodes_in_the_same_domain_hear_each_other_and_the_latched_past(domain_id: int, listener: Listener) -> None:
-    listener.node.create_publisher(String, "state", LATCHED).publish(String(data="said before anybody listened"))
+def test_two_nodes_in_the_same_domain_hear_each_other_and_the_latched_past(
+    domain_id: int, listener: Listener
+) -> None:
+    listener.node.create_publisher(String, "state", LATCHED).publish(
+        String(data="said before anybody listened")
+    )
     with Listener(domain_id) as other:
         past = other.collect(String, "state", LATCHED)
         other.wait_for_messages(past, 1)
@@ -46,24 +50,43 @@ def test_a_missing_service_is_a_failure(listener: Listener) -> None:
 
 
 def test_a_process_that_dies_early_fails_the_wait_with_its_output(start: Starter) -> None:
-    process = start.command(sys.executable, "-c", "print('last words', flush=True); raise SystemExit(3)")
+    process = start.command(
+        sys.executable, "-c", "print('last words', flush=True); raise SystemExit(3)"
+    )
     with pytest.raises(AssertionError, match=r"(?s)ended with 3.*last words"):
         process.wait_for_output("ready")
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 7), (signal.SIGTERM, 8)])
-def test_signals_reach_the_process_and_its_exit_code_comes_back(number: signal.Signals, code: int, start: Starter) -> None:
-    handlers = "[signal.signal(s, lambda *_, c=c: sys.exit(c)) for s, c in ((signal.SIGINT, 7), (signal.SIGTERM, 8))]"
-    process = start.command(sys.executable, "-c", f"import signal, sys; {handlers}; print('ready', flush=True); signal.pause()")
+def test_signals_reach_the_process_and_its_exit_code_comes_back(
+    number: signal.Signals, code: int, start: Starter
+) -> None:
+    handlers = (
+        "[signal.signal(s, lambda *_, c=c: sys.exit(c)) for s, c in ((signal.SIGINT, 7),"
+        " (signal.SIGTERM, 8))]"
+    )
+    process = start.command(
+        sys.executable,
+        "-c",
+        f"import signal, sys; {handlers}; print('ready', flush=True); signal.pause()",
+    )
     process.wait_for_output("^ready$")
     assert (process.interrupt() if number is signal.SIGINT else process.terminate()) == code
 
 
-def test_what_a_test_leaves_running_is_killed_with_its_children(tmp_path: Path, domain_id: int) -> None:
+def test_what_a_test_leaves_running_is_killed_with_its_children(
+    tmp_path: Path, domain_id: int
+) -> None:
     with Starter(tmp_path, domain_id) as starter:
-        process = starter.command(sys.executable, "-c", "import os, signal; print(os.fork(), flush=True); signal.pause()")
+        process = starter.command(
+            sys.executable, "-c", "import os, signal; print(os.fork(), flush=True); signal.pause()"
+        )
         child = int(process.wait_for_output(r"^([1-9]\d*)$").group(1))
     assert not process.running
     wait_until(
-        lambda: not Path(f"/proc/{child}").exists() or "Z" in Path(f"/proc/{child}/stat").read_text().split()[2], "the child is dead"
+        lambda: (
+            not Path(f"/proc/{child}").exists()
+            or "Z" in Path(f"/proc/{child}/stat").read_text().split()[2]
+        ),
+        "the child is dead",
     )

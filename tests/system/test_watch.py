@@ -16,18 +16,37 @@ from tests.system.listening import Listener
 from tests.system.processes import Starter
 from tests.system.waiting import wait_until
 
-KINDS = {"wheel_slip": WheelSlip, "wheel_sinkage": WheelSinkage, "terrain_estimate": TerrainEstimate}
+KINDS = {
+    "wheel_slip": WheelSlip,
+    "wheel_sinkage": WheelSinkage,
+    "terrain_estimate": TerrainEstimate,
+}
 
 
-def test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates(start: Starter, listener: Listener, tmp_path: Path) -> None:
-    parameters = {"period": "0.1", "report": str(tmp_path / "report.json"), "real_time_factor": "2.0"}
-    process = start("terrain_estimator", "watch", "--ros-args", *(w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")))
+def test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
+    parameters = {
+        "period": "0.1",
+        "report": str(tmp_path / "report.json"),
+        "real_time_factor": "2.0",
+    }
+    process = start(
+        "terrain_estimator",
+        "watch",
+        "--ros-args",
+        *(w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")),
+    )
     for topic in KINDS:
-        process.wait_for_output(rf"no data on {topic} since the start: nobody publishes /{topic} in ROS domain \d+: start its publisher")
+        process.wait_for_output(
+            rf"no data on {topic} since the start: nobody publishes /{topic} in ROS domain \d+:"
+            r" start its publisher"
+        )
     publishers = {topic: listener.publisher(kind, topic) for topic, kind in KINDS.items()}
     begin_s = time.monotonic()
     for number in range(30):
-        wait_until(lambda number=number: time.monotonic() >= begin_s + 0.05 * number, "the next message is due")  # type: ignore[misc]
+        due_s = begin_s + 0.05 * number
+        wait_until(lambda due_s=due_s: time.monotonic() >= due_s, "the message is due")  # type: ignore[misc]
         for topic, kind in KINDS.items():
             publishers[topic].publish(kind(sequence=number))
     process.wait_for_output("tan phi")
@@ -36,7 +55,9 @@ def test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates(star
     # 1.5 s of messages: a line every 0.1 s would be 15, every 1 s would be 2
     assert process.output.count("tan phi") > 5
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["rate_hz"]["wheel_slip"] == pytest.approx(10.0, rel=0.1)  # 20 a second, at twice real time
+    assert report["rate_hz"]["wheel_slip"] == pytest.approx(
+        10.0, rel=0.1
+    )  # 20 a second, at twice real time
 
 
 def test_its_memory_grows_for_a_report_alone(listener: Listener, tmp_path: Path) -> None:
@@ -54,7 +75,10 @@ def test_its_memory_grows_for_a_report_alone(listener: Listener, tmp_path: Path)
 
 @pytest.mark.parametrize(
     ("name", "value", "words"),
-    [("report", "none/such/report.json", "there is no such folder"), ("use_sim_time", 1, "use_sim_time: expected true or false, got 1")],
+    [
+        ("report", "none/such/report.json", "there is no such folder"),
+        ("use_sim_time", 1, "use_sim_time: expected true or false, got 1"),
+    ],
 )
 def test_what_would_go_wrong_in_silence_or_at_the_end_is_refused_at_the_start(
     listener: Listener, name: str, value: str | int, words: str

@@ -15,7 +15,12 @@ class TimeOutError(AssertionError):
     """A condition did not come true in time; the message says which, and what was seen instead."""
 
 
-def wait_until(condition: Callable[[], T], what: str, timeout: float = 20.0, seen: Callable[[], object] = lambda: "") -> T:
+def wait_until(
+    condition: Callable[[], T],
+    what: str,
+    timeout: float = 20.0,
+    seen: Callable[[], object] = lambda: "",
+) -> T:
     """Returns the first true value of the condition; raises TimeOutError after timeout [s], with what `seen` returns."""
     end = time.monotonic() + timeout
     pause = threading.Event()

@@ -12,7 +12,9 @@ from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction
 START_NS, STEP_NS = 50_000_000_000, 100_000_000
 
 
-def update(number: int, outcome: Outcome = Outcome.ACCEPTED, change: float = 0.0, innovation: float = 0.01) -> Update:
+def update(
+    number: int, outcome: Outcome = Outcome.ACCEPTED, change: float = 0.0, innovation: float = 0.01
+) -> Update:
     """The answer to observation ``number``; c and tan phi get surer with it."""
     sd = np.array([2000.0, 0.2]) / math.sqrt(number + 1.0)
     mean = np.array([900.0 + number, 0.6])
@@ -31,5 +33,20 @@ def update(number: int, outcome: Outcome = Outcome.ACCEPTED, change: float = 0.0
         observations_used=number + 1,
         time_used_s=0.1 * number,
     )
-    predicted = Prediction(outcome.used, 0.1, 0.1, 1e-4, 0.1, innovation if outcome.used else nan, 1e-4 if outcome.used else nan)
-    return Update(START_NS + number * STEP_NS, number, estimate, predicted, Decision(outcome, (), nan, nan, 0), 2.0)
+    predicted = Prediction(
+        outcome.used,
+        0.1,
+        0.1,
+        1e-4,
+        0.1,
+        innovation if outcome.used else nan,
+        1e-4 if outcome.used else nan,
+    )
+    return Update(
+        START_NS + number * STEP_NS,
+        number,
+        estimate,
+        predicted,
+        Decision(outcome, (), nan, nan, 0),
+        2.0,
+    )

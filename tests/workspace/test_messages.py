@@ -9,7 +9,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 MESSAGES = sorted((ROOT / "msg_defs/msg").glob("*.msg"))
-# A field with a number in it: its comment has to begin with a unit (or, of effects, to name the field that holds it).
+# A field with a number in it: its comment has to begin with a unit (or, of effects, to name the
+# field that holds it).
 NUMBER = re.compile(r"^(?:float64|u?int\d+)(?:\[\d*\])?\s+(?P<name>\w+)\s*(?P<comment>#.*)?$")
 UNIT = re.compile(r"^# \[[^\]]+\] \S|^# \[[^\]]+\]$")
 CONSTANT_OF = {"level", "outcome", "status"}  # enumerations, not quantities
@@ -22,16 +23,26 @@ def fields(path: Path) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("path", MESSAGES, ids=lambda path: path.stem)
 def test_every_number_has_its_unit_in_the_comment(path: Path) -> None:
-    missing = [name for name, comment in fields(path) if name not in CONSTANT_OF and not UNIT.match(comment)]
+    missing = [
+        name
+        for name, comment in fields(path)
+        if name not in CONSTANT_OF and not UNIT.match(comment)
+    ]
     assert missing == []
 
 
 def test_the_check_of_units_sees_fields_and_constants() -> None:
-    assert {name for name, _ in fields(ROOT / "msg_defs/msg/WheelSlip.msg")} == {"sequence", "slip", "slip_stddev"}
+    assert {name for name, _ in fields(ROOT / "msg_defs/msg/WheelSlip.msg")} == {
+        "sequence",
+        "slip",
+        "slip_stddev",
+    }
 
 
 def test_every_message_is_built() -> None:
-    listed = re.findall(r'"msg/(\w+)\.msg"', (ROOT / "msg_defs/CMakeLists.txt").read_text(encoding="utf-8"))
+    listed = re.findall(
+        r'"msg/(\w+)\.msg"', (ROOT / "msg_defs/CMakeLists.txt").read_text(encoding="utf-8")
+    )
     assert listed == [path.stem for path in MESSAGES]
 
 
@@ -41,7 +52,11 @@ def test_the_order_of_the_covariance_is_written_down() -> None:
 
 
 def test_every_published_message_has_its_topic_in_the_quality_of_service_table() -> None:
-    table = re.findall(r"^\| `([\w/]+)` \| `msg_defs/msg/(\w+)` \|", (ROOT / "docs/messages.md").read_text(encoding="utf-8"), re.MULTILINE)
+    table = re.findall(
+        r"^\| `([\w/]+)` \| `msg_defs/msg/(\w+)` \|",
+        (ROOT / "docs/messages.md").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
     parts_of_others = {"MeasurementDecision"}
     assert {name for _, name in table} == {path.stem for path in MESSAGES} - parts_of_others
     for topic, name in table:

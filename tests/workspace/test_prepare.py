@@ -33,7 +33,9 @@ def write_python(checkout: Path, name: str, preamble: str) -> None:
     """Writes an interpreter of that name which runs the preamble before any -c code."""
     path = checkout / "bin" / name
     path.write_text(
-        f'#!/bin/sh\n[ "$1" = -c ] || exec {sys.executable} "$@"\nexec {sys.executable} -c "{preamble}\n$2"\n', encoding="utf-8"
+        f'#!/bin/sh\n[ "$1" = -c ] || exec {sys.executable} "$@"\nexec {sys.executable} -c'
+        f' "{preamble}\n$2"\n',
+        encoding="utf-8",
     )
     path.chmod(0o755)
 
@@ -42,7 +44,11 @@ def prepare(checkout: Path, **environment: str) -> str:
     """Returns what prepare says when it fails, which it has to, and leaves no environment behind."""
     command = [str(checkout / "ros2_ws/prepare")]
     result = subprocess.run(
-        command, check=False, capture_output=True, text=True, env={"PATH": str(checkout / "bin"), "HOME": os.environ["HOME"], **environment}
+        command,
+        check=False,
+        capture_output=True,
+        text=True,
+        env={"PATH": str(checkout / "bin"), "HOME": os.environ["HOME"], **environment},
     )
     assert result.returncode == 1, result.stdout + result.stderr
     assert not (checkout / ".venv").exists()
@@ -50,7 +56,9 @@ def prepare(checkout: Path, **environment: str) -> str:
 
 
 def test_missing_headers_name_the_package(checkout: Path) -> None:
-    write_python(checkout, "python3", "import sysconfig; sysconfig.get_path = lambda name: '/nowhere'")
+    write_python(
+        checkout, "python3", "import sysconfig; sysconfig.get_path = lambda name: '/nowhere'"
+    )
     message = prepare(checkout)
     assert "the header Python.h of python3" in message
     assert message.rstrip().endswith("sudo apt-get install python3-dev")
@@ -69,10 +77,17 @@ def test_a_missing_compiler_names_the_package(checkout: Path, tool: str) -> None
 
 def test_everything_that_is_missing_is_named_at_once(checkout: Path) -> None:
     write_python(
-        checkout, "python3", "import sys, sysconfig; sys.modules['ensurepip'] = None; sysconfig.get_path = lambda name: '/nowhere'"
+        checkout,
+        "python3",
+        "import sys, sysconfig; sys.modules['ensurepip'] = None; sysconfig.get_path = lambda name:"
+        " '/nowhere'",
     )
     (checkout / "bin/make").unlink()
-    assert prepare(checkout).rstrip().endswith("sudo apt-get install python3-venv python3-dev build-essential")
+    assert (
+        prepare(checkout)
+        .rstrip()
+        .endswith("sudo apt-get install python3-venv python3-dev build-essential")
+    )
 
 
 @pytest.mark.parametrize("version", [(3, 10), (3, 14)])
@@ -84,7 +99,9 @@ def test_a_python_outside_the_range_is_refused(checkout: Path, version: tuple[in
 
 
 def test_a_python_named_by_the_user_is_not_replaced_by_another(checkout: Path) -> None:
-    assert "PYTHON=python2 is no Python of version 3.11 to 3.13" in prepare(checkout, PYTHON="python2")
+    assert "PYTHON=python2 is no Python of version 3.11 to 3.13" in prepare(
+        checkout, PYTHON="python2"
+    )
 
 
 def test_the_environment_of_another_folder_is_not_emptied_through_a_link(checkout: Path) -> None:
@@ -117,13 +134,19 @@ def test_another_architecture_is_told_about_the_way_with_ros_installed(checkout:
 def test_a_second_call_does_nothing_and_says_nothing() -> None:
     for step in ("prepare", "compile"):
         start = time.monotonic()
-        result = subprocess.run([ROOT / "ros2_ws" / step], check=True, capture_output=True, text=True)
+        result = subprocess.run(
+            [ROOT / "ros2_ws" / step], check=True, capture_output=True, text=True
+        )
         assert time.monotonic() - start < 5.0
         assert result.stdout + result.stderr == ""
 
 
 def test_the_lists_pin_every_package_to_one_version() -> None:
-    lines = [line for path in (ROOT / "requirements").glob("*.txt") for line in path.read_text(encoding="utf-8").splitlines()]
+    lines = [
+        line
+        for path in (ROOT / "requirements").glob("*.txt")
+        for line in path.read_text(encoding="utf-8").splitlines()
+    ]
     pins = [line.split(";")[0].strip() for line in lines if line and not line.startswith("#")]
     names = [pin.split("==")[0].lower() for pin in pins]
     assert all(pin.count("==") == 1 for pin in pins)

@@ -26,16 +26,27 @@ def workspace(tmp_path: Path) -> Path:
     for name in ("bin/ros2", "setup.bash", "fastdds.xml"):
         (workspace / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / "ros2_ws" / name, workspace / name)
-    write_script(workspace / "install/geology/lib/geology/dig", 'echo "pid $$" "$@"; echo "$FASTRTPS_DEFAULT_PROFILES_FILE"; exit 3')
-    (workspace / "install/geology/lib/geology/notes.txt").write_text("not executable", encoding="utf-8")
+    write_script(
+        workspace / "install/geology/lib/geology/dig",
+        'echo "pid $$" "$@"; echo "$FASTRTPS_DEFAULT_PROFILES_FILE"; exit 3',
+    )
+    (workspace / "install/geology/lib/geology/notes.txt").write_text(
+        "not executable", encoding="utf-8"
+    )
     (workspace / "install/setup.bash").write_text("", encoding="utf-8")
     return workspace
 
 
-def ros2(workspace: Path, *arguments: str, path: str = "/usr/bin:/bin", **environment: str) -> subprocess.CompletedProcess[str]:
+def ros2(
+    workspace: Path, *arguments: str, path: str = "/usr/bin:/bin", **environment: str
+) -> subprocess.CompletedProcess[str]:
     command = [str(workspace / "bin/ros2"), *arguments]
     return subprocess.run(
-        command, check=False, capture_output=True, text=True, env={"PATH": path, "HOME": os.environ["HOME"], **environment}
+        command,
+        check=False,
+        capture_output=True,
+        text=True,
+        env={"PATH": path, "HOME": os.environ["HOME"], **environment},
     )
 
 
@@ -46,18 +57,34 @@ def test_run_hands_on_arguments_and_exit_code(workspace: Path) -> None:
 
 
 def test_run_becomes_the_executable_so_that_signals_reach_it(workspace: Path) -> None:
-    with subprocess.Popen([workspace / "bin/ros2", "run", "geology", "dig"], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [workspace / "bin/ros2", "run", "geology", "dig"], stdout=subprocess.PIPE, text=True
+    ) as process:
         output, _ = process.communicate(timeout=20)
     assert output.splitlines()[0].strip() == f"pid {process.pid}"
 
 
-def test_the_stand_in_of_another_checkout_is_not_taken_for_an_installed_ros2(workspace: Path) -> None:
-    assert ros2(workspace, "run", "geology", "dig", path=f"{ROOT / 'ros2_ws/bin'}:/usr/bin:/bin").returncode == 3
+def test_the_stand_in_of_another_checkout_is_not_taken_for_an_installed_ros2(
+    workspace: Path,
+) -> None:
+    assert (
+        ros2(
+            workspace, "run", "geology", "dig", path=f"{ROOT / 'ros2_ws/bin'}:/usr/bin:/bin"
+        ).returncode
+        == 3
+    )
 
 
 def test_run_sets_the_discovery_profile_unless_the_user_has(workspace: Path) -> None:
-    assert ros2(workspace, "run", "geology", "dig").stdout.splitlines()[1] == str(workspace / "fastdds.xml")
-    assert ros2(workspace, "run", "geology", "dig", FASTRTPS_DEFAULT_PROFILES_FILE="mine.xml").stdout.splitlines()[1] == "mine.xml"
+    assert ros2(workspace, "run", "geology", "dig").stdout.splitlines()[1] == str(
+        workspace / "fastdds.xml"
+    )
+    assert (
+        ros2(
+            workspace, "run", "geology", "dig", FASTRTPS_DEFAULT_PROFILES_FILE="mine.xml"
+        ).stdout.splitlines()[1]
+        == "mine.xml"
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,7 +98,9 @@ def test_run_sets_the_discovery_profile_unless_the_user_has(workspace: Path) -> 
         (("run",), "needs a package and an executable"),
     ],
 )
-def test_a_wrong_name_lists_what_there_is(workspace: Path, arguments: tuple[str, ...], message: str) -> None:
+def test_a_wrong_name_lists_what_there_is(
+    workspace: Path, arguments: tuple[str, ...], message: str
+) -> None:
     result = ros2(workspace, *arguments)
     assert result.returncode == 2
     assert message in result.stderr
@@ -85,12 +114,17 @@ def test_other_verbs_are_refused_with_a_reason(workspace: Path) -> None:
     assert "knows of `ros2 service` `call` alone" in ros2(workspace, "service", "list").stderr
 
 
-def test_a_service_is_called_with_the_words_of_an_installed_ros2(workspace: Path, tmp_path: Path) -> None:
+def test_a_service_is_called_with_the_words_of_an_installed_ros2(
+    workspace: Path, tmp_path: Path
+) -> None:
     words = ("service", "call", "/planner/resume", "std_srvs/srv/Trigger", "{}")
     (workspace / "call_service.py").write_text("import sys; print(sys.argv[1:])", encoding="utf-8")
     assert ros2(workspace, *words).stdout == f"{list(words[2:])}\n"
     write_script(tmp_path / "opt/ros2", 'echo "installed:" "$@"')
-    assert ros2(workspace, *words, path=f"{tmp_path / 'opt'}:/usr/bin:/bin").stdout == f"installed: {' '.join(words)}\n"
+    assert (
+        ros2(workspace, *words, path=f"{tmp_path / 'opt'}:/usr/bin:/bin").stdout
+        == f"installed: {' '.join(words)}\n"
+    )
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("-h",), ("run", "--help")])
@@ -111,11 +145,15 @@ def test_an_unbuilt_workspace_names_the_command_that_builds_it(workspace: Path) 
 def test_an_installed_ros2_is_preferred(workspace: Path, tmp_path: Path) -> None:
     write_script(tmp_path / "opt/ros2", 'echo "installed:" "$@"')
     path = f"{workspace / 'bin'}:{tmp_path / 'opt'}:/usr/bin:/bin"
-    assert ros2(workspace, "run", "geology", "dig", path=path).stdout == "installed: run geology dig\n"
+    assert (
+        ros2(workspace, "run", "geology", "dig", path=path).stdout == "installed: run geology dig\n"
+    )
     assert ros2(workspace, "topic", "list", path=path).stdout == "installed: topic list\n"
 
 
-def test_a_workspace_built_on_the_wheels_is_run_on_the_wheels(workspace: Path, tmp_path: Path) -> None:
+def test_a_workspace_built_on_the_wheels_is_run_on_the_wheels(
+    workspace: Path, tmp_path: Path
+) -> None:
     write_script(tmp_path / "opt/ros2", 'echo "installed:" "$@"')
     write_script(workspace / "install/.built", "")
     venv = workspace.parent / ".venv"
@@ -129,6 +167,10 @@ def test_a_workspace_built_on_the_wheels_is_run_on_the_wheels(workspace: Path, t
 def test_the_built_workspace_offers_every_executable() -> None:
     listing = ros2(ROOT / "ros2_ws", "--help").stdout
     for package in ("rover_sim_node", "terrain_estimator"):
-        executables = re.findall(r'^ +"(\w+) = [\w.]+:main",$', (ROOT / package / "setup.py").read_text(encoding="utf-8"), re.MULTILINE)
+        executables = re.findall(
+            r'^ +"(\w+) = [\w.]+:main",$',
+            (ROOT / package / "setup.py").read_text(encoding="utf-8"),
+            re.MULTILINE,
+        )
         assert executables
         assert f"  {package}: {' '.join(sorted(executables))}\n" in listing

@@ -11,20 +11,33 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 EXECUTABLES = ROOT / "ros2_ws/install"
-ADVICE = f"is not in this environment: source the workspace in this shell, then start again:  . {ROOT}/ros2_ws/setup.bash"
+ADVICE = (
+    "is not in this environment: source the workspace in this shell, then start again:  ."
+    f" {ROOT}/ros2_ws/setup.bash"
+)
 
 
 def unsourced(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
     environment = {"PATH": "/usr/bin:/bin", "HOME": os.environ["HOME"]}
-    return subprocess.run(command, cwd=cwd, check=False, capture_output=True, text=True, env=environment)
+    return subprocess.run(
+        command, cwd=cwd, check=False, capture_output=True, text=True, env=environment
+    )
 
 
 @pytest.mark.parametrize(
     ("command", "folder", "package"),
     [
-        ([str(EXECUTABLES / "terrain_estimator/lib/terrain_estimator/estimator")], ".", "terrain_estimator"),
+        (
+            [str(EXECUTABLES / "terrain_estimator/lib/terrain_estimator/estimator")],
+            ".",
+            "terrain_estimator",
+        ),
         ([str(EXECUTABLES / "rover_sim_node/lib/rover_sim_node/simulator")], ".", "rover_sim_node"),
-        ([sys.executable, "-m", "terrain_estimator.nodes.watch"], "terrain_estimator", "terramechanics"),
+        (
+            [sys.executable, "-m", "terrain_estimator.nodes.watch"],
+            "terrain_estimator",
+            "terramechanics",
+        ),
         ([sys.executable, "docs/examples/follow_advice.py"], ".", "msg_defs"),
     ],
 )
@@ -35,7 +48,9 @@ def test_one_line_says_what_to_do(command: list[str], folder: str, package: str)
 
 
 @pytest.mark.parametrize("folder", [".", "docs"])
-def test_a_module_that_python_itself_looks_for_in_vain_is_named_with_the_same_words(folder: str) -> None:
+def test_a_module_that_python_itself_looks_for_in_vain_is_named_with_the_same_words(
+    folder: str,
+) -> None:
     result = unsourced([sys.executable, "-m", "terrain_estimator.nodes.watch"], ROOT / folder)
     assert len(result.stderr.splitlines()) == 1
     assert f"terrain_estimator {ADVICE}" in result.stderr

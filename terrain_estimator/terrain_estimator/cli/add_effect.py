@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """add_effect --effect NAME[=SIZE+-SD]: a model file that estimates named effects beside c and tan phi.
 
-SIZE and SD say what is known of the effect beforehand, in its unit; without them it is 0 give or take half of its physical range.
-The estimator takes the file as it is: ros2 run terrain_estimator estimator --ros-args -p model:=FILE. Exit codes: 0, or 2 for a
-bad argument.
+SIZE and SD say what is known of the effect beforehand, in its unit; without them it is 0 give or
+take half of its physical range. The estimator takes the file as it is: ros2 run terrain_estimator
+estimator --ros-args -p model:=FILE. Exit codes: 0, or 2 for a bad argument.
 """
 
 import argparse
@@ -27,7 +27,9 @@ def sized(text: str) -> Sized:
     """``NAME`` or ``NAME=SIZE+-SD``. Raises ConfigError that gives the text."""
     match = _GIVEN.fullmatch(text)
     if match is None:
-        raise ConfigError(f"--effect {text!r}: expected NAME or NAME=SIZE+-SD, such as slope_bias=0.02+-0.01")
+        raise ConfigError(
+            f"--effect {text!r}: expected NAME or NAME=SIZE+-SD, such as slope_bias=0.02+-0.01"
+        )
     name, mean, sd = match.groups()
     return Sized.of_library(name) if mean is None else Sized(name, float(mean), float(sd))
 
@@ -43,10 +45,27 @@ def model_path(text: str) -> Path:
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Write the model that the command line asks for; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="add_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--effect", action="append", required=True, metavar="NAME[=SIZE+-SD]", help="may be given several times")
-    parser.add_argument("--model", default=DEFAULT_MODEL, help="name or file of the model that lacks them (default: %(default)s)")
-    parser.add_argument("--out", type=model_path, default=Path("model.pt"), help="file to write, a .pt (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="add_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--effect",
+        action="append",
+        required=True,
+        metavar="NAME[=SIZE+-SD]",
+        help="may be given several times",
+    )
+    parser.add_argument(
+        "--model",
+        default=DEFAULT_MODEL,
+        help="name or file of the model that lacks them (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=model_path,
+        default=Path("model.pt"),
+        help="file to write, a .pt (default: %(default)s)",
+    )
     options = parser.parse_args(arguments)
     try:
         effects = [sized(text) for text in options.effect]

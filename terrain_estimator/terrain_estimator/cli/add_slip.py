@@ -14,11 +14,28 @@ from pathlib import Path
 
 from rover_parameters.parameters import effective
 from rover_parameters.records import ConfigError
-from terrain_estimator.bags import BagError, BagReader, BagWriter, Qos, RawMessage, Topic, bag_name, parse_qos, whole_bag
+from terrain_estimator.bags import (
+    BagError,
+    BagReader,
+    BagWriter,
+    Qos,
+    RawMessage,
+    Topic,
+    bag_name,
+    parse_qos,
+    whole_bag,
+)
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.messaging.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
+from terrain_estimator.messaging.slip_source import (
+    JOINTS,
+    TWICE,
+    VELOCITY,
+    VELOCITY_TYPES,
+    SlipSource,
+    SlipSourceError,
+)
 from terrain_estimator.offline.reading import add_parameters, parameters_of
 from terrain_estimator.offline.topics import TopicError, absolute
 from terrain_estimator.ros_types import INPUT_TYPES
@@ -48,12 +65,21 @@ def main(arguments: list[str] | None = None) -> int:
     """Write the bag that the command line asks for; returns the exit code."""
     options = _parser().parse_args(arguments)
     out: Path = options.out or options.bag.resolve().with_name(f"{bag_name(options.bag)}_slip")
-    names = {name: absolute(text, options.namespace) for name, text in ((JOINTS, options.joint_states), (VELOCITY, options.velocity))}
+    names = {
+        name: absolute(text, options.namespace)
+        for name, text in ((JOINTS, options.joint_states), (VELOCITY, options.velocity))
+    }
     try:
         with BagReader(options.bag) as reader:
             kind = _velocity_type(reader, names)
             config = parameters_of(options, "slip_source", SlipSourceConfig, velocity_type=kind)
-            added = add_slip(reader, out, {topic: name for name, topic in names.items()}, absolute(SLIP, options.namespace), config)
+            added = add_slip(
+                reader,
+                out,
+                {topic: name for name, topic in names.items()},
+                absolute(SLIP, options.namespace),
+                config,
+            )
     except (BagError, ConfigError, TopicError, OSError) as error:
         print(f"add_slip: {error}", file=sys.stderr)
         return WRONG
@@ -67,16 +93,24 @@ def _velocity_type(reader: BagReader, names: Mapping[str, str]) -> str:
     """As the bag has it. Raises TopicError where a topic is missing or of another type."""
     for name in names.values():
         if name not in reader.topics:
-            raise TopicError(f"{reader.path} has no topic {name}; it has {', '.join(sorted(reader.topics)) or 'none'}")
+            raise TopicError(
+                f"{reader.path} has no topic {name}; it has"
+                f" {', '.join(sorted(reader.topics)) or 'none'}"
+            )
     kinds = {type_name: kind for kind, type_name in VELOCITY_TYPES.items()}
     found = reader.topics[names[VELOCITY]].type_name
     if found not in kinds:
-        raise TopicError(f"{reader.path}: topic {names[VELOCITY]} is a {found}, and no velocity: give one of {', '.join(kinds)}")
+        raise TopicError(
+            f"{reader.path}: topic {names[VELOCITY]} is a {found}, and no velocity: give one of"
+            f" {', '.join(kinds)}"
+        )
     reader.expect({names[JOINTS]: INPUT_TYPES[JOINTS]})
     return kinds[found]
 
 
-def add_slip(reader: BagReader, out: Path, ours: Mapping[str, str], slip_topic: str, config: SlipSourceConfig) -> Added:
+def add_slip(
+    reader: BagReader, out: Path, ours: Mapping[str, str], slip_topic: str, config: SlipSourceConfig
+) -> Added:
     """Copy a bag to ``out``, with a slip right behind the message that completes its pair; ``ours`` are names by topic of the bag.
 
     Raises:
@@ -85,12 +119,21 @@ def add_slip(reader: BagReader, out: Path, ours: Mapping[str, str], slip_topic: 
         BagError: a message cannot be read, or ``out`` cannot be written.
     """
     if slip_topic in reader.topics:
-        raise TopicError(f"{reader.path} has a topic {slip_topic} already: replay it as it is, or give a bag without it")
+        raise TopicError(
+            f"{reader.path} has a topic {slip_topic} already: replay it as it is, or give a bag"
+            " without it"
+        )
     source, added, span = SlipSource(load_rover(config.rover), config), Added(), reader.span
     with whole_bag(out) as writer, ProgressReport(f"add_slip {out.name}") as progress:
         for name, values in reader.metadata.items():
             writer.add_metadata(name, values)
-        writer.add_metadata("add_slip", {**{name: topic for topic, name in ours.items()}, "configuration": json.dumps(effective(config))})
+        writer.add_metadata(
+            "add_slip",
+            {
+                **{name: topic for topic, name in ours.items()},
+                "configuration": json.dumps(effective(config)),
+            },
+        )
         copies = _topics(reader, writer)
         slip = writer.add_topic(slip_topic, INPUT_TYPES[SLIP])
         for raw in reader.messages(copies):
@@ -100,7 +143,10 @@ def add_slip(reader: BagReader, out: Path, ours: Mapping[str, str], slip_topic: 
                 added.joints += ours[raw.topic] == JOINTS
                 _add(source, ours[raw.topic], raw, reader, writer, slip, added)
         if not added.slips:
-            raise TopicError(f"{reader.path}: {added}: stamps of one pair may differ by pairing_tolerance, {config.tolerance_s:g} s")
+            raise TopicError(
+                f"{reader.path}: {added}: stamps of one pair may differ by pairing_tolerance,"
+                f" {config.tolerance_s:g} s"
+            )
     return added
 
 
@@ -109,12 +155,28 @@ def _topics(reader: BagReader, writer: BagWriter) -> dict[str, Topic]:
     found: dict[str, Topic] = {}
     for name, topic in reader.topics.items():
         if topic.definition is None:
-            raise TopicError(f"{reader.path}: topic {name} is not CDR with .msg source, and cannot be copied: record without it")
-        found[name] = writer.add_topic(name, topic.type_name, definition=topic.definition, qos=parse_qos(topic.qos_text) or (Qos(),))
+            raise TopicError(
+                f"{reader.path}: topic {name} is not CDR with .msg source, and cannot be copied:"
+                " record without it"
+            )
+        found[name] = writer.add_topic(
+            name,
+            topic.type_name,
+            definition=topic.definition,
+            qos=parse_qos(topic.qos_text) or (Qos(),),
+        )
     return found
 
 
-def _add(source: SlipSource, name: str, raw: RawMessage, reader: BagReader, writer: BagWriter, slip: Topic, added: Added) -> None:
+def _add(
+    source: SlipSource,
+    name: str,
+    raw: RawMessage,
+    reader: BagReader,
+    writer: BagWriter,
+    slip: Topic,
+    added: Added,
+) -> None:
     for pair in source.pair(name, reader.decode(raw)):
         try:
             message = source.slip_message(pair, writer.types.make)
@@ -126,11 +188,33 @@ def _add(source: SlipSource, name: str, raw: RawMessage, reader: BagReader, writ
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="add_slip", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file; it is not touched")
-    parser.add_argument("--velocity", required=True, metavar="TOPIC", help="odometry or stamped twist along body x, not that of odom")
-    parser.add_argument("--joint-states", default=JOINTS, metavar="TOPIC", help="with the wheel rates (default: %(default)s)")
-    parser.add_argument("--out", type=Path, metavar="BAG", help="folder of the new bag, must not exist (default: BAG_slip)")
+    parser = argparse.ArgumentParser(
+        prog="add_slip", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "bag",
+        type=Path,
+        metavar="BAG",
+        help="folder of a bag or bare .mcap file; it is not touched",
+    )
+    parser.add_argument(
+        "--velocity",
+        required=True,
+        metavar="TOPIC",
+        help="odometry or stamped twist along body x, not that of odom",
+    )
+    parser.add_argument(
+        "--joint-states",
+        default=JOINTS,
+        metavar="TOPIC",
+        help="with the wheel rates (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="BAG",
+        help="folder of the new bag, must not exist (default: BAG_slip)",
+    )
     add_parameters(parser)
     return parser
 

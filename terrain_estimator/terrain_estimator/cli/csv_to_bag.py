@@ -28,12 +28,17 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         mapping = read_mapping(options.mapping)
-        rows, hints = convert(options.data, mapping, options.mapping.read_text(encoding="utf-8"), options.out)
+        rows, hints = convert(
+            options.data, mapping, options.mapping.read_text(encoding="utf-8"), options.out
+        )
     except (ConfigError, CsvError, BagError) as error:
         print(f"csv_to_bag: {error}", file=sys.stderr)
         return WRONG
     except OSError as error:
-        print(f"csv_to_bag: {options.out}: the bag cannot be written: {error.strerror}", file=sys.stderr)
+        print(
+            f"csv_to_bag: {options.out}: the bag cannot be written: {error.strerror}",
+            file=sys.stderr,
+        )
         return WRONG
     print(f"{options.out}: {rows} rows of {options.data}")
     for hint in hints:
@@ -53,32 +58,64 @@ def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple
     with whole_bag(out) as writer:
         with data.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        writer.add_metadata("csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text})
+        writer.add_metadata(
+            "csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text}
+        )
         rows = SampleWriter(writer, mapping).write_all(read_samples(data, mapping))
     return rows, _hints(mapping)
 
 
 def _hints(mapping: Mapping) -> list[str]:
     hints = []
-    absent = [signal for signal in ("slip", "sinkage", "velocity", "torque", "acceleration", "bogie_angle") if not mapping.measures(signal)]
+    absent = [
+        signal
+        for signal in ("slip", "sinkage", "velocity", "torque", "acceleration", "bogie_angle")
+        if not mapping.measures(signal)
+    ]
     if absent:
-        hints.append(f"not in the data: {', '.join(absent)}; the status of the estimates will say what that costs")
+        hints.append(
+            f"not in the data: {', '.join(absent)}; the status of the estimates will say what that"
+            " costs"
+        )
     if not mapping.measures("pitch") and not mapping.constant_pitch.unit:
-        hints.append("no pitch: give a column, or constant_pitch if the ground was level; without it every observation is refused")
+        hints.append(
+            "no pitch: give a column, or constant_pitch if the ground was level; without it every"
+            " observation is refused"
+        )
     if not mapping.measures("contact_angle") and not mapping.constant_contact_angle.unit:
-        hints.append("no contact_angle: give columns, or constant_contact_angle if the ground was even; without it no wheel is used")
+        hints.append(
+            "no contact_angle: give columns, or constant_contact_angle if the ground was even;"
+            " without it no wheel is used"
+        )
     if mapping.measures("torque") and mapping.torque.noise != Noise():
-        relative, absolute = mapping.torque.noise.relative, mapping.torque.noise.absolute * factor("torque", mapping.torque.unit)
+        relative, absolute = (
+            mapping.torque.noise.relative,
+            mapping.torque.noise.absolute * factor("torque", mapping.torque.unit),
+        )
         options = f"-p torque_noise.relative:={relative:g} -p torque_noise.absolute:={absolute:g}"
-        hints.append(f"joint_states carries no noise; give the torque's to replay and find_missing_effect: {options}")
+        hints.append(
+            "joint_states carries no noise; give the torque's to replay and find_missing_effect:"
+            f" {options}"
+        )
     return hints
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="csv_to_bag", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path, metavar="DATA.csv", help="one row a sample, the first row names the columns")
-    parser.add_argument("--mapping", type=Path, required=True, metavar="MAP.yaml", help="what the columns mean")
-    parser.add_argument("--out", type=Path, required=True, metavar="BAG", help="folder of the bag, must not exist")
+    parser = argparse.ArgumentParser(
+        prog="csv_to_bag", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "data",
+        type=Path,
+        metavar="DATA.csv",
+        help="one row a sample, the first row names the columns",
+    )
+    parser.add_argument(
+        "--mapping", type=Path, required=True, metavar="MAP.yaml", help="what the columns mean"
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="BAG", help="folder of the bag, must not exist"
+    )
     return parser
 
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """demo: drive a simulated rover on real ROS 2, watch its ground being estimated, record, replay, compare, draw.
 
-Exit codes: 0 all went well and the replay is identical to live; 1 it is not; 2 wrong arguments, or a process failed.
+Exit codes: 0 all went well and the replay is identical to live; 1 it is not; 2 wrong arguments, or
+a process failed.
 """
 
 import argparse
@@ -46,30 +47,61 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder of the results (default: %(default)s)")
-    parser.add_argument("--duration", type=real(0.0, exclusive=True), default=60.0, help="simulated time [s] (default: %(default)s)")
-    parser.add_argument(
-        "--real-time-factor", type=real(0.0, exclusive=True), default=5.0, help="how much faster than real time (default: %(default)s)"
+    parser = argparse.ArgumentParser(
+        prog="demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seed", type=int, default=1, help="of drive and noise (default: %(default)s)")
-    parser.add_argument("--rover", default="mars_rover", help="rover preset or file (default: %(default)s)")
-    parser.add_argument("--soil", default="loose_sand", help="soil preset or file (default: %(default)s)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/demo"),
+        help="folder of the results (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=real(0.0, exclusive=True),
+        default=60.0,
+        help="simulated time [s] (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--real-time-factor",
+        type=real(0.0, exclusive=True),
+        default=5.0,
+        help="how much faster than real time (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of drive and noise (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--rover", default="mars_rover", help="rover preset or file (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--soil", default="loose_sand", help="soil preset or file (default: %(default)s)"
+    )
     parser.add_argument("--schedule", default="S1", help="drive: S1 to S4 (default: %(default)s)")
-    parser.add_argument("--domain-id", type=int, default=0, help="ROS domain (default: one at random, so that nothing else is disturbed)")
+    parser.add_argument(
+        "--domain-id",
+        type=int,
+        default=0,
+        help="ROS domain (default: one at random, so that nothing else is disturbed)",
+    )
     return parser
 
 
 def run(what: Drive, folder: Path) -> int:
     """Drive, replay, compare, draw, summarise. Raises FleetError or BagError."""
     print(
-        f"{what.rover} drives {what.schedule} on {what.soil} for {what.duration_s:g} s, {what.real_time_factor:g} times real time",
+        f"{what.rover} drives {what.schedule} on {what.soil} for {what.duration_s:g} s,"
+        f" {what.real_time_factor:g} times real time",
         flush=True,
     )
     recording = drive(what, folder, lambda line: print(line, flush=True))
     replayed = _replay(recording.bag, folder / "replay")
     picture = folder / "estimate.png"
-    draw(read_curves(recording.bag), picture, f"{what.rover} on {what.soil}, schedule {what.schedule}, seed {what.seed}")
+    draw(
+        read_curves(recording.bag),
+        picture,
+        f"{what.rover} on {what.soil}, schedule {what.schedule}, seed {what.seed}",
+    )
     content = demo_summary(recording, replayed)
     write_summary(folder / "summary.json", content)
     _print_results(content, picture, folder / "summary.json")
@@ -78,11 +110,20 @@ def run(what: Drive, folder: Path) -> int:
 
 def _replay(bag: Path, folder: Path) -> dict[str, Any]:
     """The summary of one bag's replay, by the command that a user would type."""
-    command = [executable("terrain_estimator", "replay"), str(bag), "--out", str(folder), "--compare", "--overwrite"]
+    command = [
+        executable("terrain_estimator", "replay"),
+        str(bag),
+        "--out",
+        str(folder),
+        "--compare",
+        "--overwrite",
+    ]
     result = subprocess.run(command, check=False)  # noqa: S603
     if result.returncode not in (0, DIFFERENT):
         raise FleetError(f"replay ended with code {result.returncode}")
-    replayed: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["bags"][0]
+    replayed: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))[
+        "bags"
+    ][0]
     return replayed
 
 
@@ -90,20 +131,34 @@ def demo_summary(recording: Recording, replayed: dict[str, Any]) -> dict[str, An
     """The demo's summary; the live estimate is the last one in the bag."""
     with BagReader(recording.bag) as reader:
         stamps = [stamp_ns(reader.decode(raw)) for raw in reader.messages(["/wheel_slip"])]
-        messages = {name.removeprefix("/"): topic.count for name, topic in sorted(reader.topics.items())}
+        messages = {
+            name.removeprefix("/"): topic.count for name, topic in sorted(reader.topics.items())
+        }
         *_, last = (reader.decode(raw) for raw in reader.messages(["/terrain_estimate"]))
         truths = [reader.decode(raw) for raw in reader.messages(["/ground_truth/terrain"])]
     truth = truths[-1] if truths else None
     return {
-        "simulated_s": round(len(stamps) * (stamps[-1] - stamps[0]) / (len(stamps) - 1) * 1e-9, 6),  # each stamp ends a step
+        "simulated_s": round(
+            len(stamps) * (stamps[-1] - stamps[0]) / (len(stamps) - 1) * 1e-9, 6
+        ),  # each stamp ends a step
         "messages": messages,
         "rate_hz": recording.timing["rate_hz"],
         "jitter_ms_p99": recording.timing["jitter_ms_p99"],
         "estimate": {
-            "cohesion_pa": {"mean": last.cohesion, "sd": last.cohesion_stddev, "truth": truth.cohesion if truth else None},
-            "tan_phi": {"mean": last.tan_phi, "sd": last.tan_phi_stddev, "truth": truth.tan_phi if truth else None},
+            "cohesion_pa": {
+                "mean": last.cohesion,
+                "sd": last.cohesion_stddev,
+                "truth": truth.cohesion if truth else None,
+            },
+            "tan_phi": {
+                "mean": last.tan_phi,
+                "sd": last.tan_phi_stddev,
+                "truth": truth.tan_phi if truth else None,
+            },
         },
-        "replay": {name: replayed[name] for name in ("estimates", "identical_to_live", "times_real_time")},
+        "replay": {
+            name: replayed[name] for name in ("estimates", "identical_to_live", "times_real_time")
+        },
         "bag": str(recording.bag),
     }
 
@@ -111,7 +166,10 @@ def demo_summary(recording: Recording, replayed: dict[str, Any]) -> dict[str, An
 def _print_results(content: dict[str, Any], picture: Path, summary: Path) -> None:
     replayed = content["replay"]
     identical = "identical to live" if replayed["identical_to_live"] else "DIFFERENT from live"
-    print(f"replay:  {replayed['estimates']} estimates, {identical}, {replayed['times_real_time']:.0f} times real time")
+    print(
+        f"replay:  {replayed['estimates']} estimates, {identical},"
+        f" {replayed['times_real_time']:.0f} times real time"
+    )
     print(f"bag:     {content['bag']}")
     print(f"picture: {picture}")
     print(f"summary: {summary}")

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """find_missing_effect RUN...: which physical effect the model of rover and soil lacks, from recorded runs.
 
-Writes OUT/finding.json and OUT/report.html, and where an effect is named OUT/model.pt, which estimates it. Exit codes: 0 for any
-verdict, 2 for a bad argument or too few readable runs.
+Writes OUT/finding.json and OUT/report.html, and where an effect is named OUT/model.pt, which
+estimates it. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
 Single-wheel measurements instead of runs: find_missing_effect --wheel-table FILE.csv --help.
 """
 
@@ -71,7 +71,9 @@ def main(arguments: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     try:
         reading = reading_of(options)
-        nominal = nominal_of(load_rover(options.rover or reading.config.rover or ROVER), load_soil(options.soil))
+        nominal = nominal_of(
+            load_rover(options.rover or reading.config.rover or ROVER), load_soil(options.soil)
+        )
         hypotheses = singles(options.library)
         runs, held_out = _divided(options)
         base = options.model or reading.config.model
@@ -95,19 +97,32 @@ def main(arguments: list[str] | None = None) -> int:
             "asked": asked(nominal.rover.name, options.soil, options.seed, reading),
             "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
         }
-        written = write_finding(options.out, summary(finding, diagnosis, usable.blocks, unseen, proof) | told)
+        written = write_finding(
+            options.out, summary(finding, diagnosis, usable.blocks, unseen, proof) | told
+        )
         model = write_model(finding, nominal.rover, base, options.out / "model.pt")
     except (ConfigError, ClusterError, InputError, ModelFileError, TopicError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
-    unproven = " (unproven: no run was held out)" if isinstance(model, Path) and proof is None else ""
-    sys.stdout.write("\n".join([sentence(finding, diagnosis, proof), *map(str, written), f"{model}{unproven}"]) + "\n")
+    unproven = (
+        " (unproven: no run was held out)" if isinstance(model, Path) and proof is None else ""
+    )
+    sys.stdout.write(
+        "\n".join([sentence(finding, diagnosis, proof), *map(str, written), f"{model}{unproven}"])
+        + "\n"
+    )
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="find_missing_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="bags of drives, at least two")
+    parser = argparse.ArgumentParser(
+        prog="find_missing_effect",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "runs", nargs="+", type=Path, metavar="RUN", help="bags of drives, at least two"
+    )
     parser.add_argument(
         "--hold-out",
         nargs="+",
@@ -116,49 +131,105 @@ def _parser() -> argparse.ArgumentParser:
         metavar="RUN",
         help="bags for the proof alone (default: one in four of three or more runs, at least one)",
     )
-    parser.add_argument("--rover", default="", help=f"name of a rover or path of a rover file (default: the parameter rover, else {ROVER})")
-    parser.add_argument("--soil", default="loose_sand", help="name of a soil or path of a soil file (default: %(default)s)")
     parser.add_argument(
-        "--library", type=effects, default=(), metavar="NAME,...", help="effects to consider (default: all that a planar rover shows)"
+        "--rover",
+        default="",
+        help=(
+            f"name of a rover or path of a rover file (default: the parameter rover, else {ROVER})"
+        ),
     )
     parser.add_argument(
-        "--model", default="", help="name or file of the model that lacks the effect (default: parameter model, else the rover's name)"
+        "--soil",
+        default="loose_sand",
+        help="name of a soil or path of a soil file (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--library",
+        type=effects,
+        default=(),
+        metavar="NAME,...",
+        help="effects to consider (default: all that a planar rover shows)",
+    )
+    parser.add_argument(
+        "--model",
+        default="",
+        help=(
+            "name or file of the model that lacks the effect (default: parameter model, else the"
+            " rover's name)"
+        ),
     )
     add_options(parser)
-    parser.add_argument("--out", type=Path, default=Path("out/finding"), help="folder of the results (default: %(default)s)")
     parser.add_argument(
-        "--scheduler", default="", help="address of a dask.distributed scheduler that takes the work; default: this machine"
+        "--out",
+        type=Path,
+        default=Path("out/finding"),
+        help="folder of the results (default: %(default)s)",
     )
     parser.add_argument(
-        "--workers", type=WORKERS, default=0, help=f"processes of this machine that take it; 0: this one, above {FEW} runs one for each CPU"
+        "--scheduler",
+        default="",
+        help="address of a dask.distributed scheduler that takes the work; default: this machine",
     )
-    parser.add_argument("--seed", type=SEED, default=0, help="of the choice of held-out runs (default: %(default)s)")
+    parser.add_argument(
+        "--workers",
+        type=WORKERS,
+        default=0,
+        help=(
+            f"processes of this machine that take it; 0: this one, above {FEW} runs one for"
+            " each CPU"
+        ),
+    )
+    parser.add_argument(
+        "--seed", type=SEED, default=0, help="of the choice of held-out runs (default: %(default)s)"
+    )
     return parser
 
 
 def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     """Runs to look into and runs for the proof."""
     runs = list(options.runs)
-    refuse_twice([*runs, *options.hold_out], "every run counts once, to be searched or by --hold-out for the proof")
+    refuse_twice(
+        [*runs, *options.hold_out],
+        "every run counts once, to be searched or by --hold-out for the proof",
+    )
     if len(runs) < FEWEST:
-        raise InputError(f"{len(runs)} run given, at least {FEWEST} are needed: an effect has to show in more than one drive")
+        raise InputError(
+            f"{len(runs)} run given, at least {FEWEST} are needed: an effect has to show in more"
+            " than one drive"
+        )
     if options.hold_out:
         return runs, list(options.hold_out)
     # With two runs both are needed to find anything, and what is found stays unproven.
     count = max(len(runs) // 4, 1) if len(runs) > FEWEST else 0
     held_out = set(random.Random(options.seed).sample(range(len(runs)), count))  # noqa: S311 - a reproducible choice, no secret
-    return [run for k, run in enumerate(runs) if k not in held_out], [run for k, run in enumerate(runs) if k in held_out]
+    return [run for k, run in enumerate(runs) if k not in held_out], [
+        run for k, run in enumerate(runs) if k in held_out
+    ]
 
 
 def _read(
-    place: Workplace, bags: Sequence[Path], nominal: Nominal, reading: Reading, report: ProgressReport, *, held_out: bool = False
+    place: Workplace,
+    bags: Sequence[Path],
+    nominal: Nominal,
+    reading: Reading,
+    report: ProgressReport,
+    *,
+    held_out: bool = False,
 ) -> Runs:
     """All runs; one that cannot be used, or is too short to be held out, is reported and left out."""
-    found = place.read(bags, nominal, reading, lambda share, note: report.at(_READING * share, note), held_out=held_out)
+    found = place.read(
+        bags,
+        nominal,
+        reading,
+        lambda share, note: report.at(_READING * share, note),
+        held_out=held_out,
+    )
     for reason in found.left_out:
         sys.stderr.write(f"find_missing_effect: {reason}\n")
     if len(found.blocks) < FEWEST and not held_out:
-        raise InputError(f"{len(found.blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed")
+        raise InputError(
+            f"{len(found.blocks)} of {len(bags)} runs can be used, at least {FEWEST} are needed"
+        )
     return found
 
 
@@ -166,14 +237,24 @@ _READING = 0.03
 """[1] Share of the time that reading takes, about."""
 
 
-def _proof(finding: Finding, nominal: Nominal, unseen: Sequence[Blocks], seed: int, place: Workplace) -> Proof | None:
+def _proof(
+    finding: Finding, nominal: Nominal, unseen: Sequence[Blocks], seed: int, place: Workplace
+) -> Proof | None:
     """The best name on held-out runs, where there is one and they are there; else the nominal model alone."""
     named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
-    return prove(nominal, finding.best if named else None, unseen, seed, place.spread) if unseen else None
+    return (
+        prove(nominal, finding.best if named else None, unseen, seed, place.spread)
+        if unseen
+        else None
+    )
 
 
 def summary(
-    finding: Finding, diagnosis: Diagnosis, blocks: Sequence[Blocks], unseen: Sequence[Blocks], proof: Proof | None
+    finding: Finding,
+    diagnosis: Diagnosis,
+    blocks: Sequence[Blocks],
+    unseen: Sequence[Blocks],
+    proof: Proof | None,
 ) -> dict[str, Any]:
     """What goes to finding.json."""
     judgement = finding.judgement
@@ -181,13 +262,29 @@ def summary(
     return {
         "verdict": str(judgement.verdict),
         "probabilities": judgement.probabilities,
-        "effects": [entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)],
+        "effects": [
+            entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)
+        ],
         "confusable_with": [each.label for each in judgement.named[1:]],
         "separate_by": diagnosis.separate_by(judgement),
-        "left": [{"row": each.column.row, "signal": each.column.signal, "strength": math.sqrt(each.strength)} for each in finding.left[:3]],
+        "left": [
+            {
+                "row": each.column.row,
+                "signal": each.column.signal,
+                "strength": math.sqrt(each.strength),
+            }
+            for each in finding.left[:3]
+        ],
         **diagnosis.plain(),
         "added": proof is not None and proof.added,
-        **(proof.plain() if proof else {"gap": dict.fromkeys(item.name for item in dataclasses.fields(Gap)), "proof": None}),
+        **(
+            proof.plain()
+            if proof
+            else {
+                "gap": dict.fromkeys(item.name for item in dataclasses.fields(Gap)),
+                "proof": None,
+            }
+        ),
         "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},
         "runs": [each.name for each in blocks],
         "held_out": [each.name for each in unseen],
@@ -230,14 +327,21 @@ def sentence(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str
 def _verdict(finding: Finding, diagnosis: Diagnosis) -> str:
     judgement = finding.judgement
     labels = [each.label for each in judgement.named]
-    sizes = ", ".join(f"{name} {size:.4g} +- {sd:.2g} {describe(name).unit}" for name, size, sd in finding.best.sizes)
+    sizes = ", ".join(
+        f"{name} {size:.4g} +- {sd:.2g} {describe(name).unit}"
+        for name, size, sd in finding.best.sizes
+    )
     left = finding.left[0].column if finding.left else None
     words = {
         "none": "nothing is missing that these runs show",
         "named": f"named: {sizes}",
-        "confusable": f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}",
-        "unknown": f"unknown: no named effect explains it (closest: {', '.join(labels)})"
-        + (f"; the {left.row} row depends on {left.signal}" if left else ""),
+        "confusable": (
+            f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}"
+        ),
+        "unknown": (
+            f"unknown: no named effect explains it (closest: {', '.join(labels)})"
+            + (f"; the {left.row} row depends on {left.signal}" if left else "")
+        ),
     }
     return words[str(judgement.verdict)]
 

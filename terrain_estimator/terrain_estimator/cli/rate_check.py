@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """rate_check: drive at real time, all processes on this machine, and check the rates by the receiver's wall clock.
 
-Exit codes: 0 every 10 Hz topic keeps its rate; 1 one does not; 2 wrong arguments, or a process failed.
+Exit codes: 0 every 10 Hz topic keeps its rate; 1 one does not; 2 wrong arguments, or a process
+failed.
 """
 
 import argparse
@@ -30,10 +31,24 @@ TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES)
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Run the check; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="rate_check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("out/rate_check"), help="folder of the results (default: %(default)s)")
-    parser.add_argument("--duration", type=real(0.0, exclusive=True), default=30.0, help="time to drive [s] (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of drive and noise (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="rate_check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/rate_check"),
+        help="folder of the results (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=real(0.0, exclusive=True),
+        default=30.0,
+        help="time to drive [s] (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of drive and noise (default: %(default)s)"
+    )
     options = parser.parse_args(arguments)
     domain_id = random.SystemRandom().randint(1, 101)
     what = Drive(options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", domain_id)
@@ -45,21 +60,32 @@ def main(arguments: list[str] | None = None) -> int:
     failures = [topic for topic in TOPICS if not keeps_its_rate(timing, topic)]
     _print_table(timing)
     write_summary(options.out / "summary.json", timing | {"failed": failures})
-    print(f"{'failed: ' + ', '.join(failures) if failures else 'every topic keeps its rate'}; {options.out / 'summary.json'}")
+    print(
+        f"{'failed: ' + ', '.join(failures) if failures else 'every topic keeps its rate'};"
+        f" {options.out / 'summary.json'}"
+    )
     return 1 if failures else 0
 
 
 def keeps_its_rate(timing: dict[str, Any], topic: str) -> bool:
     """Whether a topic's median rate is within 1 % of 10 Hz, and its 99th percentile jitter below 10 ms."""
-    rate_hz, jitter_ms = timing["rate_hz"].get(topic, 0.0), timing["jitter_ms_p99"].get(topic, float("inf"))
+    rate_hz, jitter_ms = (
+        timing["rate_hz"].get(topic, 0.0),
+        timing["jitter_ms_p99"].get(topic, float("inf")),
+    )
     return bool(abs(rate_hz / RATE_HZ - 1.0) <= RATE_TOLERANCE and jitter_ms < JITTER_LIMIT_MS)
 
 
 def _print_table(timing: dict[str, Any]) -> None:
     table = Table("topic", "messages", "median rate in Hz", "jitter in ms, 99th percentile")
     for topic in TOPICS:
-        rate_hz, jitter_ms = timing["rate_hz"].get(topic, 0.0), timing["jitter_ms_p99"].get(topic, float("nan"))
-        table.add_row(topic, str(timing["messages"].get(topic, 0)), f"{rate_hz:.3f}", f"{jitter_ms:.2f}")
+        rate_hz, jitter_ms = (
+            timing["rate_hz"].get(topic, 0.0),
+            timing["jitter_ms_p99"].get(topic, float("nan")),
+        )
+        table.add_row(
+            topic, str(timing["messages"].get(topic, 0)), f"{rate_hz:.3f}", f"{jitter_ms:.2f}"
+        )
     Console(highlight=False, soft_wrap=True).print(table)
 
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """recover_bag BAG: makes a whole bag of what is left of one that was cut off or damaged, and says what is lost.
 
-Exit codes: 0 all that is left is in the new bag; 1 nothing is left; 2 wrong arguments, or the new bag cannot be written.
+Exit codes: 0 all that is left is in the new bag; 1 nothing is left; 2 wrong arguments, or the new
+bag cannot be written.
 """
 
 import argparse
@@ -50,7 +51,10 @@ def report(recovery: Recovery) -> str:
         return "; ".join(["no message is left", *recovery.notes])
     parts = [f"{span.count} messages in {span.duration_ns / 1e9:.3f} s recovered"]
     if recovery.expected is None:
-        parts.append(f"{recovery.lost or 'none'} lost before the last one; nothing tells whether any came after it")
+        parts.append(
+            f"{recovery.lost or 'none'} lost before the last one; nothing tells whether any came"
+            " after it"
+        )
     else:
         parts.append(f"{recovery.lost or 'none'} of {recovery.expected} lost")
     if damage.torn:
@@ -63,11 +67,24 @@ def report(recovery: Recovery) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="recover_bag", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file; it is not touched")
-    parser.add_argument("--out", type=Path, help="folder of the new bag, must not exist (default: BAG_recovered)")
+    parser = argparse.ArgumentParser(
+        prog="recover_bag",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument(
-        "--replace", action="store_true", help=f"give the new bag the name of the damaged one, which is kept as BAG{DAMAGED}"
+        "bag",
+        type=Path,
+        metavar="BAG",
+        help="folder of a bag or bare .mcap file; it is not touched",
+    )
+    parser.add_argument(
+        "--out", type=Path, help="folder of the new bag, must not exist (default: BAG_recovered)"
+    )
+    parser.add_argument(
+        "--replace",
+        action="store_true",
+        help=f"give the new bag the name of the damaged one, which is kept as BAG{DAMAGED}",
     )
     return parser
 

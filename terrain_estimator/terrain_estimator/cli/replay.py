@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """replay BAG...: estimate from recordings, without ROS running, by the same code as the live node.
 
-Exit codes: 0 done; 1 the comparison with the live estimates found a difference; 2 wrong arguments, parameters, model or
-bag; 3 a bag gave no estimate.
+Exit codes: 0 done; 1 the comparison with the live estimates found a difference; 2 wrong arguments,
+parameters, model or bag; 3 a bag gave no estimate.
 """
 
 import argparse
@@ -54,23 +54,62 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="replay", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="folder of a bag or bare .mcap file, finished or not")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/replay"), help="folder for estimates bags and summary.json (default: %(default)s)"
+    parser = argparse.ArgumentParser(
+        prog="replay", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--model", default="", help="name of an installed model or path of a model file (default: mars_rover)")
+    parser.add_argument(
+        "bags",
+        nargs="*",
+        type=Path,
+        metavar="BAG",
+        help="folder of a bag or bare .mcap file, finished or not",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/replay"),
+        help="folder for estimates bags and summary.json (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--model",
+        default="",
+        help="name of an installed model or path of a model file (default: mars_rover)",
+    )
     add_options(parser)
-    parser.add_argument("--dump-config", action="store_true", help="print the parameters in force as a parameter file, and end")
-    parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page about the runs: one file, for a browser")
-    parser.add_argument("--state", type=Path, metavar="FILE", help="start from this saved state, as a node did that went on from it")
-    parser.add_argument("--compare", action="store_true", help="compare with the estimates that the bag has from the live node")
-    parser.add_argument("--overwrite", action="store_true", help="replace estimates bags of an earlier replay")
+    parser.add_argument(
+        "--dump-config",
+        action="store_true",
+        help="print the parameters in force as a parameter file, and end",
+    )
+    parser.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE.html",
+        help="write a page about the runs: one file, for a browser",
+    )
+    parser.add_argument(
+        "--state",
+        type=Path,
+        metavar="FILE",
+        help="start from this saved state, as a node did that went on from it",
+    )
+    parser.add_argument(
+        "--compare",
+        action="store_true",
+        help="compare with the estimates that the bag has from the live node",
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace estimates bags of an earlier replay"
+    )
     return parser
 
 
 def _replay_all(
-    options: argparse.Namespace, model: LoadedModel, config: EstimatorConfig, names: dict[str, str], start: Start | None
+    options: argparse.Namespace,
+    model: LoadedModel,
+    config: EstimatorConfig,
+    names: dict[str, str],
+    start: Start | None,
 ) -> int:
     """Replay one bag after the other, each from the same start; a bag that fails does not stop the others."""
     replays: list[Replay] = []
@@ -78,7 +117,9 @@ def _replay_all(
     for bag in options.bags:
         try:
             output = options.out / f"{bag_name(bag)}_estimates"
-            _make_room(output, [each.estimates_bag for each in replays], overwrite=options.overwrite)
+            _make_room(
+                output, [each.estimates_bag for each in replays], overwrite=options.overwrite
+            )
             replays.append(replay(bag, output, model, config, names, start))
             if options.compare:
                 compare_with_live(replays[-1], names)
@@ -96,7 +137,9 @@ def _replay_all(
     return NOTHING if any(each.estimates == 0 for each in replays) else 0
 
 
-def _summary(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
+def _summary(
+    path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig
+) -> bool:
     """Write what came of the runs; whether that went well."""
     try:
         write_summary(path, summary(replays, model, config))
@@ -109,7 +152,8 @@ def _summary(path: Path, replays: list[Replay], model: LoadedModel, config: Esti
 
 def _report(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
     """Write the page about the runs; whether that went well."""
-    from terrain_estimator.offline.run_report import write_report  # noqa: PLC0415 - matplotlib takes half a second, and few want it
+    # matplotlib takes half a second, and few want a report
+    from terrain_estimator.offline.run_report import write_report  # noqa: PLC0415
 
     try:
         write_report(path, replays, model, config)
@@ -124,10 +168,13 @@ def _make_room(output: Path, written: list[Path], *, overwrite: bool) -> None:
     """Remove the estimates bag of an earlier replay where the user says so. Raises BagError where one is in the way."""
     if output in written:
         raise BagError(
-            f"{output} has the estimates of a bag of the same name: give this one another name, or replay it by itself with --out"
+            f"{output} has the estimates of a bag of the same name: give this one another name, or"
+            " replay it by itself with --out"
         )
     if output.exists() and not overwrite:
-        raise BagError(f"{output} exists from an earlier replay: give --overwrite, or another folder by --out")
+        raise BagError(
+            f"{output} exists from an earlier replay: give --overwrite, or another folder by --out"
+        )
     if overwrite and output.is_dir():
         for file in (*output.glob("*.mcap"), output / "metadata.yaml"):
             file.unlink(missing_ok=True)

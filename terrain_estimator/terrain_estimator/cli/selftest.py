@@ -34,12 +34,27 @@ SIMULATION: dict[str, object] = {
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Run it; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--duration", type=real(0.0, exclusive=True), default=10.0, help="simulated time [s] (default: %(default)s)")
-    parser.add_argument(
-        "--real-time-factor", type=real(0.0, exclusive=True), default=4.0, help="how much faster than real time (default: %(default)s)"
+    parser = argparse.ArgumentParser(
+        prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--domain-id", type=int, default=0, help="ROS domain (default: one at random, so that nothing else is disturbed)")
+    parser.add_argument(
+        "--duration",
+        type=real(0.0, exclusive=True),
+        default=10.0,
+        help="simulated time [s] (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--real-time-factor",
+        type=real(0.0, exclusive=True),
+        default=4.0,
+        help="how much faster than real time (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--domain-id",
+        type=int,
+        default=0,
+        help="ROS domain (default: one at random, so that nothing else is disturbed)",
+    )
     options = parser.parse_args(arguments)
     domain_id = options.domain_id or random.SystemRandom().randint(1, 101)
     try:
@@ -56,15 +71,33 @@ def drive(folder: Path, domain_id: int, duration_s: float, real_time_factor: flo
     """Drive with the nodes that answer a rover and record every output; returns the bag. Raises FleetError."""
     bag = folder / "bag"
     with Fleet(folder / "log", domain_id) as fleet:
-        others = [fleet.start("terrain_estimator", name) for name in ("estimator", "planner", "terrain_map")]
-        recorder = fleet.start("terrain_estimator", "recorder", {"output": bag, "topics": " ".join(OUTPUTS)})
+        others = [
+            fleet.start("terrain_estimator", name)
+            for name in ("estimator", "planner", "terrain_map")
+        ]
+        recorder = fleet.start(
+            "terrain_estimator", "recorder", {"output": bag, "topics": " ".join(OUTPUTS)}
+        )
         given = SIMULATION | {"duration": duration_s, "real_time_factor": real_time_factor}
         simulator = fleet.start("rover_sim_node", "simulator", given)
-        for program, words in zip((*others, recorder), ("matched all inputs", "ready", "ready", r"recording \d+"), strict=True):
+        for program, words in zip(
+            (*others, recorder),
+            ("matched all inputs", "ready", "ready", r"recording \d+"),
+            strict=True,
+        ):
             fleet.wait_for(program, words, TIMEOUT_S)
         watch = fleet.start("terrain_estimator", "watch")
-        fleet.wait_until(lambda: not simulator.running, "the simulator has driven to the end", TIMEOUT_S + 3.0 * duration_s)
-        for program in (simulator, watch, *others, recorder):  # the recorder last: what the others still answer is recorded
+        fleet.wait_until(
+            lambda: not simulator.running,
+            "the simulator has driven to the end",
+            TIMEOUT_S + 3.0 * duration_s,
+        )
+        for program in (
+            simulator,
+            watch,
+            *others,
+            recorder,
+        ):  # the recorder last: what the others still answer is recorded
             code = program.stop() if program.running else program.wait(TIMEOUT_S)
             if code != 0:
                 raise FleetError(f"{program.name} ended with code {code}:\n{program.last_words}")
@@ -82,9 +115,15 @@ def _read(bag: Path) -> dict[str, list[Message]]:
 def report(found: list[Verdict]) -> int:
     """Print the verdicts; returns the exit code."""
     for verdict in found:
-        print(f"FAIL  {verdict.output}: {verdict.fault}" if verdict.fault else f"PASS  {verdict.output}")
+        print(
+            f"FAIL  {verdict.output}: {verdict.fault}"
+            if verdict.fault
+            else f"PASS  {verdict.output}"
+        )
     failed = sum(bool(verdict.fault) for verdict in found)
-    print(f"{failed} of {len(found)} outputs failed" if failed else f"all {len(found)} outputs passed")
+    print(
+        f"{failed} of {len(found)} outputs failed" if failed else f"all {len(found)} outputs passed"
+    )
     return 1 if failed else 0
 
 

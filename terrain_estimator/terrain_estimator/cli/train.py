@@ -48,11 +48,17 @@ def main(argv: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     if not 0.0 <= args.constants_sd < _LARGEST_CONSTANTS_SD:
-        sys.stderr.write(f"train: --constants-sd {args.constants_sd:g}: give 0 to {_LARGEST_CONSTANTS_SD:g}, exclusive\n")
+        sys.stderr.write(
+            f"train: --constants-sd {args.constants_sd:g}: give 0 to {_LARGEST_CONSTANTS_SD:g},"
+            " exclusive\n"
+        )
         return 2
     try:
         device = choose_device(args.device)
-        rovers, soils = [load_rover(name) for name in args.rover], [load_soil(name) for name in args.soil]
+        rovers, soils = (
+            [load_rover(name) for name in args.rover],
+            [load_soil(name) for name in args.soil],
+        )
         names = file_names(rovers, soils)
         make_folder("--out", args.out)
         make_folder("--curves", args.curves)
@@ -68,13 +74,22 @@ def file_names(rovers: Sequence[Rover], soils: Sequence[Soil]) -> list[str]:
     """Of the models' files, without an ending. Raises ConfigError where two would be one, or a name is none of a file."""
     called = [soil.name for soil in soils]
     if twice := next((name for name in called if called.count(name) > 1), ""):
-        raise ConfigError(f"two soils are called {twice}: a model knows its soils by their names, change one in its file")
+        raise ConfigError(
+            f"two soils are called {twice}: a model knows its soils by their names, change one in"
+            " its file"
+        )
     names = [rover.name if len(soils) > 1 else f"{rover.name}-{called[0]}" for rover in rovers]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigError(f"two rovers are called {name}, as their models would be: change the name in one rover file")
+            raise ConfigError(
+                f"two rovers are called {name}, as their models would be: change the name in one"
+                " rover file"
+            )
         if Path(name).name != name:
-            raise ConfigError(f"{name} is to be the name of the model's file: take names of rover and soil without slashes")
+            raise ConfigError(
+                f"{name} is to be the name of the model's file: take names of rover and soil"
+                " without slashes"
+            )
     return names
 
 
@@ -82,47 +97,104 @@ def choose_device(name: str) -> torch.device:
     """The device of a training: ``auto`` is the GPU where torch sees one, else the CPU. Raises DeviceError."""
     there = torch.cuda.is_available()
     if name == "cuda" and not there:
-        raise DeviceError("--device cuda: torch sees no GPU; install its CUDA build (docs/installation.md), or take --device cpu")
+        raise DeviceError(
+            "--device cuda: torch sees no GPU; install its CUDA build (docs/installation.md), or"
+            " take --device cpu"
+        )
     return torch.device("cuda" if there and name != "cpu" else "cpu")
 
 
 def _parser() -> argparse.ArgumentParser:
     recipe = Recipe()
-    parser = argparse.ArgumentParser(prog="train", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--rover", nargs="+", default=list(ROVERS), help="names or YAML files of rovers")
-    parser.add_argument("--soil", nargs="+", default=list(SOILS), help="names or YAML files of the soils that the model knows")
+    parser = argparse.ArgumentParser(
+        prog="train", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    parser.add_argument(
+        "--rover", nargs="+", default=list(ROVERS), help="names or YAML files of rovers"
+    )
+    parser.add_argument(
+        "--soil",
+        nargs="+",
+        default=list(SOILS),
+        help="names or YAML files of the soils that the model knows",
+    )
     parser.add_argument("--out", type=Path, default=MODELS, help="folder of the model files")
-    parser.add_argument("--curves", type=Path, default=Path("out/train"), help="folder of the pictures of the training")
-    parser.add_argument("--seed", type=SEED, default=recipe.seed, help="of everything that is drawn")
-    parser.add_argument("--tasks", type=whole(recipe.batch), default=400, help="simulated drives, shared out over the soils")
-    parser.add_argument("--strength", choices=_STRENGTHS, default="benchmark", help="where c and phi of the drives come from")
     parser.add_argument(
-        "--hidden-effects", type=real(0.0, 1.0), default=HIDDEN, help="share of the drives in which each effect acts that the physics lacks"
+        "--curves",
+        type=Path,
+        default=Path("out/train"),
+        help="folder of the pictures of the training",
     )
     parser.add_argument(
-        "--scheduler", default="", help="address of a dask.distributed scheduler that draws the drives; default: this machine"
+        "--seed", type=SEED, default=recipe.seed, help="of everything that is drawn"
     )
     parser.add_argument(
-        "--workers", type=WORKERS, default=0, help="processes of this machine that draw them; 0: one, for many drives one for each CPU"
+        "--tasks",
+        type=whole(recipe.batch),
+        default=400,
+        help="simulated drives, shared out over the soils",
     )
     parser.add_argument(
-        "--device", choices=("auto", "cpu", "cuda"), default="auto", help="where the net is trained; auto: on a GPU where there is one"
+        "--strength",
+        choices=_STRENGTHS,
+        default="benchmark",
+        help="where c and phi of the drives come from",
     )
-    parser.add_argument("--iterations", type=COUNT, default=recipe.iterations, help="training iterations of 20 drives")
+    parser.add_argument(
+        "--hidden-effects",
+        type=real(0.0, 1.0),
+        default=HIDDEN,
+        help="share of the drives in which each effect acts that the physics lacks",
+    )
+    parser.add_argument(
+        "--scheduler",
+        default="",
+        help="address of a dask.distributed scheduler that draws the drives; default: this machine",
+    )
+    parser.add_argument(
+        "--workers",
+        type=WORKERS,
+        default=0,
+        help="processes of this machine that draw them; 0: one, for many drives one for each CPU",
+    )
+    parser.add_argument(
+        "--device",
+        choices=("auto", "cpu", "cuda"),
+        default="auto",
+        help="where the net is trained; auto: on a GPU where there is one",
+    )
+    parser.add_argument(
+        "--iterations",
+        type=COUNT,
+        default=recipe.iterations,
+        help="training iterations of 20 drives",
+    )
     parser.add_argument("--columns", type=COUNT, default=recipe.columns, help="learnt features")
-    parser.add_argument("--hidden", type=COUNT, default=recipe.hidden, help="width of the two hidden layers")
     parser.add_argument(
-        "--constants-sd", type=float, default=PRIOR.constants_sd, help="relative deviation of each soil constant; 0 takes them for exact"
+        "--hidden", type=COUNT, default=recipe.hidden, help="width of the two hidden layers"
+    )
+    parser.add_argument(
+        "--constants-sd",
+        type=float,
+        default=PRIOR.constants_sd,
+        help="relative deviation of each soil constant; 0 takes them for exact",
     )
     penalties = [penalty.name.lower() for penalty in Orthogonality]
-    parser.add_argument("--orthogonality", choices=penalties, default=recipe.orthogonality.name.lower(), help="kind of the penalty")
+    parser.add_argument(
+        "--orthogonality",
+        choices=penalties,
+        default=recipe.orthogonality.name.lower(),
+        help="kind of the penalty",
+    )
     parser.add_argument(
         "--caution",
         type=real(0.0, exclusive=True),
         default=recipe.caution,
         help="what the learnt deviations of the net's weights are divided by",
     )
-    parser.add_argument("--orthogonality-strength", type=real(0.0), default=recipe.strength, help="its weight")
+    parser.add_argument(
+        "--orthogonality-strength", type=real(0.0), default=recipe.strength, help="its weight"
+    )
     return parser
 
 
@@ -143,27 +215,58 @@ def recipe_of(args: argparse.Namespace) -> Recipe:
 def options_of(args: argparse.Namespace, device: torch.device) -> tuple[str, ...]:
     """The options with which the same training is made again, defaults included; rover and soils stand beside them in the file."""
     effective = vars(args) | {"device": device.type}
-    return tuple(f"--{name.replace('_', '-')}={value}" for name, value in sorted(effective.items()) if name not in _ELSEWHERE)
+    return tuple(
+        f"--{name.replace('_', '-')}={value}"
+        for name, value in sorted(effective.items())
+        if name not in _ELSEWHERE
+    )
 
 
-def _train_one(rover: Rover, soils: list[Soil], name: str, args: argparse.Namespace, device: torch.device) -> None:
+def _train_one(
+    rover: Rover, soils: list[Soil], name: str, args: argparse.Namespace, device: torch.device
+) -> None:
     recipe = recipe_of(args)
     orders = [
-        Order(rover, soil, drives, args.seed, strength=_STRENGTHS[args.strength], share=args.hidden_effects, constants_sd=args.constants_sd)
+        Order(
+            rover,
+            soil,
+            drives,
+            args.seed,
+            strength=_STRENGTHS[args.strength],
+            share=args.hidden_effects,
+            constants_sd=args.constants_sd,
+        )
         for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
     ]
     data = Regression.join([draw(order, args.scheduler, args.workers) for order in orders])
-    model = build_model(rover, soils, recipe.columns, recipe.hidden, PRIOR._replace(constants_sd=args.constants_sd))
+    model = build_model(
+        rover, soils, recipe.columns, recipe.hidden, PRIOR._replace(constants_sd=args.constants_sd)
+    )
     history: list[Progress] = []
     with ProgressReport(f"{name}: training on {device}") as report:
         for progress in train(model, data, recipe, device):
             history.append(progress)
             report.at((progress.iteration + 1) / recipe.iterations, f"loss {progress.loss:.3f}")
     tail = [progress.loss for progress in history[-_SMOOTHED:]]
-    training = Training(recipe.seed, recipe.iterations, sum(tail) / len(tail), torch.__version__, options_of(args, device))
-    fresh = draw_tasks(rover, soils[0], "S1", _CHECKED_OBSERVATIONS / 10, 1, torch.Generator().manual_seed(recipe.seed + 1))
+    training = Training(
+        recipe.seed,
+        recipe.iterations,
+        sum(tail) / len(tail),
+        torch.__version__,
+        options_of(args, device),
+    )
+    fresh = draw_tasks(
+        rover,
+        soils[0],
+        "S1",
+        _CHECKED_OBSERVATIONS / 10,
+        1,
+        torch.Generator().manual_seed(recipe.seed + 1),
+    )
     path = args.out / f"{name}.pt"
-    with TemporaryDirectory(prefix=f".{name}-", dir=args.out) as unchecked:  # a model that fails replaces none that does not
+    with TemporaryDirectory(
+        prefix=f".{name}-", dir=args.out
+    ) as unchecked:  # a model that fails replaces none that does not
         made = Path(unchecked, path.name)
         metadata = export(model, rover, soils, training, made)
         check_export(model, made, fresh.measured[0])
@@ -171,7 +274,9 @@ def _train_one(rover: Rover, soils: list[Soil], name: str, args: argparse.Namesp
             file.replace(args.out / file.name)
     curves = args.curves / f"{name}.png"
     draw_curves(history, curves, name)
-    sys.stdout.write(f"{path}: {metadata.size} bytes, loss {training.loss:.3f} nat a row, curves in {curves}\n")
+    sys.stdout.write(
+        f"{path}: {metadata.size} bytes, loss {training.loss:.3f} nat a row, curves in {curves}\n"
+    )
 
 
 def shared_out(total: int, parts: int) -> list[int]:
@@ -181,10 +286,14 @@ def shared_out(total: int, parts: int) -> list[int]:
 
 def draw(order: Order, scheduler: str, workers: int) -> Regression:
     """The drives of an order, drawn by a cluster where one is named or where there are many."""
-    with ProgressReport(f"{order.rover.name}-{order.soil.name}: simulating {order.drives} drives") as report:
+    with ProgressReport(
+        f"{order.rover.name}-{order.soil.name}: simulating {order.drives} drives"
+    ) as report:
 
         def watched(spread: Spread) -> Spread:
-            def told(function: Callable[[Chunk], Regression], chunks: Sequence[Chunk]) -> Iterator[Regression]:
+            def told(
+                function: Callable[[Chunk], Regression], chunks: Sequence[Chunk]
+            ) -> Iterator[Regression]:
                 for index, piece in enumerate(spread(function, chunks)):
                     report.at((index + 1) / len(chunks))
                     yield piece

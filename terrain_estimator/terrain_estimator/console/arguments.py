@@ -23,7 +23,9 @@ def whole(low: int, high: int | None = None) -> Callable[[str], int]:
         except ValueError as error:
             raise ArgumentTypeError(f"{text!r} is no whole number") from error
         if value < low or (high is not None and value > high):
-            raise ArgumentTypeError(f"{value}: give {f'at least {low}' if high is None else f'{low} to {high}'}")
+            raise ArgumentTypeError(
+                f"{value}: give {f'at least {low}' if high is None else f'{low} to {high}'}"
+            )
         return value
 
     return read
@@ -44,7 +46,10 @@ def real(low: float, high: float = math.inf, *, exclusive: bool = False) -> Call
             raise ArgumentTypeError(f"{text!r} is no number") from error
         if not (math.isfinite(value) and low <= value <= high) or (exclusive and value == low):
             upper = f" and at most {high:g}" if high < math.inf else ""
-            raise ArgumentTypeError(f"{value:g}: give a finite number {'above' if exclusive else 'at least'} {low:g}{upper}")
+            raise ArgumentTypeError(
+                f"{value:g}: give a finite number {'above' if exclusive else 'at least'}"
+                f" {low:g}{upper}"
+            )
         return value
 
     return read
@@ -62,7 +67,10 @@ def make_folder(option: str, folder: Path) -> None:
         with TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise ConfigError(f"{option} {folder}: no file can be written there ({error.strerror}): give another folder") from error
+        raise ConfigError(
+            f"{option} {folder}: no file can be written there ({error.strerror}): give another"
+            " folder"
+        ) from error
 
 
 def refuse_twice(paths: Sequence[Path], why: str) -> None:

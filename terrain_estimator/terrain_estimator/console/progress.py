@@ -28,7 +28,11 @@ class ProgressReport:
             TimeRemainingColumn(),
             TextColumn("{task.fields[note]}"),
         )
-        self._bar = Progress(*columns, console=Console(stderr=True), transient=True) if sys.stderr.isatty() else None
+        self._bar = (
+            Progress(*columns, console=Console(stderr=True), transient=True)
+            if sys.stderr.isatty()
+            else None
+        )
         self._task = self._bar.add_task(title, total=1.0, note="") if self._bar else None
         self._started_s = self._said_s = time.monotonic()
 
@@ -39,7 +43,9 @@ class ProgressReport:
         elif time.monotonic() - self._said_s > LINE_PERIOD_S and share > 0.0:
             self._said_s = time.monotonic()
             left_s = (self._said_s - self._started_s) * (1.0 - share) / share
-            sys.stderr.write(f"{self._title}: {share:.0%}, {left_s:.0f} s left {note}".rstrip() + "\n")
+            sys.stderr.write(
+                f"{self._title}: {share:.0%}, {left_s:.0f} s left {note}".rstrip() + "\n"
+            )
 
     def __enter__(self) -> Self:
         """Show the bar."""
@@ -47,7 +53,12 @@ class ProgressReport:
             self._bar.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Take the bar away."""
         if self._bar:
             self._bar.stop()

@@ -8,5 +8,6 @@
 - ``model``: all of these, and what a viewer lacks of them.
 - ``web``: the page and its viewers.
 
-A viewer says what it has and gets what is newer, once it has shown what it got: however slow it is, one answer at most is on its way.
+A viewer says what it has and gets what is newer, once it has shown what it got: however slow it is,
+one answer at most is on its way.
 """

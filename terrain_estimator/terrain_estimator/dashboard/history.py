@@ -15,8 +15,9 @@ _ROUNDING = 1e-3  # of a period
 class History:
     """At most ``capacity`` rows, at least ``period_s`` apart.
 
-    When they are too many the oldest goes; or, to keep the whole drive, every two become one and the period doubles. A row stands for all
-    samples of its period: the last value of each column, the largest where ``worst`` has the column, the mean where ``mean`` has it.
+    When they are too many the oldest goes; or, to keep the whole drive, every two become one and
+    the period doubles. A row stands for all samples of its period: the last value of each column,
+    the largest where ``worst`` has the column, the mean where ``mean`` has it.
     """
 
     period_s: float
@@ -24,7 +25,9 @@ class History:
     whole: bool
     worst: frozenset[int] = frozenset()
     mean: frozenset[int] = frozenset()
-    generation: int = 0  # of the rows: grows when those that were given out are no longer what they were
+    generation: int = (
+        0  # of the rows: grows when those that were given out are no longer what they were
+    )
     _rows: list[Row] = field(default_factory=list)
     _first: int = 0  # number of the oldest row
     _open: Row | None = None  # the row of the present period
@@ -67,23 +70,35 @@ class History:
     def _halve(self) -> None:
         pairs = zip(self._rows[::2], self._rows[1::2], strict=False)
         odd = self._rows[-1:] if len(self._rows) % 2 else []
-        self._rows = [self._rounded(self._merged(*pair, [1] * len(pair[0]))) for pair in pairs] + odd
+        self._rows = [
+            self._rounded(self._merged(*pair, [1] * len(pair[0]))) for pair in pairs
+        ] + odd
         self.period_s *= 2.0
         self.generation += 1
 
     def _merged(self, earlier: Row, later: Row, weights: Sequence[int]) -> Row:
         """One row for two; of each column the earlier one stands for so many values."""
-        return tuple(self._value(column, *values) for column, values in enumerate(zip(earlier, later, weights, strict=True)))
+        return tuple(
+            self._value(column, *values)
+            for column, values in enumerate(zip(earlier, later, weights, strict=True))
+        )
 
     def _rounded(self, row: Row) -> Row:
         """Means with as many digits as samples have: every digit is sent to every page."""
-        return tuple(value if value is None or column not in self.mean else float(f"{value:.7g}") for column, value in enumerate(row))
+        return tuple(
+            value if value is None or column not in self.mean else float(f"{value:.7g}")
+            for column, value in enumerate(row)
+        )
 
-    def _value(self, column: int, earlier: float | None, later: float | None, weight: int) -> float | None:
+    def _value(
+        self, column: int, earlier: float | None, later: float | None, weight: int
+    ) -> float | None:
         if column in self.worst:
             return max((each for each in (earlier, later) if each is not None), default=None)
         if column not in self.mean:
             return later
         if earlier is None or later is None:
             return earlier if later is None else later
-        return earlier - earlier / (weight + 1) + later / (weight + 1)  # the difference of two huge values would be infinite
+        return (
+            earlier - earlier / (weight + 1) + later / (weight + 1)
+        )  # the difference of two huge values would be infinite

@@ -61,7 +61,16 @@ class LiveModel:
     def _begin(self) -> None:
         """Empty histories, of columns for the wheels that are known."""
         wheels = [f"{name}_{k}" for name in ("slip", "sinkage") for k in range(len(self._wheels))]
-        self.columns = ("time", *_ESTIMATED, *_WORST, "status", *_PLACE, "truth_cohesion", "truth_tan_phi", *wheels)
+        self.columns = (
+            "time",
+            *_ESTIMATED,
+            *_WORST,
+            "status",
+            *_PLACE,
+            "truth_cohesion",
+            "truth_tan_phi",
+            *wheels,
+        )
         worst = frozenset(self.columns.index(name) for name in _WORST)
         mean = frozenset(self.columns.index(name) for name in wheels)
         period_s, points = self._config.window_s / self._config.points, self._config.points
@@ -95,7 +104,9 @@ class LiveModel:
                 return
             if step_s < 0.0:
                 self._begin()
-                self._journal.write(stamp_s, "warn", f"stamps went back by {-step_s:.0f} s: the history begins anew")
+                self._journal.write(
+                    stamp_s, "warn", f"stamps went back by {-step_s:.0f} s: the history begins anew"
+                )
         self._jumps = 0
         if math.isnan(self._stamp_s):
             self._stamp_s = self._origin_s = stamp_s
@@ -106,41 +117,84 @@ class LiveModel:
             self._stamp_s = stamp_s
 
     def _row(self, now_s: float) -> Row:
-        fresh = {topic: values for topic, values in self._now.items() if now_s - self._heard_s[topic] < STALE_S}
-        estimate, place, health = (fresh.get(topic, {}) for topic in ("terrain_estimate", "odom", "estimator_health"))
+        fresh = {
+            topic: values
+            for topic, values in self._now.items()
+            if now_s - self._heard_s[topic] < STALE_S
+        }
+        estimate, place, health = (
+            fresh.get(topic, {}) for topic in ("terrain_estimate", "odom", "estimator_health")
+        )
         truth = self._now.get("ground_truth/terrain", {})  # said once
         values = [estimate.get(name) for name in (*_ESTIMATED, "change_probability")]
-        values += [Outcome[estimate["outcome"]] if estimate else None, Level[health["level"]] if health else None]
+        values += [
+            Outcome[estimate["outcome"]] if estimate else None,
+            Level[health["level"]] if health else None,
+        ]
         values += [Status[estimate["status"]] if estimate else None]
-        values += [place.get(name) for name in _PLACE] + [truth.get("cohesion"), truth.get("tan_phi")]
+        values += [place.get(name) for name in _PLACE] + [
+            truth.get("cohesion"),
+            truth.get("tan_phi"),
+        ]
         for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage")):
             measured = fresh.get(topic, {"wheel": (), name: ()})
             by_wheel = dict(zip(measured["wheel"], measured[name], strict=False))
             values += [by_wheel.get(wheel) for wheel in self._wheels]
-        return (round(self._stamp_s - self._origin_s, 3), *(None if value is None else float(f"{value:.7g}") for value in values))
+        return (
+            round(self._stamp_s - self._origin_s, 3),
+            *(None if value is None else float(f"{value:.7g}") for value in values),
+        )
 
     def _judge(self, topic: str, values: Values) -> None:
         """What this message says that is worth an event."""
         time_s, see = self._stamp_s, self._journal.see
         if topic == "terrain_estimate":
             refused = not values["used"] and values["outcome"] != Outcome.STANDSTILL.name
-            text = f"{values['outcome']}: {values['advice']}" if refused else "observations are used again"
-            see("outcome", values["outcome"] if refused else "", time_s, "warn" if refused else "ok", text)
+            text = (
+                f"{values['outcome']}: {values['advice']}"
+                if refused
+                else "observations are used again"
+            )
+            see(
+                "outcome",
+                values["outcome"] if refused else "",
+                time_s,
+                "warn" if refused else "ok",
+                text,
+            )
             if not refused:
                 level = "warn" if values["status"] == Status.DEGRADED.name else "ok"
                 see("status", values["status"], time_s, level, values["status_text"])
             probability = values["change_probability"] or 0.0
             changed = probability > LIKELY
-            text = f"the ground changed (probability {probability:.0%})" if changed else "the ground holds again"
+            text = (
+                f"the ground changed (probability {probability:.0%})"
+                if changed
+                else "the ground holds again"
+            )
             see("ground", "changed" if changed else "", time_s, "warn" if changed else "ok", text)
         elif topic == "estimator_health":
-            see("health", values["level"], time_s, _EVENT_LEVELS.get(values["level"], "error"), f"health: {values['summary']}")
+            see(
+                "health",
+                values["level"],
+                time_s,
+                _EVENT_LEVELS.get(values["level"], "error"),
+                f"health: {values['summary']}",
+            )
             resets = values["resets"]
-            text = f"the posterior was reset ({resets} times since the start)" if resets else "the estimator began anew"
+            text = (
+                f"the posterior was reset ({resets} times since the start)"
+                if resets
+                else "the estimator began anew"
+            )
             see("resets", str(resets or ""), time_s, "warn", text)
         elif topic == "traction_advice":
             stop = values["stop"]
-            text = f"planner: {values['status_text']}" if stop else "planner: the recommendation to stop is withdrawn"
+            text = (
+                f"planner: {values['status_text']}"
+                if stop
+                else "planner: the recommendation to stop is withdrawn"
+            )
             see("stop", "stop" if stop else "", time_s, "error" if stop else "ok", text)
 
     def update(self, cursor: Cursor, now_s: float) -> str:

@@ -64,26 +64,42 @@ def _estimate(message: Message) -> Values:
 
 
 def _bands_68(message: Message) -> Values:
-    means, deviations = (message.cohesion, message.tan_phi), (message.cohesion_stddev, message.tan_phi_stddev)
+    means, deviations = (
+        (message.cohesion, message.tan_phi),
+        (message.cohesion_stddev, message.tan_phi_stddev),
+    )
     bounds: Values = {}
     for name, mean, sd in zip(("cohesion", "tan_phi"), means, deviations, strict=True):
         known = math.isfinite(mean) and math.isfinite(sd) and sd > 0.0
         lower, upper = credible_interval(mean, sd, OUTSIDE_68) if known else (math.nan, math.nan)
-        bounds |= {f"{name}_lower_68": _finite(float(lower)), f"{name}_upper_68": _finite(float(upper))}
+        bounds |= {
+            f"{name}_lower_68": _finite(float(lower)),
+            f"{name}_upper_68": _finite(float(upper)),
+        }
     return bounds
 
 
 def _slip(message: Message) -> Values:
-    return {"wheel": _names(message.wheel), "slip": _all(message.slip), "slip_stddev": _all(message.slip_stddev)}
+    return {
+        "wheel": _names(message.wheel),
+        "slip": _all(message.slip),
+        "slip_stddev": _all(message.slip_stddev),
+    }
 
 
 def _sinkage(message: Message) -> Values:
-    return {"wheel": _names(message.wheel), "sinkage": _all(message.sinkage), "sinkage_stddev": _all(message.sinkage_stddev)}
+    return {
+        "wheel": _names(message.wheel),
+        "sinkage": _all(message.sinkage),
+        "sinkage_stddev": _all(message.sinkage_stddev),
+    }
 
 
 def _odometry(message: Message) -> Values:
     place, turn = message.pose.pose.position, message.pose.pose.orientation
-    heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+    heading = math.atan2(
+        2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2)
+    )
     return {
         **{axis: _finite(getattr(place, axis)) for axis in ("x", "y", "z")},
         "heading": _finite(heading),
@@ -93,7 +109,9 @@ def _odometry(message: Message) -> Values:
 
 
 def _health(message: Message) -> Values:
-    counts = dict(zip(_names(message.outcome), (int(count) for count in message.outcome_count), strict=False))
+    counts = dict(
+        zip(_names(message.outcome), (int(count) for count in message.outcome_count), strict=False)
+    )
     counters = ("received", "unpaired", "out_of_order", "lost")
     return {
         "level": Level(message.level).name,
@@ -102,7 +120,11 @@ def _health(message: Message) -> Values:
         "rejected": message.rejected,
         "outcomes": {name: count for name, count in counts.items() if count},
         "inputs": [
-            {"topic": topic, **{name: int(getattr(message, f"input_{name}")[k]) for name in counters}, "age": _finite(message.input_age[k])}
+            {
+                "topic": topic,
+                **{name: int(getattr(message, f"input_{name}")[k]) for name in counters},
+                "age": _finite(message.input_age[k]),
+            }
             for k, topic in enumerate(_names(message.input_topic))
         ],
         "normalized_innovation_squared": _finite(message.normalized_innovation_squared),
@@ -113,7 +135,14 @@ def _health(message: Message) -> Values:
 
 
 def _advice(message: Message) -> Values:
-    numbers = ("speed_limit", "slope_limit", "traction_margin", "traction_margin_lower", "stall_probability", "expected_slip")
+    numbers = (
+        "speed_limit",
+        "slope_limit",
+        "traction_margin",
+        "traction_margin_lower",
+        "stall_probability",
+        "expected_slip",
+    )
     return {
         "known": bool(message.known),
         "stop": bool(message.stop),
@@ -123,7 +152,11 @@ def _advice(message: Message) -> Values:
 
 
 def _truth(message: Message) -> Values:
-    return {"soil": message.soil[:_WORDS], "cohesion": _finite(message.cohesion), "tan_phi": _finite(message.tan_phi)}
+    return {
+        "soil": message.soil[:_WORDS],
+        "cohesion": _finite(message.cohesion),
+        "tan_phi": _finite(message.tan_phi),
+    }
 
 
 TOPICS: dict[str, tuple[str, Callable[[Message], Values]]] = {

@@ -30,7 +30,10 @@ PING_S = 20.0
 """A viewer that answers no ping for so long is gone."""
 GOODBYE_S = 0.5
 _LONGEST_QUESTION = 1000  # bytes
-_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+_POLICY = (
+    "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors"
+    " 'none'"
+)
 _HEADERS = {
     "Content-Security-Policy": _POLICY,
     "Cache-Control": "no-cache",
@@ -62,8 +65,14 @@ def page_files() -> dict[str, File]:
     try:
         library = files("chartkick") / "django/static/chartkick/Chart.bundle.js"
     except ModuleNotFoundError as error:
-        raise ConfigError("the page draws with Chart.js of the package chartkick: python -m pip install chartkick==1.2.0") from error
-    own, style = files("terrain_estimator.dashboard") / "static", files("terrain_estimator.pages") / "templates/style.css"
+        raise ConfigError(
+            "the page draws with Chart.js of the package chartkick: python -m pip install"
+            " chartkick==1.2.0"
+        ) from error
+    own, style = (
+        files("terrain_estimator.dashboard") / "static",
+        files("terrain_estimator.pages") / "templates/style.css",
+    )
     served = {"/": File("text/html; charset=utf-8", page("dashboard.html").encode())}
     for source in (library, style, *own.iterdir()):
         kind = {"js": "text/javascript", "css": "text/css"}[source.name.rpartition(".")[2]]
@@ -101,7 +110,9 @@ class _Guarded(RequestHandler):
     def prepare(self) -> None:
         """See tornado."""
         if not is_own_name(self.request.host_name):
-            raise HTTPError(403, reason="Unknown Host: use an address, localhost or the name of the machine")
+            raise HTTPError(
+                403, reason="Unknown Host: use an address, localhost or the name of the machine"
+            )
 
 
 class Page(_Guarded):
@@ -154,14 +165,20 @@ class Live(_Guarded, WebSocketHandler):
     def is_due(self, revision: int, now_s: float) -> bool:
         """Whether it has asked, has got its last answer, and there is something new or nothing was said for long."""
         free = self._sending is None or self._sending.done()
-        return free and self.asked is not None and (revision != self._revision or now_s - self._sent_s >= HEARTBEAT_S)
+        return (
+            free
+            and self.asked is not None
+            and (revision != self._revision or now_s - self._sent_s >= HEARTBEAT_S)
+        )
 
     def send(self, text: str, revision: int, now_s: float) -> None:
         """Begin to send an answer."""
         self.asked, self._revision, self._sent_s = None, revision, now_s
         try:
             self._sending = asyncio.ensure_future(self.write_message(text))
-            self._sending.add_done_callback(lambda sent: sent.cancelled() or sent.exception())  # who left needs no answer
+            self._sending.add_done_callback(
+                lambda sent: sent.cancelled() or sent.exception()
+            )  # who left needs no answer
         except WebSocketClosedError:
             self._viewers.open.discard(self)
 
@@ -194,9 +211,17 @@ class WebServer:
         """Listen, within a running event loop. Raises ConfigError where the address is not this machine's or the port is taken."""
         files_served, listening = page_files(), _listening(address, port)
         self.viewers = Viewers(model)
-        paths: list[Any] = [(path, Page, {"content": content}) for path, content in files_served.items()]
-        application = Application([*paths, ("/live", Live, {"viewers": self.viewers})], default_handler_class=NotThere, **_SETTINGS)
-        self._server = HTTPServer(application, max_body_size=_LONGEST_QUESTION, idle_connection_timeout=PING_S)
+        paths: list[Any] = [
+            (path, Page, {"content": content}) for path, content in files_served.items()
+        ]
+        application = Application(
+            [*paths, ("/live", Live, {"viewers": self.viewers})],
+            default_handler_class=NotThere,
+            **_SETTINGS,
+        )
+        self._server = HTTPServer(
+            application, max_body_size=_LONGEST_QUESTION, idle_connection_timeout=PING_S
+        )
         listening.settimeout(0.0)
         self._server.add_socket(listening)
         shown = f"[{address}]" if ":" in address else address
@@ -217,11 +242,17 @@ class WebServer:
 
 def _listening(address: str, port: int) -> socket.socket:
     try:
-        return socket.create_server((address, port), family=socket.AF_INET6 if ":" in address else socket.AF_INET)
+        return socket.create_server(
+            (address, port), family=socket.AF_INET6 if ":" in address else socket.AF_INET
+        )
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise ConfigError(
-                f"port {port} of {address} is taken, by another dashboard perhaps: end that program, or take another port with "
-                f"-p port:={port + 1}; -p port:=0 takes a free one"
+                f"port {port} of {address} is taken, by another dashboard perhaps: end that"
+                f" program, or take another port with -p port:={port + 1}; -p port:=0 takes a"
+                " free one"
             ) from error
-        raise ConfigError(f"parameter address: cannot listen on {address!r}, port {port}: {error.strerror or error}") from error
+        raise ConfigError(
+            f"parameter address: cannot listen on {address!r}, port {port}:"
+            f" {error.strerror or error}"
+        ) from error

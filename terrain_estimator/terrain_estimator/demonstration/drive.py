@@ -51,12 +51,28 @@ def drive(what: Drive, folder: Path, say: Callable[[str], None]) -> Recording:
         simulator = fleet.start("rover_sim_node", "simulator", _simulator_parameters(what))
         fleet.wait_for(estimator, r"matched all inputs", START_TIMEOUT_S)
         fleet.wait_for(recorder, r"recording \d+ topics", MATCH_TIMEOUT_S)
-        # A publisher that has matched a reader may not be matched by it yet, and what it says then is lost. So the simulator
-        # waits for one reader more, the watch, which starts when the two that must not miss anything have said that they hear.
-        watch = fleet.start("terrain_estimator", "watch", {"report": report, "real_time_factor": what.real_time_factor})
+        # A publisher that has matched a reader may not be matched by it yet, and what it says then
+        # is lost. So the simulator
+        # waits for one reader more, the watch, which starts when the two that must not miss
+        # anything have said that they hear.
+        watch = fleet.start(
+            "terrain_estimator",
+            "watch",
+            {"report": report, "real_time_factor": what.real_time_factor},
+        )
         fleet.wait_for(watch, r"matched all topics", START_TIMEOUT_S)
-        _follow(fleet, simulator, watch, 3.0 * what.duration_s / what.real_time_factor + START_TIMEOUT_S, say)
-        for program in (estimator, watch, recorder):  # the estimator first: what it still answers is recorded
+        _follow(
+            fleet,
+            simulator,
+            watch,
+            3.0 * what.duration_s / what.real_time_factor + START_TIMEOUT_S,
+            say,
+        )
+        for program in (
+            estimator,
+            watch,
+            recorder,
+        ):  # the estimator first: what it still answers is recorded
             code = program.stop()
             if code != 0:
                 raise FleetError(f"{program.name} ended with code {code}, see {program.log}")
@@ -83,7 +99,9 @@ def _simulator_parameters(what: Drive) -> dict[str, object]:
     }
 
 
-def _follow(fleet: Fleet, simulator: Program, watch: Program, timeout_s: float, say: Callable[[str], None]) -> None:
+def _follow(
+    fleet: Fleet, simulator: Program, watch: Program, timeout_s: float, say: Callable[[str], None]
+) -> None:
     """Hand on what the watch says until the simulator has driven to the end."""
     said = len(watch.output)
 

@@ -21,7 +21,11 @@ from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 _ESTIMATE, _TRUTH = "#1f5fa8", "#c0392b"
-_AXLES = ("#1b7837", "#762a83", "#b35806")  # front, middle, rear: told apart by colour-blind readers too
+_AXLES = (
+    "#1b7837",
+    "#762a83",
+    "#b35806",
+)  # front, middle, rear: told apart by colour-blind readers too
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,20 +47,31 @@ def read_curves(bag: Path) -> Curves:
     """Read what is drawn. Raises BagError where the bag cannot be read or has no estimates."""
     with BagReader(bag) as reader:
         estimates, slips, sinkages, truths = (
-            list(_decoded(reader, topic)) for topic in ("/terrain_estimate", "/wheel_slip", "/wheel_sinkage", "/ground_truth/terrain")
+            list(_decoded(reader, topic))
+            for topic in (
+                "/terrain_estimate",
+                "/wheel_slip",
+                "/wheel_sinkage",
+                "/ground_truth/terrain",
+            )
         )
     start_ns = stamp_ns(estimates[0])
 
     def times(messages: list[Message]) -> Floats:
         return np.array([(stamp_ns(message) - start_ns) * 1e-9 for message in messages])
 
-    cohesion = [(each.cohesion, each.cohesion_lower_95, each.cohesion_upper_95) for each in estimates]
+    cohesion = [
+        (each.cohesion, each.cohesion_lower_95, each.cohesion_upper_95) for each in estimates
+    ]
     tan_phi = [(each.tan_phi, each.tan_phi_lower_95, each.tan_phi_upper_95) for each in estimates]
     return Curves(
         time_s=times(estimates),
         cohesion_kpa=np.array(cohesion) * 1e-3,
         tan_phi=np.array(tan_phi),
-        truth=[(max(0.0, (stamp_ns(each) - start_ns) * 1e-9), each.cohesion * 1e-3, each.tan_phi) for each in truths],
+        truth=[
+            (max(0.0, (stamp_ns(each) - start_ns) * 1e-9), each.cohesion * 1e-3, each.tan_phi)
+            for each in truths
+        ],
         wheels=list(slips[0].wheel),
         slip_time_s=times(slips),
         slip=np.array([each.slip for each in slips]),
@@ -71,10 +86,24 @@ def _decoded(reader: BagReader, topic: str) -> Iterator[Message]:
 
 def draw(curves: Curves, path: Path, title: str) -> None:
     """Draw to an image file; its suffix says which kind."""
-    figure, ((cohesion, tan_phi), (slip, sinkage)) = plt.subplots(2, 2, figsize=(11.0, 6.5), sharex=True, layout="constrained")
+    figure, ((cohesion, tan_phi), (slip, sinkage)) = plt.subplots(
+        2, 2, figsize=(11.0, 6.5), sharex=True, layout="constrained"
+    )
     figure.suptitle(title)
-    _draw_estimate(cohesion, curves.time_s, curves.cohesion_kpa, [(time, value) for time, value, _ in curves.truth], "upper right")
-    _draw_estimate(tan_phi, curves.time_s, curves.tan_phi, [(time, value) for time, _, value in curves.truth], "lower right")
+    _draw_estimate(
+        cohesion,
+        curves.time_s,
+        curves.cohesion_kpa,
+        [(time, value) for time, value, _ in curves.truth],
+        "upper right",
+    )
+    _draw_estimate(
+        tan_phi,
+        curves.time_s,
+        curves.tan_phi,
+        [(time, value) for time, _, value in curves.truth],
+        "lower right",
+    )
     _draw_wheels(slip, curves.slip_time_s, curves.slip, curves.wheels)
     _draw_wheels(sinkage, curves.sinkage_time_s, curves.sinkage_mm, curves.wheels)
     for axes, label in (
@@ -93,9 +122,21 @@ def draw(curves: Curves, path: Path, title: str) -> None:
 
 
 def _draw_estimate(
-    axes: Axes, time_s: Floats, values: Floats, truth: list[tuple[float, float]], legend: Literal["upper right", "lower right"]
+    axes: Axes,
+    time_s: Floats,
+    values: Floats,
+    truth: list[tuple[float, float]],
+    legend: Literal["upper right", "lower right"],
 ) -> None:
-    axes.fill_between(time_s, values[:, 1], values[:, 2], color=_ESTIMATE, alpha=0.22, linewidth=0.0, label="95 % interval")
+    axes.fill_between(
+        time_s,
+        values[:, 1],
+        values[:, 2],
+        color=_ESTIMATE,
+        alpha=0.22,
+        linewidth=0.0,
+        label="95 % interval",
+    )
     axes.plot(time_s, values[:, 0], color=_ESTIMATE, label="estimate")
     if truth:
         axes.step(
@@ -130,4 +171,6 @@ def _draw_wheels(axes: Axes, time_s: Floats, values: Floats, wheels: list[str]) 
 def _smooth(values: Floats) -> Floats:
     """Mean over the ten samples around each; fewer at the ends. NaN where one of them is."""
     kernel = np.ones(10)
-    return np.asarray(np.convolve(values, kernel, "same") / np.convolve(np.ones_like(values), kernel, "same"))
+    return np.asarray(
+        np.convolve(values, kernel, "same") / np.convolve(np.ones_like(values), kernel, "same")
+    )

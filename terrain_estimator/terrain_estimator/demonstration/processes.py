@@ -29,7 +29,9 @@ def executable(package: str, name: str) -> str:
     try:
         return str(Path(get_package_prefix(package), "lib", package, name))
     except (PackageNotFoundError, OSError) as error:  # OSError: no workspace at all is sourced
-        raise FleetError(f"package {package} is not installed; source the workspace first: . ros2_ws/setup.bash") from error
+        raise FleetError(
+            f"package {package} is not installed; source the workspace first: . ros2_ws/setup.bash"
+        ) from error
 
 
 class Program:
@@ -64,7 +66,9 @@ class Program:
         try:
             return self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            raise FleetError(f"{self.name} did not end within {timeout_s:g} s:\n{self.last_words}") from None
+            raise FleetError(
+                f"{self.name} did not end within {timeout_s:g} s:\n{self.last_words}"
+            ) from None
 
     def stop(self) -> int:
         """Ask it to end as Ctrl-C does; return the exit code."""
@@ -98,9 +102,13 @@ class Fleet:
         }
         self._programs: list[Program] = []
 
-    def start(self, package: str, name: str, parameters: dict[str, object] | None = None) -> Program:
+    def start(
+        self, package: str, name: str, parameters: dict[str, object] | None = None
+    ) -> Program:
         """Start an executable with ROS parameters."""
-        arguments = [f for key, value in (parameters or {}).items() for f in ("-p", f"{key}:={_yaml(value)}")]
+        arguments = [
+            f for key, value in (parameters or {}).items() for f in ("-p", f"{key}:={_yaml(value)}")
+        ]
         command = [executable(package, name), *(["--ros-args", *arguments] if arguments else [])]
         program = Program(command, self._log_folder / f"{name}.log", self._environment)
         self._programs.append(program)
@@ -108,7 +116,11 @@ class Fleet:
 
     def wait_for(self, program: Program, pattern: str, timeout_s: float) -> None:
         """Wait until a program has written the regular expression. Raises FleetError where one ends first, or time runs out."""
-        self.wait_until(lambda: re.search(pattern, program.output) is not None, f"{program.name} wrote {pattern!r}", timeout_s)
+        self.wait_until(
+            lambda: re.search(pattern, program.output) is not None,
+            f"{program.name} wrote {pattern!r}",
+            timeout_s,
+        )
 
     def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
         """Wait for a condition while all programs run. Raises FleetError where one ends first, or time runs out."""
@@ -118,14 +130,22 @@ class Fleet:
                 if not program.running and not condition():
                     raise FleetError(f"{program.name} ended before {what}:\n{program.last_words}")
             if time.monotonic() > end_s:
-                raise FleetError(f"waited {timeout_s:g} s in vain until {what}; the logs are in {self._log_folder}")
+                raise FleetError(
+                    f"waited {timeout_s:g} s in vain until {what}; the logs are in"
+                    f" {self._log_folder}"
+                )
             time.sleep(POLL_S)
 
     def __enter__(self) -> Self:
         """Nothing runs yet."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Interrupt what still runs, then kill what does not listen."""
         for program in self._programs:
             try:

@@ -30,16 +30,29 @@ def verdicts(messages: Mapping[str, Sequence[Message]], steps: int) -> list[Verd
     """One verdict for each of OUTPUTS; ``messages`` by topic, of a drive of ``steps`` samples."""
     checks: dict[str, Callable[[], str]] = {
         "ground_truth/terrain": lambda: "",
-        "terrain_estimate": lambda: _missing(messages, "terrain_estimate", steps) or _wrong_estimate(messages),
-        "motion_prediction": lambda: _missing(messages, "motion_prediction", steps) or _wrong_prediction(messages["motion_prediction"]),
+        "terrain_estimate": lambda: (
+            _missing(messages, "terrain_estimate", steps) or _wrong_estimate(messages)
+        ),
+        "motion_prediction": lambda: (
+            _missing(messages, "motion_prediction", steps)
+            or _wrong_prediction(messages["motion_prediction"])
+        ),
         "estimator_health": lambda: _unhealthy(messages["estimator_health"][-1]),
         "traction_advice": lambda: _wrong_advice(messages["traction_advice"][-1]),
-        "terrain_map": lambda: "" if messages["terrain_map"][-1].width > 0 else "the last cloud has no point",
+        "terrain_map": lambda: (
+            "" if messages["terrain_map"][-1].width > 0 else "the last cloud has no point"
+        ),
     }
     found = []
     for output in OUTPUTS:
         fault = "no message came" if not messages.get(output) else ""
-        found.append(Verdict(output, fault or (checks[output]() if output in checks else _missing(messages, output, steps))))
+        found.append(
+            Verdict(
+                output,
+                fault
+                or (checks[output]() if output in checks else _missing(messages, output, steps)),
+            )
+        )
     return found
 
 
@@ -49,30 +62,59 @@ def _missing(messages: Mapping[str, Sequence[Message]], topic: str, steps: int) 
 
 
 def _wrong_estimate(messages: Mapping[str, Sequence[Message]]) -> str:
-    last, truth = messages["terrain_estimate"][-1], (messages.get("ground_truth/terrain") or [None])[-1]
+    last, truth = (
+        messages["terrain_estimate"][-1],
+        (messages.get("ground_truth/terrain") or [None])[-1],
+    )
     if truth is None:
         return "there is no truth to compare with"
     for name in ("cohesion", "tan_phi"):
         mean, sd, true = getattr(last, name), getattr(last, f"{name}_stddev"), getattr(truth, name)
         if not abs(mean - true) < FAR * sd:
-            return f"{name} {mean:.4g} with standard deviation {sd:.3g} is far from the truth {true:.4g}"
+            return (
+                f"{name} {mean:.4g} with standard deviation {sd:.3g} is far from the truth"
+                f" {true:.4g}"
+            )
     return ""
 
 
 def _wrong_prediction(predictions: Sequence[Message]) -> str:
-    squares = [each.innovation**2 / each.innovation_variance for each in predictions if math.isfinite(each.innovation)]
+    squares = [
+        each.innovation**2 / each.innovation_variance
+        for each in predictions
+        if math.isfinite(each.innovation)
+    ]
     if len(squares) < len(predictions) / 2:
-        return f"{len(squares)} of {len(predictions)} predictions could be compared with a measurement"
+        return (
+            f"{len(squares)} of {len(predictions)} predictions could be compared with a measurement"
+        )
     mean = sum(squares) / len(squares)
-    return "" if CONSISTENT[0] < mean < CONSISTENT[1] else f"the mean squared normalised innovation is {mean:.2f}, not near 1"
+    return (
+        ""
+        if CONSISTENT[0] < mean < CONSISTENT[1]
+        else f"the mean squared normalised innovation is {mean:.2f}, not near 1"
+    )
 
 
 def _unhealthy(health: Message) -> str:
-    return f"{health.rejected} observations were rejected: {health.summary}" if health.rejected or not health.accepted else ""
+    return (
+        f"{health.rejected} observations were rejected: {health.summary}"
+        if health.rejected or not health.accepted
+        else ""
+    )
 
 
 def _wrong_advice(advice: Message) -> str:
     if advice.stop:
         return f"it says {advice.status_text!r} on ground that holds the rover"
-    numbers = (advice.speed_limit, advice.measured_slip, advice.measured_sinkage, advice.front_stall_probability)
-    return "" if all(math.isfinite(number) for number in numbers) else f"{advice.status_text}, and a number is missing"
+    numbers = (
+        advice.speed_limit,
+        advice.measured_slip,
+        advice.measured_sinkage,
+        advice.front_stall_probability,
+    )
+    return (
+        ""
+        if all(math.isfinite(number) for number in numbers)
+        else f"{advice.status_text}, and a number is missing"
+    )

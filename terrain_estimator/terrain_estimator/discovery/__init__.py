@@ -12,28 +12,41 @@
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
 - ``parts``: a named effect as part of a hypothesis.
-- ``physics``: the rows under a hypothesis, computed anew at every size by the functions of terramechanics.
-- ``equations``: normal equations of one run; what one run contributes does not depend on the others.
+- ``physics``: the rows under a hypothesis, computed anew at every size by the functions of
+  terramechanics.
+- ``equations``: normal equations of one run; what one run contributes does not depend on the
+  others.
 - ``contributions``: who computes them, run by run: this process, or whoever is handed in.
 - ``point``: the unknowns of all runs and what is known of them before.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
 - ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
-- ``where``: rows against regions of signals (``regions``) on the innovations of a fit (``whitening``).
-- ``isolability``: which effects the runs can tell apart, by expected log Bayes factors (``expected``).
-- ``proof``: the model with the effect against the one without, on runs that neither has seen (``held_out``): each second from the one
-  before (``one_step``), five seconds from the wheel rates alone (``rollout`` over the ``terrain``, as ``signals``). ``scores`` by row and
-  region, the ``gap`` with its interval (``resampling``).
-- ``next_drive``: which of some short drives (``manoeuvres``) would tell the effects in doubt apart best. ``advice``: in words.
+- ``where``: rows against regions of signals (``regions``) on the innovations of a fit
+  (``whitening``).
+- ``isolability``: which effects the runs can tell apart, by expected log Bayes factors
+  (``expected``).
+- ``proof``: the model with the effect against the one without, on runs that neither has seen
+  (``held_out``): each second from the one before (``one_step``), five seconds from the wheel rates
+  alone (``rollout`` over the ``terrain``, as ``signals``). ``scores`` by row and region, the
+  ``gap`` with its interval (``resampling``).
+- ``next_drive``: which of some short drives (``manoeuvres``) would tell the effects in doubt apart
+  best. ``advice``: in words.
 - ``separation``: manoeuvres by hand, for tables of one wheel.
 
-No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing of how they are found.
+No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing
+of how they are found.
 """
 
 from terrain_estimator.discovery.evidence.search import Candidate, Study, search
 from terrain_estimator.discovery.evidence.verdict import Judgement, Leftover, Thresholds, Verdict
 from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, singles, testable, together
+from terrain_estimator.discovery.hypotheses.library import (
+    NOTHING,
+    Hypothesis,
+    singles,
+    testable,
+    together,
+)
 from terrain_estimator.discovery.hypotheses.parts import Part
 from terrain_estimator.discovery.hypotheses.physics import Nominal, nominal_of
 from terrain_estimator.discovery.leftover.flexible import Column, Flexible

@@ -50,11 +50,20 @@ class Refusals:
 
     def __str__(self) -> str:
         """In words, the most frequent first."""
-        said = (f"{count} {outcome.name} ({self._first[outcome]}): {outcome.advice}" for outcome, count in self._counts.most_common())
+        said = (
+            f"{count} {outcome.name} ({self._first[outcome]}): {outcome.advice}"
+            for outcome, count in self._counts.most_common()
+        )
         return "; ".join(said) or "there is none"
 
 
-def run_of(name: str, observations: Iterable[Observation], rover: Rover, config: CoreConfig, refusals: Refusals) -> Run:
+def run_of(
+    name: str,
+    observations: Iterable[Observation],
+    rover: Rover,
+    config: CoreConfig,
+    refusals: Refusals,
+) -> Run:
     """The run that these observations make, screened as the estimator does; those that it refuses are added to ``refusals``.
 
     Raises:
@@ -71,7 +80,14 @@ def run_of(name: str, observations: Iterable[Observation], rover: Rover, config:
             continue
         used = screening.observation
         passed_s, linked = link(used.stamp_ns, last, TIME_STEP)
-        packed.append(pack(used, ground_torque(used, last if linked else None, rover.wheel_inertia, passed_s), passed_s, linked=linked))
+        packed.append(
+            pack(
+                used,
+                ground_torque(used, last if linked else None, rover.wheel_inertia, passed_s),
+                passed_s,
+                linked=linked,
+            )
+        )
         rates.append(used.wheel_rate)
         stamps.append(used.stamp_ns)
         last = used
@@ -85,8 +101,9 @@ def run_of(name: str, observations: Iterable[Observation], rover: Rover, config:
 class Signals:
     """What the discrepancy of a block may depend on, [B, A] or [B, 1], smooth in time.
 
-    Measured signals are means over the two neighbouring blocks, never of the block itself: the noise of a signal moves
-    the rows of its own block, so that residuals correlate with it where nothing is missing.
+    Measured signals are means over the two neighbouring blocks, never of the block itself: the
+    noise of a signal moves the rows of its own block, so that residuals correlate with it where
+    nothing is missing.
     """
 
     slip: Tensor  # [B, A]
@@ -116,7 +133,9 @@ class Blocks:
         here = slice(first, last)
         ends = self.ends[here] - self.ends[first, 0]
         signals = Signals(*(getattr(self.signals, item.name)[here] for item in fields(Signals)))
-        return Blocks(self.name, self.packed[here], self.wheel_rate[here], ends, int(ends[-1, 1]) + 1, signals)
+        return Blocks(
+            self.name, self.packed[here], self.wheel_rate[here], ends, int(ends[-1, 1]) + 1, signals
+        )
 
     def follows(self) -> Tensor:
         """Whether each block goes on where the one before it ended, [B] bool."""
@@ -145,7 +164,8 @@ def cut(run: Run, nominal: Contact) -> Blocks:
     starts, begins = _starts(usable.tolist(), (run.packed[:, -1] > 0.0).tolist())
     if len(starts) < _FEWEST:
         raise RunError(
-            f"{run.name}: {len(starts)} whole seconds of linked observations with every wheel in range, at least {_FEWEST} are needed"
+            f"{run.name}: {len(starts)} whole seconds of linked observations with every wheel in"
+            f" range, at least {_FEWEST} are needed"
         )
     index = torch.tensor(starts).unsqueeze(1) + torch.arange(BLOCK)
     packed = run.packed[index].clone()
@@ -156,7 +176,9 @@ def cut(run: Run, nominal: Contact) -> Blocks:
     rate = run.wheel_rate[index]
     known = torch.where(torch.isfinite(rate), rate, _rim_rate(packed, axles, nominal.radius))
     signals = _signals(packed, known * nominal.radius, run.time[index])
-    return Blocks(run.name, packed, known, torch.stack([last - 1, last], 1), int(last[-1]) + 1, signals)
+    return Blocks(
+        run.name, packed, known, torch.stack([last - 1, last], 1), int(last[-1]) + 1, signals
+    )
 
 
 _FEWEST = 5
@@ -181,7 +203,9 @@ def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[boo
 
 def _rim_rate(packed: Tensor, axles: int, radius: float) -> Tensor:
     """Mean wheel rate of each block from velocity and slip, where no encoder tells it."""
-    rim = packed[..., 8 * axles : 8 * axles + 1] / (1.0 - packed[..., :axles].clamp(max=0.9)) / radius
+    rim = (
+        packed[..., 8 * axles : 8 * axles + 1] / (1.0 - packed[..., :axles].clamp(max=0.9)) / radius
+    )
     return rim.mean(1, keepdim=True).expand(-1, packed.shape[1], -1)
 
 
@@ -194,7 +218,9 @@ def _signals(packed: Tensor, speed: Tensor, time: Tensor) -> Signals:
     seconds = time.mean(1, keepdim=True)
     gone = torch.cumsum(velocity.mean(1), 0).unsqueeze(1) * (BLOCK * packed[..., -2].max())
     pitch, pitch_rate = _around(packed[..., 8 * axles + 2].mean(1, keepdim=True), time)
-    return Signals(slip, sinkage, speed.mean(1), pitch, pitch_rate, seconds, gone, slip_rate, sinkage_rate)
+    return Signals(
+        slip, sinkage, speed.mean(1), pitch, pitch_rate, seconds, gone, slip_rate, sinkage_rate
+    )
 
 
 def _around(means: Tensor, time: Tensor) -> tuple[Tensor, Tensor]:

@@ -21,10 +21,21 @@ from terrain_estimator.model.packing import LONGEST_GAP, ground_torque, link, pa
 from terrain_estimator.model.palpaca import State
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.update import NOTHING_PREDICTED, Decision, Estimate, NamedEffect, Prediction, Update
+from terrain_estimator.update import (
+    NOTHING_PREDICTED,
+    Decision,
+    Estimate,
+    NamedEffect,
+    Prediction,
+    Update,
+)
 
 _NAN = math.nan
-_PUBLISHED = ("moments", "expected", "covariance")  # parts of the state that all published numbers come from
+_PUBLISHED = (
+    "moments",
+    "expected",
+    "covariance",
+)  # parts of the state that all published numbers come from
 _GIVEN = ("prior", "log_soils")  # parts of the state that the parameters prior.* and drift are in
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
@@ -78,7 +89,9 @@ class Estimator:
             self._last_stamp = observation.stamp_ns
         if screening.outcome.used:
             return self._learn(screening)
-        return self._answer(observation.stamp_ns, Decision(screening.outcome, (), _NAN, _NAN, 0, screening.detail))
+        return self._answer(
+            observation.stamp_ns, Decision(screening.outcome, (), _NAN, _NAN, 0, screening.detail)
+        )
 
     def reject(self, stamp_ns: int, outcome: Outcome, detail: str) -> Update:
         """Answer for an observation that could not even be formed."""
@@ -95,7 +108,14 @@ class Estimator:
         return {
             **{f"state.{name}": value.numpy() for name, value in self._state.items()},
             **{f"last.{name}": np.asarray(value) for name, value in last.items()},
-            "counts": np.array([-1 if self._last_stamp is None else self._last_stamp, self._used, self._contradictions], dtype=np.int64),
+            "counts": np.array(
+                [
+                    -1 if self._last_stamp is None else self._last_stamp,
+                    self._used,
+                    self._contradictions,
+                ],
+                dtype=np.int64,
+            ),
             "numbers": np.array([self._time_used_s, self._change, self._doubt, *self._forecast]),
         }
 
@@ -103,15 +123,24 @@ class Estimator:
         """Go on from what :meth:`save` gave, of an estimator with the same model.
 
         Raises:
-            StateFileError: the arrays are not those of a state of this model, or of another prior; nothing is changed then.
+            StateFileError: the arrays are not those of a state of this model, or of another prior;
+                nothing is changed then.
         """
         state = checked_state(arrays, self._state, _PUBLISHED, _GIVEN)
-        values = {name.removeprefix("last."): value for name, value in arrays.items() if name.startswith("last.")}
-        last: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in values.items()}
+        values = {
+            name.removeprefix("last."): value
+            for name, value in arrays.items()
+            if name.startswith("last.")
+        }
+        last: dict[str, Any] = {
+            name: value if value.ndim else value.item() for name, value in values.items()
+        }
         try:
             self._last = Observation(**last) if last else None
         except TypeError as error:
-            raise StateFileError(f"the state's last observation is another version's: {error}") from error
+            raise StateFileError(
+                f"the state's last observation is another version's: {error}"
+            ) from error
         stamp_ns, self._used, self._contradictions = arrays["counts"].tolist()
         self._time_used_s, self._change, self._doubt, *forecast = arrays["numbers"].tolist()
         self._forecast = (forecast[0], forecast[1])
@@ -137,12 +166,16 @@ class Estimator:
     def _learn(self, screening: Screening) -> Update:
         observation = screening.observation
         step_s, linked = link(observation.stamp_ns, self._last, self._step_s)
-        torque = ground_torque(observation, self._last if linked else None, self._rover.wheel_inertia, step_s)
+        torque = ground_torque(
+            observation, self._last if linked else None, self._rover.wheel_inertia, step_s
+        )
         packed = pack(observation, torque, step_s, linked=linked, rates=bool(self._effects))
         with running():
             state: State = self._module.update(self._state, packed)
         report = Report.of(state)
-        refusal = self._refuse(observation, state, report) or (self._refuse_block(report) if report.closed else None)
+        refusal = self._refuse(observation, state, report) or (
+            self._refuse_block(report) if report.closed else None
+        )
         if refusal is not None:
             return self._answer(observation.stamp_ns, refusal)
         self._keep(observation, state)
@@ -150,20 +183,35 @@ class Estimator:
             self._estimate = self._summarise()
         awaited = linked and round(step_s / self._step_s) == 1  # the forecast is for one step
         prediction = self._predict(observation, report, awaited=awaited)
-        return self._answer(observation.stamp_ns, self._accepted(screening, torque, report), prediction)
+        return self._answer(
+            observation.stamp_ns, self._accepted(screening, torque, report), prediction
+        )
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Why the new state must not replace the old one; None where it may."""
         if not _finite(state, report) or report.misfit < -_ROUNDING:
             self._discard_block()
-            detail = "a number became infinite or NaN, or rounding ate the last second: the posterior is kept, that second is left out"
+            detail = (
+                "a number became infinite or NaN, or rounding ate the last second: the posterior is"
+                " kept, that second is left out"
+            )
             return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
         if not all(report.usable):
             outside = [axle for axle, usable in enumerate(report.usable) if not usable]
             needed = ", or have no wheel rate, which this model needs" if self._effects else ""
-            return Decision(Outcome.OUT_OF_RANGE, (), _NAN, _NAN, 0, f"axles {outside} are outside the model's range{needed}")
+            return Decision(
+                Outcome.OUT_OF_RANGE,
+                (),
+                _NAN,
+                _NAN,
+                0,
+                f"axles {outside} are outside the model's range{needed}",
+            )
         if report.distance > self._gate:
-            detail = f"velocity {observation.velocity:.4g} m/s, expected {observation.velocity - report.innovation:.4g} m/s"
+            detail = (
+                f"velocity {observation.velocity:.4g} m/s, expected"
+                f" {observation.velocity - report.innovation:.4g} m/s"
+            )
             return Decision(Outcome.GATED, (), report.distance, self._gate, 1, detail)
         return None
 
@@ -193,18 +241,33 @@ class Estimator:
 
     def _keep(self, observation: Observation, state: State) -> None:
         if self._last is not None:
-            self._time_used_s += min((observation.stamp_ns - self._last.stamp_ns) * 1e-9, LONGEST_GAP * self._step_s)
+            self._time_used_s += min(
+                (observation.stamp_ns - self._last.stamp_ns) * 1e-9, LONGEST_GAP * self._step_s
+            )
         self._state, self._last = state, observation
         self._used += 1
 
     def _accepted(self, screening: Screening, torque: Floats, report: "Report") -> Decision:
         distance, observation = report.distance, screening.observation
-        measured = np.isfinite(torque).tolist()  # less what turns the wheel, which nobody knows without its rate
-        rows = ["velocity", "load", *(f"torque_{axle}" for axle, known in enumerate(measured) if known)]
+        measured = np.isfinite(
+            torque
+        ).tolist()  # less what turns the wheel, which nobody knows without its rate
+        rows = [
+            "velocity",
+            "load",
+            *(f"torque_{axle}" for axle, known in enumerate(measured) if known),
+        ]
         rows += ["acceleration"] if math.isfinite(observation.acceleration) else []
         rows += ["moment", "bogie_moment"] if math.isfinite(observation.bogie_angle) else []
         threshold = self._gate if math.isfinite(self._gate) else _NAN  # no gate applies
-        return Decision(screening.outcome, tuple(rows), distance, threshold, 0 if math.isnan(distance) else 1, screening.detail)
+        return Decision(
+            screening.outcome,
+            tuple(rows),
+            distance,
+            threshold,
+            0 if math.isnan(distance) else 1,
+            screening.detail,
+        )
 
     def _predict(self, observation: Observation, report: "Report", *, awaited: bool) -> Prediction:
         before, variance_before = self._forecast if awaited else (_NAN, _NAN)
@@ -233,11 +296,16 @@ class Estimator:
         ]
         return dataclasses.replace(estimate, effects=tuple(effects))
 
-    def _answer(self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None) -> Update:
+    def _answer(
+        self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None
+    ) -> Update:
         if prediction is None:
             self._forecast = (_NAN, _NAN)
         estimate = dataclasses.replace(
-            self._estimate, observations_used=self._used, time_used_s=self._time_used_s, change_probability=self._change
+            self._estimate,
+            observations_used=self._used,
+            time_used_s=self._time_used_s,
+            change_probability=self._change,
         )
         update = Update(
             stamp_ns=stamp_ns,
@@ -274,20 +342,36 @@ class Report(NamedTuple):
     def of(cls, state: State) -> "Report":
         """Read it from the state."""
         values = state["report"].tolist()
-        velocity, variance, innovation, innovation_variance, misfit, degrees, closed, changed = values[:8]
+        velocity, variance, innovation, innovation_variance, misfit, degrees, closed, changed = (
+            values[:8]
+        )
         usable = [value > 0.0 for value in values[8:]]
-        return cls(velocity, variance, innovation, innovation_variance, misfit, degrees, closed > 0.0, changed, usable)
+        return cls(
+            velocity,
+            variance,
+            innovation,
+            innovation_variance,
+            misfit,
+            degrees,
+            closed > 0.0,
+            changed,
+            usable,
+        )
 
     @property
     def distance(self) -> float:
         """Squared Mahalanobis distance of the velocity's innovation [1]."""
-        return self.innovation * self.innovation / self.innovation_variance  # a product overflows to infinity, a power raises
+        return (
+            self.innovation * self.innovation / self.innovation_variance
+        )  # a product overflows to infinity, a power raises
 
 
 def _finite(state: State, report: Report) -> bool:
     """Whether all that is published is finite; the posterior moves with closed blocks only, a forecast is NaN where there is none."""
     moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
-    return math.isfinite(state["velocity"].sum().item() + moved) and not math.isinf(report.velocity + report.variance)
+    return math.isfinite(state["velocity"].sum().item() + moved) and not math.isinf(
+        report.velocity + report.variance
+    )
 
 
 @functools.lru_cache

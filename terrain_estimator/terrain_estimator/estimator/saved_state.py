@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimator's state as a file: what a node that starts again goes on from.
 
-One line of JSON says what the file is (version, model, size and sha256 of the rest); NumPy's npz of plain arrays follows, which is
-never unpickled. A file that is cut, changed, of another version or of another model is refused before its arrays are read.
+One line of JSON says what the file is (version, model, size and sha256 of the rest); NumPy's npz of
+plain arrays follows, which is never unpickled. A file that is cut, changed, of another version or
+of another model is refused before its arrays are read.
 """
 
 import contextlib
@@ -58,13 +59,23 @@ def unpack_state(content: bytes, model_sha256: str, where: str) -> dict[str, NDA
     advice = "start without it, from the prior"
     for key, value in expected.items():
         if header.get(key) != value:
-            raise StateFileError(f"{where}: {key} is {header.get(key)!r}, expected {value!r}: {advice}")
-    if header.get("size") != len(payload) or header.get("sha256") != hashlib.sha256(payload).hexdigest():
-        raise StateFileError(f"{where}: is damaged, {len(payload)} bytes are not the {header.get('size')} of its sha256: {advice}")
+            raise StateFileError(
+                f"{where}: {key} is {header.get(key)!r}, expected {value!r}: {advice}"
+            )
+    if (
+        header.get("size") != len(payload)
+        or header.get("sha256") != hashlib.sha256(payload).hexdigest()
+    ):
+        raise StateFileError(
+            f"{where}: is damaged, {len(payload)} bytes are not the {header.get('size')} of its"
+            f" sha256: {advice}"
+        )
     try:
         return _arrays(payload)
     except Exception as error:  # zipfile, its decompressors and NumPy raise many kinds
-        raise StateFileError(f"{where}: is no archive of plain arrays ({error}): {advice}") from error
+        raise StateFileError(
+            f"{where}: is no archive of plain arrays ({error}): {advice}"
+        ) from error
 
 
 def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
@@ -77,23 +88,44 @@ def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
         return {name: arrays[name] for name in arrays.files}
 
 
-def checked_state(arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str], given: Iterable[str]) -> dict[str, Tensor]:
+def checked_state(
+    arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str], given: Iterable[str]
+) -> dict[str, Tensor]:
     """The tensors of an estimator's saved state, with the names, types and ranks of its own; the number of rows changes while it runs.
 
-    Raises StateFileError where they differ, where one of the names in ``finite`` is not, or one in ``given``, which is the prior of the
-    configuration, has other values: what was learnt from one prior cannot be had from another, and the parameters would have no effect.
+    Raises StateFileError where they differ, where one of the names in ``finite`` is not, or one in
+    ``given``, which is the prior of the configuration, has other values: what was learnt from one
+    prior cannot be had from another, and the parameters would have no effect.
     """
-    state = {name: torch.from_numpy(arrays[key].copy()) for name in own if (key := f"state.{name}") in arrays}
+    state = {
+        name: torch.from_numpy(arrays[key].copy())
+        for name in own
+        if (key := f"state.{name}") in arrays
+    }
     for name, tensor in own.items():
         saved = state.get(name)
-        if saved is None or (saved.dtype, saved.dim(), saved.shape[1:]) != (tensor.dtype, tensor.dim(), tensor.shape[1:]):
+        if saved is None or (saved.dtype, saved.dim(), saved.shape[1:]) != (
+            tensor.dtype,
+            tensor.dim(),
+            tensor.shape[1:],
+        ):
             shown = "missing" if saved is None else f"{saved.dtype} {tuple(saved.shape)}"
-            raise StateFileError(f"the state's {name} is {shown}, the model's is {tensor.dtype} {tuple(tensor.shape)}")
+            raise StateFileError(
+                f"the state's {name} is {shown}, the model's is {tensor.dtype}"
+                f" {tuple(tensor.shape)}"
+            )
     lengths = {name: arrays[name].size if name in arrays else 0 for name in ("counts", "numbers")}
-    if lengths != {"counts": 3, "numbers": 5} or not all(bool(state[name].isfinite().all()) for name in finite):
-        raise StateFileError("the state's counts or numbers are missing, or its posterior is not finite")
+    if lengths != {"counts": 3, "numbers": 5} or not all(
+        bool(state[name].isfinite().all()) for name in finite
+    ):
+        raise StateFileError(
+            "the state's counts or numbers are missing, or its posterior is not finite"
+        )
     if not all(torch.equal(state[name], own[name]) for name in given):
-        raise StateFileError("the state was learnt from another prior: give prior.* and drift as they were, or start without it")
+        raise StateFileError(
+            "the state was learnt from another prior: give prior.* and drift as they were, or start"
+            " without it"
+        )
     return state
 
 
@@ -115,7 +147,9 @@ def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
     except OSError as error:
         raise StateFileError(f"{path}: cannot be read: {error.strerror}") from error
     if len(content) > _LARGEST_FILE:
-        raise StateFileError(f"{path}: is larger than {_LARGEST_FILE} bytes, so it is no state file")
+        raise StateFileError(
+            f"{path}: is larger than {_LARGEST_FILE} bytes, so it is no state file"
+        )
     return unpack_state(content, model_sha256, str(path))
 
 

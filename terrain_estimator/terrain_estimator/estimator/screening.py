@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decides whether an observation may enter the posterior, before any of its numbers is used.
 
-An optional sensor that cannot be used is masked (NaN) and the rest is used; what is refused keeps its reason. An axle without slip,
-sinkage or contact angle costs the whole observation: without it nobody knows the load that each of the others carries, and torques
-alone do not tell the ground. Only what the model cannot take is refused: a threshold inside the model's range, applied to a noisy
+An optional sensor that cannot be used is masked (NaN) and the rest is used; what is refused keeps
+its reason. An axle without slip, sinkage or contact angle costs the whole observation: without it
+nobody knows the load that each of the others carries, and torques alone do not tell the ground.
+Only what the model cannot take is refused: a threshold inside the model's range, applied to a noisy
 value, would bias what is left. So a sinkage that noise makes slightly negative is no sensor error.
 """
 
@@ -28,7 +29,9 @@ STRONGEST_ACCELERATION = 1e3  # [m/s^2]
 DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
 _STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
-_STANDSTILL_BOUND = 3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
+_STANDSTILL_BOUND = (
+    3.0  # [standard deviations] noise allowed to the velocity of a rover that stands
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,12 @@ class Screening:
     detail: str = ""  # names what was masked or refused, and its value
 
 
-def screen(observation: Observation, previous_stamp_ns: int | None, wheel_radius_m: float, config: CoreConfig) -> Screening:
+def screen(
+    observation: Observation,
+    previous_stamp_ns: int | None,
+    wheel_radius_m: float,
+    config: CoreConfig,
+) -> Screening:
     """Screen one observation; ``previous_stamp_ns`` is the stamp of the one before, None at the start."""
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
@@ -61,7 +69,13 @@ def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> _Refusal:
         return None
     if stamp_ns == previous_stamp_ns:
         return Outcome.DUPLICATE, f"stamp {stamp_ns / 1e9:.9f} s was used already"
-    return Outcome.TIME_BACKWARDS, f"stamp {stamp_ns / 1e9:.9f} s is {(previous_stamp_ns - stamp_ns) / 1e9:.9f} s before the last one"
+    return (
+        Outcome.TIME_BACKWARDS,
+        (
+            f"stamp {stamp_ns / 1e9:.9f} s is {(previous_stamp_ns - stamp_ns) / 1e9:.9f} s before"
+            " the last one"
+        ),
+    )
 
 
 def _refuse_standstill(observation: Observation, radius: float, threshold: float) -> _Refusal:
@@ -71,12 +85,19 @@ def _refuse_standstill(observation: Observation, radius: float, threshold: float
     """
     rims = [abs(rate) * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
     if rims:
-        return (Outcome.STANDSTILL, f"no wheel's rim is faster than {threshold:g} m/s") if max(rims) < threshold else None
+        return (
+            (Outcome.STANDSTILL, f"no wheel's rim is faster than {threshold:g} m/s")
+            if max(rims) < threshold
+            else None
+        )
     defined = any(not math.isnan(slip) for slip in observation.slip.tolist())
     noise = observation.velocity_sd if math.isfinite(observation.velocity_sd) else 0.0
     bound = threshold if defined else threshold + _STANDSTILL_BOUND * noise
     if abs(observation.velocity) < bound:
-        return Outcome.STANDSTILL, f"the velocity {observation.velocity:.4g} m/s is below {bound:.3g} m/s"
+        return (
+            Outcome.STANDSTILL,
+            f"the velocity {observation.velocity:.4g} m/s is below {bound:.3g} m/s",
+        )
     return None
 
 
@@ -94,16 +115,28 @@ def backwards(observation: Observation, radius: float, threshold: float) -> bool
 def _refuse_reverse(observation: Observation, radius: float, threshold: float) -> _Refusal:
     if not backwards(observation, radius, threshold):
         return None
-    return Outcome.OUT_OF_RANGE, "the rover drives backwards, or its wheel rates have the wrong sign: the model is of forward driving"
+    return (
+        Outcome.OUT_OF_RANGE,
+        (
+            "the rover drives backwards, or its wheel rates have the wrong sign: the model is of"
+            " forward driving"
+        ),
+    )
 
 
 def _refuse_scalars(observation: Observation) -> _Refusal:
-    required = (("velocity", observation.velocity, observation.velocity_sd), ("pitch", observation.pitch, observation.pitch_sd))
+    required = (
+        ("velocity", observation.velocity, observation.velocity_sd),
+        ("pitch", observation.pitch, observation.pitch_sd),
+    )
     for name, value, _ in required:
         if not math.isfinite(value):
             return Outcome.NOT_FINITE, f"{name} is {value}"
     if not abs(observation.velocity) <= FASTEST:
-        return Outcome.OUT_OF_RANGE, f"velocity {observation.velocity:g} m/s is not within +-{FASTEST:g}"
+        return (
+            Outcome.OUT_OF_RANGE,
+            f"velocity {observation.velocity:g} m/s is not within +-{FASTEST:g}",
+        )
     for name, _, deviation in required:
         if not _is_deviation(deviation):
             return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
@@ -116,10 +149,16 @@ def _is_deviation(value: float) -> bool:
 
 def _mask(observation: Observation, radius: float, config: CoreConfig) -> Screening:
     """Mask optional sensors that cannot be used; refuse where an axle cannot."""
-    faults = [(axle, fault) for axle, wheel in enumerate(_wheels(observation)) if (fault := _wheel_fault(wheel, radius, config))]
+    faults = [
+        (axle, fault)
+        for axle, wheel in enumerate(_wheels(observation))
+        if (fault := _wheel_fault(wheel, radius, config))
+    ]
     if faults:
         return Screening(
-            _worst(fault[0] for _, fault in faults), observation, "; ".join(f"axle {axle}: {fault[1]}" for axle, fault in faults)
+            _worst(fault[0] for _, fault in faults),
+            observation,
+            "; ".join(f"axle {axle}: {fault[1]}" for axle, fault in faults),
         )
     changes: dict[str, Floats | float] = {}
     details = [*_mask_rates(observation, radius, changes), *_mask_optional(observation, changes)]
@@ -142,20 +181,36 @@ def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
     )
 
 
-def _wheel_fault(wheel: tuple[float, ...], radius: float, config: CoreConfig) -> tuple[Outcome, str] | None:
+def _wheel_fault(
+    wheel: tuple[float, ...], radius: float, config: CoreConfig
+) -> tuple[Outcome, str] | None:
     """Why one wheel cannot be used; None where it can."""
     slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd = wheel
     for name, value in (("slip", slip), ("sinkage", sinkage), ("contact angle", angle)):
         if not math.isfinite(value):
             return Outcome.NOT_FINITE, f"{name} is {value}"
-    for name, deviation in (("slip", slip_sd), ("sinkage", sinkage_sd), ("contact angle", angle_sd)):
+    for name, deviation in (
+        ("slip", slip_sd),
+        ("sinkage", sinkage_sd),
+        ("contact angle", angle_sd),
+    ):
         if not _is_deviation(deviation):
             return Outcome.BAD_DEVIATION, f"the standard deviation of {name} is {deviation:g}"
     if not config.slip_minimum <= slip < config.slip_maximum:
-        return Outcome.OUT_OF_RANGE, f"slip {slip:.3g} is outside {config.slip_minimum:g} to {config.slip_maximum:g}"
+        return (
+            Outcome.OUT_OF_RANGE,
+            f"slip {slip:.3g} is outside {config.slip_minimum:g} to {config.slip_maximum:g}",
+        )
     if not abs(angle) < _STEEPEST_GROUND:
-        return Outcome.OUT_OF_RANGE, f"contact angle {angle:.3g} rad is not within +-{_STEEPEST_GROUND:.3g}"
-    return None if 0.0 < sinkage < radius else (Outcome.OUT_OF_RANGE, _sinkage_fault(sinkage, sinkage_sd, radius))
+        return (
+            Outcome.OUT_OF_RANGE,
+            f"contact angle {angle:.3g} rad is not within +-{_STEEPEST_GROUND:.3g}",
+        )
+    return (
+        None
+        if 0.0 < sinkage < radius
+        else (Outcome.OUT_OF_RANGE, _sinkage_fault(sinkage, sinkage_sd, radius))
+    )
 
 
 def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
@@ -165,7 +220,9 @@ def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
     return f"sinkage {sinkage:.3g} m is not above zero, {explained}"
 
 
-def _mask_rates(observation: Observation, radius: float, changes: dict[str, Floats | float]) -> list[str]:
+def _mask_rates(
+    observation: Observation, radius: float, changes: dict[str, Floats | float]
+) -> list[str]:
     """Mask wheel rates that no wheel has; what turns the wheel's own inertia is not known then, and the torque no use."""
     rates = observation.wheel_rate
     absurd = [not math.isnan(rate) and not abs(rate) * radius <= FASTEST for rate in rates.tolist()]
@@ -174,26 +231,43 @@ def _mask_rates(observation: Observation, radius: float, changes: dict[str, Floa
     changes["wheel_rate"] = np.where(absurd, np.nan, rates)
     changes["torque"] = np.where(absurd, np.nan, observation.torque)
     return [
-        f"axle {axle}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than {FASTEST:g} m/s" for axle in np.flatnonzero(absurd)
+        f"axle {axle}: wheel rate {rates[axle]:g} rad/s: its rim would be faster than"
+        f" {FASTEST:g} m/s"
+        for axle in np.flatnonzero(absurd)
     ]
 
 
 def _mask_optional(observation: Observation, changes: dict[str, Floats | float]) -> list[str]:
     """Mask torque, acceleration and bogie angle that are given but unusable. NaN is a sensor that is not there, and no fault."""
     details = []
-    torque, acceleration, bogie = observation.torque, observation.acceleration, observation.bogie_angle
+    torque, acceleration, bogie = (
+        observation.torque,
+        observation.acceleration,
+        observation.bogie_angle,
+    )
     if not math.isnan(bogie) and not abs(bogie) < _STEEPEST_BOGIE:
         changes["bogie_angle"] = math.nan
         details.append(f"bogie angle {bogie:g} rad is not within +-{_STEEPEST_BOGIE:g}")
-    if not math.isnan(acceleration) and not (abs(acceleration) <= STRONGEST_ACCELERATION and _is_deviation(observation.acceleration_sd)):
+    if not math.isnan(acceleration) and not (
+        abs(acceleration) <= STRONGEST_ACCELERATION and _is_deviation(observation.acceleration_sd)
+    ):
         changes["acceleration"] = math.nan
-        details.append(f"acceleration {acceleration:g} m/s^2 with standard deviation {observation.acceleration_sd:g}")
+        details.append(
+            f"acceleration {acceleration:g} m/s^2 with standard deviation"
+            f" {observation.acceleration_sd:g}"
+        )
     pairs = zip(torque.tolist(), observation.torque_sd.tolist(), strict=True)
-    faulty = [not math.isnan(value) and not (abs(value) <= STRONGEST_TORQUE and _is_deviation(deviation)) for value, deviation in pairs]
+    faulty = [
+        not math.isnan(value) and not (abs(value) <= STRONGEST_TORQUE and _is_deviation(deviation))
+        for value, deviation in pairs
+    ]
     if any(faulty):
         changes["torque"] = np.where(faulty, np.nan, changes.get("torque", torque))
         words = "axle {}: torque {:g} N m with standard deviation {:g}"
-        details += [words.format(axle, torque[axle], observation.torque_sd[axle]) for axle in np.flatnonzero(faulty)]
+        details += [
+            words.format(axle, torque[axle], observation.torque_sd[axle])
+            for axle in np.flatnonzero(faulty)
+        ]
     return details
 
 

@@ -38,16 +38,26 @@ class Beliefs:
         """
         soils = tuple(soil.name for soil in metadata.soils)
         if config.prior_soil and config.prior_soil not in soils:
-            raise ConfigError(f"parameter prior.soil: {config.prior_soil!r} is unknown to {metadata.model_id}: give {', '.join(soils)}")
+            raise ConfigError(
+                f"parameter prior.soil: {config.prior_soil!r} is unknown to {metadata.model_id}:"
+                f" give {', '.join(soils)}"
+            )
         probable = [name == (config.prior_soil or name) for name in soils]
         given_mean = (config.prior_cohesion_mean_pa, config.prior_tan_phi_mean)
         given_sd = (config.prior_cohesion_sd_pa, config.prior_tan_phi_sd)
         mean = np.where(np.array(given_sd) > 0.0, given_mean, metadata.prior_mean)
         sd = np.where(np.array(given_sd) > 0.0, given_sd, metadata.prior_sd)
-        return cls(mean.astype(np.float64), sd.astype(np.float64), soils, tuple(p / sum(probable) for p in probable))
+        return cls(
+            mean.astype(np.float64),
+            sd.astype(np.float64),
+            soils,
+            tuple(p / sum(probable) for p in probable),
+        )
 
 
-def doubted(mean: Floats, covariance: Floats, beliefs: Beliefs, doubt: float) -> tuple[Floats, Floats]:
+def doubted(
+    mean: Floats, covariance: Floats, beliefs: Beliefs, doubt: float
+) -> tuple[Floats, Floats]:
     """Moments of (c, tan phi) where with probability ``doubt`` the ground is another, of which only the prior is known."""
     shift = beliefs.prior_mean - mean
     between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
@@ -62,7 +72,9 @@ def definite(covariance: Floats) -> Floats:
     return np.array([[cohesion, shared], [shared, friction]])
 
 
-def summarise(mean: Floats, covariance: Floats, beliefs: Beliefs, soil_probability: tuple[float, ...]) -> Estimate:
+def summarise(
+    mean: Floats, covariance: Floats, beliefs: Beliefs, soil_probability: tuple[float, ...]
+) -> Estimate:
     """The record of a marginal posterior: ``mean`` [2] and ``covariance`` [2, 2] of (c [Pa], tan phi), and of the soils.
 
     What a caller has counted is left for it to fill in.

@@ -12,9 +12,20 @@ from rover_parameters.records import ConfigError, load, number
 from terrain_estimator.importing.units import factor
 
 SLIP_DEFINITIONS = ("one_minus_v_over_rw", "max_normalised")
-WHEEL_SIGNALS = {"slip": "ratio", "sinkage": "length", "contact_angle": "angle", "wheel_rate": "wheel rate", "torque": "torque"}
+WHEEL_SIGNALS = {
+    "slip": "ratio",
+    "sinkage": "length",
+    "contact_angle": "angle",
+    "wheel_rate": "wheel rate",
+    "torque": "torque",
+}
 """Signals with a column for each wheel, and their quantity."""
-BODY_SIGNALS = {"velocity": "velocity", "pitch": "angle", "acceleration": "acceleration", "bogie_angle": "angle"}
+BODY_SIGNALS = {
+    "velocity": "velocity",
+    "pitch": "angle",
+    "acceleration": "acceleration",
+    "bogie_angle": "angle",
+}
 SIGNED = ("pitch", "bogie_angle")
 """Signals of the rover's body, and their quantity."""
 WITH_DEVIATION = ("slip", "sinkage", "contact_angle", "velocity", "pitch", "acceleration")
@@ -113,7 +124,10 @@ class Mapping:
     def __post_init__(self) -> None:
         """Check what a single field cannot."""
         if self.slip_definition not in SLIP_DEFINITIONS:
-            msg = f"slip_definition: {self.slip_definition!r} is unknown: give one of {', '.join(SLIP_DEFINITIONS)}"
+            msg = (
+                f"slip_definition: {self.slip_definition!r} is unknown: give one of"
+                f" {', '.join(SLIP_DEFINITIONS)}"
+            )
             raise ConfigError(msg)
         if len(self.delimiter) != 1:
             msg = f"delimiter: {self.delimiter!r} is not one character"
@@ -126,7 +140,10 @@ class Mapping:
             self._check_wheel_signal(signal)
         for signal in BODY_SIGNALS:
             self._check_body_signal(signal)
-        for name, constant in (("contact_angle", self.constant_contact_angle), ("pitch", self.constant_pitch)):
+        for name, constant in (
+            ("contact_angle", self.constant_contact_angle),
+            ("pitch", self.constant_pitch),
+        ):
             if constant is not _NO_CONSTANT:
                 _check_constant(f"constant_{name}", constant, measured=self.measures(name))
 
@@ -136,24 +153,36 @@ class Mapping:
 
     def measures(self, signal: str) -> bool:
         """Tell whether the file has a column of this signal."""
-        return any(self.columns(signal)) if signal in WHEEL_SIGNALS else bool(getattr(self, signal).column)
+        return (
+            any(self.columns(signal))
+            if signal in WHEEL_SIGNALS
+            else bool(getattr(self, signal).column)
+        )
 
     def all_columns(self) -> Iterator[str]:
         """Yield the names of all columns that are needed."""
         yield self.time.column
         for wheel in self.wheels:
             yield from (column for column in dataclasses.astuple(wheel)[1:] if column)
-        yield from (getattr(self, signal).column for signal in BODY_SIGNALS if getattr(self, signal).column)
+        yield from (
+            getattr(self, signal).column for signal in BODY_SIGNALS if getattr(self, signal).column
+        )
 
     def _check_wheel_signal(self, name: str) -> None:
         signal: WheelSignal = getattr(self, name)
         if signal is _NO_WHEEL_SIGNAL:
             if self.measures(name):
-                msg = f"{name}: the wheels have columns, but their unit is missing: add {name}: {{unit: ...}}"
+                msg = (
+                    f"{name}: the wheels have columns, but their unit is missing: add {name}:"
+                    " {unit: ...}"
+                )
                 raise ConfigError(msg)
             return
         if not self.measures(name):
-            msg = f"{name}: no wheel has a column of it: add {name}: COLUMN to the wheels, or leave the section out"
+            msg = (
+                f"{name}: no wheel has a column of it: add {name}: COLUMN to the wheels, or leave"
+                " the section out"
+            )
             raise ConfigError(msg)
         _check_signal(name, WHEEL_SIGNALS[name], signal)
 
@@ -167,7 +196,10 @@ class Mapping:
         _check_signal(name, BODY_SIGNALS[name], signal)
         signs = ("nose_up", "nose_down") if name in SIGNED else ("",)
         if signal.positive not in signs:
-            msg = f"{name}: positive: {signal.positive!r}, expected {' or '.join(signs) or 'no such key'}"
+            msg = (
+                f"{name}: positive: {signal.positive!r}, expected"
+                f" {' or '.join(signs) or 'no such key'}"
+            )
             raise ConfigError(msg)
 
 
@@ -175,25 +207,40 @@ def read_mapping(path: Path) -> Mapping:
     """Read a mapping file. Raises ConfigError, which names file, key and value."""
     mapping = load(Mapping, path)
     known: dict[str, tuple[str, str]] = {}
-    for column, signal, quantity in _named(mapping):  # wheels may share one, as where a sensor is on an axle
+    for column, signal, quantity in _named(
+        mapping
+    ):  # wheels may share one, as where a sensor is on an axle
         first, of_first = known.setdefault(column, (signal, quantity))
         if of_first != quantity:
-            raise ConfigError(f"{path}: column {column!r} is named for {first} and for {signal}: it can be one of them")
+            raise ConfigError(
+                f"{path}: column {column!r} is named for {first} and for {signal}: it can be one of"
+                " them"
+            )
     return mapping
 
 
 def _named(mapping: Mapping) -> Iterator[tuple[str, str, str]]:
     """Every column that is named, for which signal, and that one's quantity."""
     yield mapping.time.column, "time", "time"
-    of_body = ((getattr(mapping, signal).column, signal, quantity) for signal, quantity in BODY_SIGNALS.items())
-    of_wheels = ((column, signal, quantity) for signal, quantity in WHEEL_SIGNALS.items() for column in mapping.columns(signal))
+    of_body = (
+        (getattr(mapping, signal).column, signal, quantity)
+        for signal, quantity in BODY_SIGNALS.items()
+    )
+    of_wheels = (
+        (column, signal, quantity)
+        for signal, quantity in WHEEL_SIGNALS.items()
+        for column in mapping.columns(signal)
+    )
     yield from (each for each in itertools.chain(of_body, of_wheels) if each[0])
 
 
 def _check_signal(name: str, quantity: str, signal: WheelSignal | BodySignal) -> None:
     _check_unit(name, signal.unit, quantity)
     if name in WITH_DEVIATION and signal.noise == Noise():
-        msg = f"{name}: its noise is missing: add noise: {{relative: ..., absolute: ...}}, one of them above 0"
+        msg = (
+            f"{name}: its noise is missing: add noise: {{relative: ..., absolute: ...}}, one of"
+            " them above 0"
+        )
         raise ConfigError(msg)
 
 
@@ -203,7 +250,10 @@ def _check_constant(name: str, constant: Constant, *, measured: bool) -> None:
         msg = f"{name}: there are columns of it too: leave one of the two out"
         raise ConfigError(msg)
     if constant.noise == Noise():
-        msg = f"{name}: its noise is missing: add noise: {{absolute: ...}} above 0, how well the value is known"
+        msg = (
+            f"{name}: its noise is missing: add noise: {{absolute: ...}} above 0, how well the"
+            " value is known"
+        )
         raise ConfigError(msg)
 
 

@@ -17,15 +17,17 @@ UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: there is no 
 PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y
 PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
 
-BOGIE = "bogie"  # name of its joint: what the estimator looks for unless its parameter bogie_joint says otherwise
+BOGIE = (  # name of its joint: what the estimator looks for unless its parameter bogie_joint says otherwise
+    "bogie"
+)
 
 
 @dataclass(slots=True)
 class SampleWriter:
     """Writes each sample as the messages of one instant.
 
-    wheel_slip, wheel_sinkage and odom are always there, with NaN for what was not measured; joint_states and imu only
-    where one of their signals is mapped.
+    wheel_slip, wheel_sinkage and odom are always there, with NaN for what was not measured;
+    joint_states and imu only where one of their signals is mapped.
     """
 
     writer: BagWriter
@@ -35,12 +37,18 @@ class SampleWriter:
 
     def write_all(self, samples: Iterable[Sample]) -> int:
         """Write all samples; return how many."""
-        builders: dict[str, Callable[[Sample], Message]] = {"wheel_slip": self._slip, "wheel_sinkage": self._sinkage, "odom": self._odom}
+        builders: dict[str, Callable[[Sample], Message]] = {
+            "wheel_slip": self._slip,
+            "wheel_sinkage": self._sinkage,
+            "odom": self._odom,
+        }
         if any(self.mapping.measures(signal) for signal in ("wheel_rate", "torque", "bogie_angle")):
             builders["joint_states"] = self._joints
         if any(self.mapping.measures(signal) for signal in ("pitch", "acceleration")):
             builders["imu"] = self._imu
-        self._topics = {name: self.writer.add_topic(f"/{name}", INPUT_TYPES[name]) for name in builders}
+        self._topics = {
+            name: self.writer.add_topic(f"/{name}", INPUT_TYPES[name]) for name in builders
+        }
         for sample in samples:
             for name, build in builders.items():
                 self.writer.write_message(self._topics[name], build(sample), sample.stamp_ns)
@@ -75,7 +83,11 @@ class SampleWriter:
         )
 
     def _odom(self, sample: Sample) -> Message:
-        odom = self.writer.types.make(INPUT_TYPES["odom"], header=self._header(sample, "odom"), child_frame_id=self.mapping.frame)
+        odom = self.writer.types.make(
+            INPUT_TYPES["odom"],
+            header=self._header(sample, "odom"),
+            child_frame_id=self.mapping.frame,
+        )
         odom.twist.twist.linear.x = sample.velocity.value
         odom.twist.covariance[0] = _variance(sample.velocity)
         odom.pose.covariance[PITCH_IN_POSE] = self._orient(odom.pose.pose.orientation, sample.pitch)
@@ -94,13 +106,21 @@ class SampleWriter:
         )
 
     def _imu(self, sample: Sample) -> Message:
-        imu = self.writer.types.make(INPUT_TYPES["imu"], header=self._header(sample, self.mapping.frame))
-        imu.orientation_covariance[PITCH_IN_ORIENTATION] = self._orient(imu.orientation, sample.pitch)
+        imu = self.writer.types.make(
+            INPUT_TYPES["imu"], header=self._header(sample, self.mapping.frame)
+        )
+        imu.orientation_covariance[PITCH_IN_ORIENTATION] = self._orient(
+            imu.orientation, sample.pitch
+        )
         if math.isnan(sample.pitch.value):
             imu.orientation_covariance[0] = UNKNOWN
         imu.angular_velocity_covariance[0] = UNKNOWN
-        imu.linear_acceleration.x = 0.0 if math.isnan(sample.acceleration.value) else sample.acceleration.value
-        imu.linear_acceleration_covariance[0] = UNKNOWN if math.isnan(sample.acceleration.value) else _variance(sample.acceleration)
+        imu.linear_acceleration.x = (
+            0.0 if math.isnan(sample.acceleration.value) else sample.acceleration.value
+        )
+        imu.linear_acceleration_covariance[0] = (
+            UNKNOWN if math.isnan(sample.acceleration.value) else _variance(sample.acceleration)
+        )
         return imu
 
     @staticmethod

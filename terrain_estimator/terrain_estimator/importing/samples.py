@@ -51,7 +51,8 @@ def read_samples(path: Path, mapping: Mapping) -> Iterator[Sample]:
     An empty cell is a value that was not measured, except in the column of time.
 
     Raises:
-        CsvError: no rows, a missing column, a cell that is no finite number, time that does not increase.
+        CsvError: no rows, a missing column, a cell that is no finite number, time that does not
+            increase.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -68,8 +69,8 @@ def read_samples(path: Path, mapping: Mapping) -> Iterator[Sample]:
 def slip_from_max_normalised(slip: Measured) -> Measured:
     """Convert slip (r w - v) / max(r w, v) to 1 - v / (r w).
 
-    They agree where the wheel drives. Where it brakes, s = r w / v - 1, hence i = s / (1 + s) and di/ds = 1 / (1 + s)^2.
-    A locked wheel (s = -1) has no slip by our definition: NaN.
+    They agree where the wheel drives. Where it brakes, s = r w / v - 1, hence i = s / (1 + s) and
+    di/ds = 1 / (1 + s)^2. A locked wheel (s = -1) has no slip by our definition: NaN.
     """
     if slip.value >= 0.0 or math.isnan(slip.value):
         return slip
@@ -92,7 +93,10 @@ class _Rows:
             raise CsvError(msg)
         needed = list(mapping.all_columns())
         if missing := [name for name in needed if name not in self._names]:
-            msg = f"{path}, row 1: no column {missing[0]!r}; the file has {', '.join(self._names)}: correct the mapping or its delimiter"
+            msg = (
+                f"{path}, row 1: no column {missing[0]!r}; the file has {', '.join(self._names)}:"
+                " correct the mapping or its delimiter"
+            )
             raise CsvError(msg)
         if twice := [name for name in needed if self._names.count(name) > 1]:
             msg = f"{path}, row 1: column {twice[0]!r} is there twice: rename one of them"
@@ -105,11 +109,17 @@ class _Rows:
             if not self._row:
                 continue
             if len(self._row) != len(self._names):
-                msg = f"{self._path}, row {self._number}: {len(self._row)} cells, but {len(self._names)} columns are named in row 1"
+                msg = (
+                    f"{self._path}, row {self._number}: {len(self._row)} cells, but"
+                    f" {len(self._names)} columns are named in row 1"
+                )
                 raise CsvError(msg)
             stamp = self._stamp()
             if stamp <= before:
-                raise self._error(self._mapping.time.column, "is not later than the row before: sort the rows, remove repeated ones")
+                raise self._error(
+                    self._mapping.time.column,
+                    "is not later than the row before: sort the rows, remove repeated ones",
+                )
             before = stamp
             yield self._sample(stamp)
         if before < 0:
@@ -119,8 +129,16 @@ class _Rows:
     def _sample(self, stamp_ns: int) -> Sample:
         mapping = self._mapping
         slip = [self._slip(column) for column in mapping.columns("slip")]
-        angle = _known(mapping.constant_contact_angle.value, mapping.constant_contact_angle.unit, mapping.constant_contact_angle.noise)
-        angles = self._wheels("contact_angle", "angle") if mapping.measures("contact_angle") else [angle] * len(mapping.wheels)
+        angle = _known(
+            mapping.constant_contact_angle.value,
+            mapping.constant_contact_angle.unit,
+            mapping.constant_contact_angle.noise,
+        )
+        angles = (
+            self._wheels("contact_angle", "angle")
+            if mapping.measures("contact_angle")
+            else [angle] * len(mapping.wheels)
+        )
         return Sample(
             stamp_ns,
             slip,
@@ -142,20 +160,29 @@ class _Rows:
         stamp = round(seconds * 1e9) if math.isfinite(seconds) else -1
         if not 0 <= stamp <= LATEST_NS:
             raise self._error(
-                time.column, f"with offset {time.offset:g} s is outside 0 to {LATEST_NS / 1e9:.0f} s: set time.unit or time.offset"
+                time.column,
+                f"with offset {time.offset:g} s is outside 0 to {LATEST_NS / 1e9:.0f} s: set"
+                " time.unit or time.offset",
             )
         return stamp
 
     def _wheels(self, signal: str, quantity: str) -> list[Measured]:
         section = getattr(self._mapping, signal)
-        return [self._measured(column, section.unit, quantity, section.noise) for column in self._mapping.columns(signal)]
+        return [
+            self._measured(column, section.unit, quantity, section.noise)
+            for column in self._mapping.columns(signal)
+        ]
 
     def _slip(self, column: str) -> Measured:
         slip = self._measured(column, self._mapping.slip.unit, "ratio", self._mapping.slip.noise)
         if self._mapping.slip_definition == "one_minus_v_over_rw":
             return slip
         if abs(slip.value) > 1.0:
-            raise self._error(column, "is outside -1 to 1, where max_normalised slip lies: correct slip.unit or slip_definition")
+            raise self._error(
+                column,
+                "is outside -1 to 1, where max_normalised slip lies: correct slip.unit or"
+                " slip_definition",
+            )
         return slip_from_max_normalised(slip)
 
     def _body(self, signal: str, quantity: str) -> Measured:
@@ -186,13 +213,21 @@ class _Rows:
         try:
             value = float(text)
         except ValueError:
-            raise self._error(column, "is not a number: correct it, or leave the cell empty where nothing was measured") from None
+            raise self._error(
+                column,
+                "is not a number: correct it, or leave the cell empty where nothing was measured",
+            ) from None
         if not math.isfinite(value):
-            raise self._error(column, "is not finite: leave the cell empty where nothing was measured")
+            raise self._error(
+                column, "is not finite: leave the cell empty where nothing was measured"
+            )
         return value
 
     def _error(self, column: str, what: str) -> CsvError:
-        return CsvError(f"{self._path}, row {self._number}, column {column!r}: {self._row[self._place[column]]!r} {what}")
+        return CsvError(
+            f"{self._path}, row {self._number}, column {column!r}:"
+            f" {self._row[self._place[column]]!r} {what}"
+        )
 
 
 def _known(value: float, unit: str, noise: Noise) -> Measured:
@@ -201,4 +236,7 @@ def _known(value: float, unit: str, noise: Noise) -> Measured:
 
 def _in_si(value: float, size: float, noise: Noise) -> Measured:
     si = value * size
-    return Measured(si, math.hypot(noise.relative * si, noise.absolute * size) if not math.isnan(si) else math.nan)
+    return Measured(
+        si,
+        math.hypot(noise.relative * si, noise.absolute * size) if not math.isnan(si) else math.nan,
+    )

@@ -42,10 +42,15 @@ class Sized:
         """The same. Raises ConfigError where the effect cannot be estimated online or where a number is wrong."""
         described = describe(self.name)
         if self.name in NOT_ONLINE:
-            raise ConfigError(f"effect {self.name} cannot be added to a model: {NOT_ONLINE[self.name]}")
+            raise ConfigError(
+                f"effect {self.name} cannot be added to a model: {NOT_ONLINE[self.name]}"
+            )
         described.checked(self.mean)
         if not (math.isfinite(self.sd) and self.sd > 0.0):
-            raise ConfigError(f"effect {self.name}: standard deviation {self.sd:g} {described.unit} is not a positive number")
+            raise ConfigError(
+                f"effect {self.name}: standard deviation {self.sd:g} {described.unit} is not a"
+                " positive number"
+            )
         return self
 
 
@@ -55,8 +60,8 @@ def restored(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
         return restore(loaded, trust=trust)
     except RuntimeError as error:  # torch's: tensors are missing or have other shapes
         raise ModelFileError(
-            f"model {loaded.model_id} was made by another version, whose tensors are others: the estimator takes it as it is, "
-            "but to go on from it train it again (docs/training.md)"
+            f"model {loaded.model_id} was made by another version, whose tensors are others: the"
+            " estimator takes it as it is, but to go on from it train it again (docs/training.md)"
         ) from error
 
 
@@ -64,7 +69,9 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEf
     """The model ``loaded`` with ``effects`` as further parameters. Raises ConfigError that names the effect, and as :func:`restored`."""
     names = [effect.checked().name for effect in effects]
     if not names or len(set(names)) != len(names):
-        raise ConfigError(f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once")
+        raise ConfigError(
+            f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
+        )
     plain, body = restored(loaded), body_of(loaded.rover)
     prior = PRIOR if plain.uncertain_constants else PRIOR._replace(constants_sd=0.0)
     laws = [LAWS[name](body) for name in names]
@@ -73,10 +80,19 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEf
     # what belongs to the added values lies between the constants' and the rover's own
     place, fresh = plain.uncertain_constants, model.other_precision
     before = known["other_precision"]
-    known["other_precision"] = torch.cat([before[:place], torch.ones(fresh.shape[0] - before.shape[0], dtype=before.dtype), before[place:]])
+    known["other_precision"] = torch.cat(
+        [
+            before[:place],
+            torch.ones(fresh.shape[0] - before.shape[0], dtype=before.dtype),
+            before[place:],
+        ]
+    )
     absent, _ = model.load_state_dict(known, strict=False)
     if unknown := [name for name in absent if not name.startswith(("values.", "laws."))]:
-        raise ConfigError(f"the model to be extended lacks {', '.join(unknown)}: export it again with this version")
+        raise ConfigError(
+            f"the model to be extended lacks {', '.join(unknown)}: export it again with this"
+            " version"
+        )
     return model
 
 
@@ -87,24 +103,32 @@ def value_prior(effects: Sequence[Sized]) -> ValuePrior:
     mean, sd, place = torch.zeros_like(library.sd), library.sd.clone(), 0
     for part, effect in zip(parts, effects, strict=True):
         mean[place] = part.value(effect.mean)
-        # The value of a size that is a square: where the size is zero give or take a deviation, the root of that deviation.
+        # The value of a size that is a square: where the size is zero give or take a deviation, the
+        # root of that deviation.
         root = max(part.value(effect.mean), part.value(effect.sd))
         sd[place] = effect.sd / part.slope(root)
         place += 1 + len(part.beside)
     return ValuePrior(mean, sd, library.low, library.high)
 
 
-def export_with(model: PAlpacaWithEffects, loaded: LoadedModel, effects: Sequence[Sized], path: Path) -> Metadata:
+def export_with(
+    model: PAlpacaWithEffects, loaded: LoadedModel, effects: Sequence[Sized], path: Path
+) -> Metadata:
     """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects in it."""
     names = [effect.name for effect in effects]
-    values = tuple(f"{name}_{k}" if k else name for name in names for k in range(1 + len(Part(name).beside)))
+    values = tuple(
+        f"{name}_{k}" if k else name for name in names for k in range(1 + len(Part(name).beside))
+    )
     fixed = loaded.metadata.parameters[-4:]
     changed = dataclasses.replace(
         loaded.metadata,
         model_id="+".join([loaded.model_id, *names]),
         observation_scalar_fields=scalar_fields(len(loaded.rover.axle_x), rates=True),
         parameters=(*loaded.metadata.parameters[:-4], *values, *fixed),
-        effects=tuple(AddedEffect(effect.name, describe(effect.name).unit, effect.mean, effect.sd) for effect in effects),
+        effects=tuple(
+            AddedEffect(effect.name, describe(effect.name).unit, effect.mean, effect.sd)
+            for effect in effects
+        ),
     )
     return save(model, changed, path)
 

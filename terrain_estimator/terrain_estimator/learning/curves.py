@@ -19,7 +19,11 @@ def draw_curves(history: list[Progress], path: Path, title: str) -> None:
     losses = sorted(progress.loss for progress in history)
     upper.plot(steps, [progress.loss for progress in history], linewidth=0.8)
     upper.axhline(1.419, color="grey", linestyle=":", label="unit noise alone: (1 + log 2 pi) / 2")
-    upper.set(ylabel="loss [nat per row]", title=title, ylim=(1.3, max(2.5, losses[int(0.98 * (len(losses) - 1))])))
+    upper.set(
+        ylabel="loss [nat per row]",
+        title=title,
+        ylim=(1.3, max(2.5, losses[int(0.98 * (len(losses) - 1))])),
+    )
     upper.legend()
     lower.semilogy(steps, [progress.overlap for progress in history], linewidth=0.8)
     lower.set(ylabel="overlap with physics [1]", xlabel="iteration")

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plants that depart from the physics of the rows: effects of random size, for the net to learn from and to be judged on.
 
-Two families that share no effect. A net that has seen the first is judged on both, the second is what nobody thought of.
+Two families that share no effect. A net that has seen the first is judged on both, the second is
+what nobody thought of.
 """
 
 import math
@@ -52,12 +53,16 @@ def largest_sizes(family: Family, rover: Rover) -> Mapping[str, tuple[float, flo
     return learnt if family is Family.LEARNT else foreign
 
 
-def random_plant(family: Family, rover: Rover, batch: int, share: float, generator: torch.Generator) -> Plant | None:
+def random_plant(
+    family: Family, rover: Rover, batch: int, share: float, generator: torch.Generator
+) -> Plant | None:
     """Every effect of the family in a ``share`` [1] of the episodes, its size uniform over its range; none at all for 0."""
     if share == 0.0:
         return None
     effects = []
     for name, (low, high) in largest_sizes(family, rover).items():
         there, place = torch.rand(2, batch, generator=generator, dtype=torch.float64).unbind(0)
-        effects.append(make_effect(name, torch.where(there < share, low + (high - low) * place, 0.0)))
+        effects.append(
+            make_effect(name, torch.where(there < share, low + (high - low) * place, 0.0))
+        )
     return Plant(effects)

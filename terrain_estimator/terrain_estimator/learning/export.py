@@ -11,7 +11,15 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.learning.training import PRIOR
-from terrain_estimator.model.model_file import FORMAT, Metadata, ModelFileError, Training, fingerprint, load_model, write_metadata
+from terrain_estimator.model.model_file import (
+    FORMAT,
+    Metadata,
+    ModelFileError,
+    Training,
+    fingerprint,
+    load_model,
+    write_metadata,
+)
 from terrain_estimator.model.packing import AXLE_FIELDS, SCALAR_FIELDS
 from terrain_estimator.model.palpaca import BLOCK, PAlpaca
 from terrain_estimator.model.prior import UNCERTAIN
@@ -24,7 +32,9 @@ VERSION = "10"
 """Of the model's structure and training, part of the model's id."""
 
 
-def export(model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Training, path: Path) -> Metadata:
+def export(
+    model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Training, path: Path
+) -> Metadata:
     """Write ``path`` (.pt) and the .json beside it; returns the metadata. The name of the file is that of the model."""
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
     constants = UNCERTAIN[: model.uncertain.shape[1]]
@@ -36,7 +46,16 @@ def export(model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Traini
         observation_axle_fields=AXLE_FIELDS,
         observation_scalar_fields=SCALAR_FIELDS,
         rows=row_names(model.axles),
-        parameters=("cohesion_kpa", "tan_phi", *weights, *constants, "mass", "centre_of_mass", "acceleration_bias", "velocity"),
+        parameters=(
+            "cohesion_kpa",
+            "tan_phi",
+            *weights,
+            *constants,
+            "mass",
+            "centre_of_mass",
+            "acceleration_bias",
+            "velocity",
+        ),
         block=BLOCK,
         step_s=TIME_STEP,
         prior_mean=(PRIOR.cohesion_pa, PRIOR.tan_phi),
@@ -72,8 +91,16 @@ def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:
             here, there = model.update(here, observation), loaded.module.update(there, observation)
         for name, mine, files in (
             ("estimate", model.estimate(here), loaded.module.estimate(there)),
-            ("prediction", model.predict(here, observation), loaded.module.predict(there, observation)),
+            (
+                "prediction",
+                model.predict(here, observation),
+                loaded.module.predict(there, observation),
+            ),
         ):
-            difference = float(torch.where(torch.eq(mine, files), 0.0, (mine - files).abs() / mine.abs()).max())
+            difference = float(
+                torch.where(torch.eq(mine, files), 0.0, (mine - files).abs() / mine.abs()).max()
+            )
             if not difference < 1e-9:
-                raise ModelFileError(f"{path}: differs from the trained model by {difference:g} of its {name}")
+                raise ModelFileError(
+                    f"{path}: differs from the trained model by {difference:g} of its {name}"
+                )

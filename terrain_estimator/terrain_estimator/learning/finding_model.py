@@ -19,7 +19,10 @@ def check_model(model: str, rover: Rover) -> None:
     """That a model which is named can be extended, before anything is searched. Raises ModelFileError."""
     known = load_model(model)
     if known.rover != rover:
-        raise ModelFileError(f"model {model} was made for another rover than {rover.name}: give its rover by --rover, or another --model")
+        raise ModelFileError(
+            f"model {model} was made for another rover than {rover.name}: give its rover by"
+            " --rover, or another --model"
+        )
     restored(known)
 
 
@@ -37,9 +40,15 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path 
     try:
         known = load_model(model or rover.name)
         if known.rover != rover:
-            return f"no model is written: {known.model_id} is for another rover than {rover.name}; give --model"
+            return (
+                f"no model is written: {known.model_id} is for another rover than {rover.name};"
+                " give --model"
+            )
         candidate = finding.candidate(finding.judgement.named[0])
-        sizes = [Sized(name, size, math.hypot(sd, ELSEWHERE * size)) for name, size, sd in candidate.sizes]
+        sizes = [
+            Sized(name, size, math.hypot(sd, ELSEWHERE * size))
+            for name, size, sd in candidate.sizes
+        ]
         add_effects(known, sizes, path)
     except (ConfigError, ModelFileError) as error:
         return f"no model is written: {error}"

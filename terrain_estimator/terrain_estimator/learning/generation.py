@@ -31,7 +31,9 @@ class Order:
     strength: Range = BENCHMARK
     family: Family = Family.LEARNT
     share: float = 0.0  # [1] of the drives in which each effect of the family acts
-    constants_sd: float = PRIOR.constants_sd  # [1] of each soil constant, which is drawn from a uniform range of that deviation
+    constants_sd: float = (
+        PRIOR.constants_sd
+    )  # [1] of each soil constant, which is drawn from a uniform range of that deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,10 @@ Spread = Callable[[Callable[[Chunk], Regression], Sequence[Chunk]], Iterable[Reg
 def chunks(order: Order) -> list[Chunk]:
     """The chunks of an order; the last may be smaller."""
     firsts = range(0, order.drives, CHUNK)
-    return [Chunk(order, number, min(CHUNK, order.drives - first)) for number, first in enumerate(firsts)]
+    return [
+        Chunk(order, number, min(CHUNK, order.drives - first))
+        for number, first in enumerate(firsts)
+    ]
 
 
 def generator_of(chunk: Chunk) -> torch.Generator:
@@ -64,8 +69,20 @@ def draw_chunk(chunk: Chunk) -> Regression:
     order, generator = chunk.order, generator_of(chunk)
     plant = random_plant(order.family, order.rover, chunk.size, order.share, generator)
     spread, prior = order.constants_sd * 3.0**0.5, PRIOR._replace(constants_sd=order.constants_sd)
-    tasks = draw_tasks(order.rover, order.soil, "S1", order.duration_s, chunk.size, generator, spread, order.strength, plant)
-    return regression(build_model(order.rover, [order.soil], columns=1, hidden=1, prior=prior), tasks, generator)
+    tasks = draw_tasks(
+        order.rover,
+        order.soil,
+        "S1",
+        order.duration_s,
+        chunk.size,
+        generator,
+        spread,
+        order.strength,
+        plant,
+    )
+    return regression(
+        build_model(order.rover, [order.soil], columns=1, hidden=1, prior=prior), tasks, generator
+    )
 
 
 def generate(order: Order, spread: Spread = map) -> Regression:

@@ -11,12 +11,15 @@ from torch import Tensor
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 
 
-def log_marginal(features: Tensor, target: Tensor, weight: Tensor, mean: Tensor, precision: Tensor) -> Tensor:
+def log_marginal(
+    features: Tensor, target: Tensor, weight: Tensor, mean: Tensor, precision: Tensor
+) -> Tensor:
     """log p(target) of tasks with unit noise under k ~ N(mean, diag(precision)^-1), shape [tasks].
 
-    ``features`` [tasks, n, D], ``target`` [tasks, n], ``weight`` [tasks, n] 1 where the row counts, ``mean`` and
-    ``precision`` [D]. For the conjugate recursion (Banerjee et al. eqs. 20 and 21) the sum of the one-step log
-    predictives is this log marginal likelihood, so that one Cholesky replaces the recursion.
+    ``features`` [tasks, n, D], ``target`` [tasks, n], ``weight`` [tasks, n] 1 where the row counts,
+    ``mean`` and ``precision`` [D]. For the conjugate recursion (Banerjee et al. eqs. 20 and 21) the
+    sum of the one-step log predictives is this log marginal likelihood, so that one Cholesky
+    replaces the recursion.
     """
     features, residual = features * weight.unsqueeze(-1), (target - features @ mean) * weight
     gathered = features.transpose(1, 2) @ features + torch.diag(precision)
@@ -29,18 +32,30 @@ def log_marginal(features: Tensor, target: Tensor, weight: Tensor, mean: Tensor,
 
 
 def negative_log_predictive(
-    features: Tensor, target: Tensor, valid: Tensor, context: Tensor, mean: Tensor, precision: Tensor, cost: Tensor | None = None
+    features: Tensor,
+    target: Tensor,
+    valid: Tensor,
+    context: Tensor,
+    mean: Tensor,
+    precision: Tensor,
+    cost: Tensor | None = None,
 ) -> Tensor:
     """Mean negative log predictive density of a row after a context, a scalar [nat].
 
-    ``features`` [tasks, blocks, Q, D] in units of the noise; the first ``context`` [tasks] blocks are given, the rest is
-    predicted: -[log p(x_1..T) - log p(x_1..C)] / (rows predicted). ``cost`` [tasks, blocks] is what the units cost a block.
+    ``features`` [tasks, blocks, Q, D] in units of the noise; the first ``context`` [tasks] blocks
+    are given, the rest is predicted: -[log p(x_1..T) - log p(x_1..C)] / (rows predicted). ``cost``
+    [tasks, blocks] is what the units cost a block.
     """
     tasks, blocks, rows, size = features.shape
     given = (torch.arange(blocks, device=context.device) < context.unsqueeze(-1)).to(valid.dtype)
-    every, before = ((here.unsqueeze(-1).expand(tasks, blocks, rows)).reshape(tasks, -1) for here in (valid, valid * given))
+    every, before = (
+        (here.unsqueeze(-1).expand(tasks, blocks, rows)).reshape(tasks, -1)
+        for here in (valid, valid * given)
+    )
     flat, values = features.reshape(tasks, -1, size), target.reshape(tasks, -1)
-    gained = log_marginal(flat, values, every, mean, precision) - log_marginal(flat, values, before, mean, precision)
+    gained = log_marginal(flat, values, every, mean, precision) - log_marginal(
+        flat, values, before, mean, precision
+    )
     lost = gained.new_zeros(()) if cost is None else (cost * valid * (1.0 - given)).sum()
     return (lost - gained.sum()) / (every.sum() - before.sum()).clamp(min=1.0)
 
@@ -56,8 +71,8 @@ class Orthogonality(Enum):
 def whiten(columns: Tensor, covariance: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
     """Columns [..., Q, D] in units of the noise of their rows, and what that costs in log density [...].
 
-    The rows have the ``covariance`` [..., Q, Q] of the sensors and a learnt variance ``noise`` [Q] besides. The cost is
-    the log of the volume that the latter adds: 0 where nothing is learnt.
+    The rows have the ``covariance`` [..., Q, Q] of the sensors and a learnt variance ``noise`` [Q]
+    besides. The cost is the log of the volume that the latter adds: 0 where nothing is learnt.
     """
     factor = cholesky(covariance + torch.diag(noise))
     cost = 0.5 * (log_determinant(factor) - log_determinant(cholesky(covariance)))
@@ -67,11 +82,13 @@ def whiten(columns: Tensor, covariance: Tensor, noise: Tensor) -> tuple[Tensor, 
 def span_share(nominal: Tensor, learnt: Tensor, valid: Tensor) -> Tensor:
     """Share of the squared length of ``learnt`` [tasks, blocks, Q, K] that lies in the span of ``nominal``, a scalar in [0, 1].
 
-    In each task by itself, over all its valid blocks. Where it is zero the marginal posterior of the nominal parameters is
-    that of the physics alone.
+    In each task by itself, over all its valid blocks. Where it is zero the marginal posterior of
+    the nominal parameters is that of the physics alone.
     """
     weight = valid.view(*valid.shape, 1, 1)
-    basis = torch.linalg.qr((nominal * weight).flatten(1, 2).detach()).Q  # the span is given, and a task without blocks has no gradient
+    basis = torch.linalg.qr(
+        (nominal * weight).flatten(1, 2).detach()
+    ).Q  # the span is given, and a task without blocks has no gradient
     columns = (learnt * weight).flatten(1, 2)
     inside = (basis.transpose(1, 2) @ columns).square().sum(1)
     return (inside / columns.square().sum(1).clamp(min=1e-12)).mean()
@@ -101,8 +118,9 @@ def shortfall(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor)
 def overlap(nominal: Tensor, learnt: Tensor, valid: Tensor) -> Tensor:
     """Squared cosines between nominal and learnt features, averaged over tasks, a scalar in [0, 1].
 
-    The cross terms of the paper's orthogonality penalty (eq. 24) after whitening by the rows' noise and scaling each
-    feature to unit length: as written in the paper they vanish beside the unscaled diagonal.
+    The cross terms of the paper's orthogonality penalty (eq. 24) after whitening by the rows' noise
+    and scaling each feature to unit length: as written in the paper they vanish beside the unscaled
+    diagonal.
     """
     shape = (nominal.shape[0], -1)
     weight = valid.view(*valid.shape, 1, 1)

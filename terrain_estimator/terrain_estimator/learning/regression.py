@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training tasks as linear regressions: what the network is trained on.
 
-The nominal features are those of the TRUE slip and sinkage and the noise of the rows, propagated from the sensors, is
-added to the target. So the network learns what the physics misses, not the bias that noisy regressors cause, which
-the online recursion removes by itself.
+The nominal features are those of the TRUE slip and sinkage and the noise of the rows, propagated
+from the sensors, is added to the target. So the network learns what the physics misses, not the
+bias that noisy regressors cause, which the online recursion removes by itself.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,9 @@ class Regression:
     @classmethod
     def join(cls, pieces: Sequence["Regression"]) -> "Regression":
         """The tasks of all."""
-        return cls(*(torch.cat([getattr(piece, field.name) for piece in pieces]) for field in fields(cls)))
+        return cls(
+            *(torch.cat([getattr(piece, field.name) for piece in pieces]) for field in fields(cls))
+        )
 
     def of(self, chosen: Tensor) -> "Regression":
         """The tasks with the indices ``chosen``."""
@@ -68,17 +70,27 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     shape = (count, blocks, BLOCK)
     changes = rows.features[:, :, chosen].reshape(-1, *shape, kept, 3).mean(3)
     features, by_constant = changes[0], torch.einsum("mtbqc,tc->tbqm", changes[1:], theta)
-    noise = torch.einsum("tbnqec,tc->tbnqe", rows.noise[0, :, chosen].reshape(*shape, kept, -1, 3), theta) / BLOCK
+    noise = (
+        torch.einsum(
+            "tbnqec,tc->tbnqe", rows.noise[0, :, chosen].reshape(*shape, kept, -1, 3), theta
+        )
+        / BLOCK
+    )
     noise = noise.transpose(2, 3).flatten(3)  # [tasks, blocks, Q, BLOCK E]
     own = rows.variance[:, chosen].reshape(*shape, kept).sum(2) / BLOCK**2
     target = rows.target[:, chosen].reshape(*shape, kept).mean(2)
     step = packed[:, -2].reshape(shape).sum(2)
     velocity_sd = packed[:, 8 * axles + 1].reshape(shape).mean(2)
-    own[..., 0] = 2.0 * (velocity_sd / step) ** 2 / BLOCK  # two means of ten velocities, a block apart
+    own[..., 0] = (
+        2.0 * (velocity_sd / step) ** 2 / BLOCK
+    )  # two means of ten velocities, a block apart
     specific_force = packed[:, 8 * axles + 4].reshape(shape).mean(2)
     target[..., 0] = specific_force  # dv/dt + g sin ab, without noise here
     covariance = noise @ noise.transpose(2, 3) + torch.diag_embed(own)
-    shaken = (cholesky(covariance) @ torch.randn(*target.shape, 1, generator=generator, dtype=torch.float64)).squeeze(-1)
+    shaken = (
+        cholesky(covariance)
+        @ torch.randn(*target.shape, 1, generator=generator, dtype=torch.float64)
+    ).squeeze(-1)
     in_range = (rows.used[:, chosen].reshape(*shape, kept) > 0.0).flatten(2).all(2)
     return _only_valid(
         Regression(
@@ -86,7 +98,9 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
             target=target - features[..., 2] + shaken,
             covariance=covariance,
             inputs=tasks.measured[:, : blocks * BLOCK].reshape(*shape, size).mean(2),
-            valid=(tasks.usable[:, : blocks * BLOCK].reshape(shape).all(2) & in_range).to(torch.float64),
+            valid=(tasks.usable[:, : blocks * BLOCK].reshape(shape).all(2) & in_range).to(
+                torch.float64
+            ),
         )
     )
 

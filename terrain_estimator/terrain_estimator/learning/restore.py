@@ -17,13 +17,17 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
     Raises ModelFileError where it has named effects.
     """
     if loaded.effects:
-        raise ModelFileError(f"model {loaded.model_id} has named effects: give the model that it was made from")
+        raise ModelFileError(
+            f"model {loaded.model_id} has named effects: give the model that it was made from"
+        )
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
     prior = PRIOR if values["uncertain"].shape[1] else PRIOR._replace(constants_sd=0.0)
     rows = values["net.row_scale"].shape[0]
     columns, moments = last.shape[0] // rows, rows > len(loaded.rover.axle_x) + 2
-    model = build_model(loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior, moments=moments)
+    model = build_model(
+        loaded.rover, loaded.metadata.soils, columns, last.shape[1], prior, moments=moments
+    )
     model.load_state_dict(values)
     if trust is not None:
         _trust(model, trust)
@@ -33,7 +37,8 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
 def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
     """The model without learnt features: one column, in which no hypothesis believes.
 
-    ``exact`` takes the soil constants for exact; else they are parameters with the prior of the trained models.
+    ``exact`` takes the soil constants for exact; else they are parameters with the prior of the
+    trained models.
     """
     prior = PRIOR._replace(constants_sd=0.0) if exact else PRIOR
     model = build_model(rover, [soil], columns=1, hidden=1, prior=prior)
@@ -42,7 +47,9 @@ def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
 
 
 def _trust(model: PAlpaca, probability: float) -> None:
-    model.net_log_weight.copy_(torch.tensor([1.0 - probability, probability], dtype=torch.float64).log())
+    model.net_log_weight.copy_(
+        torch.tensor([1.0 - probability, probability], dtype=torch.float64).log()
+    )
 
 
 def _frozen(model: PAlpaca) -> PAlpaca:

@@ -33,7 +33,9 @@ class Range:
 
     def strength(self, share: Tensor) -> Tensor:
         """c [Pa] and tan phi, shape [batch, 2], at these shares [batch, 2] of the length of all intervals."""
-        return torch.stack([uniform(self.cohesion, share[:, 0]), torch.tan(uniform(self.angle, share[:, 1]))], 1)
+        return torch.stack(
+            [uniform(self.cohesion, share[:, 0]), torch.tan(uniform(self.angle, share[:, 1]))], 1
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,11 +78,15 @@ class Tasks:
     @classmethod
     def joined(cls, parts: Sequence["Tasks"]) -> "Tasks":
         """The drives of all parts."""
-        return cls(*(torch.cat([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+        return cls(
+            *(torch.cat([getattr(part, field.name) for part in parts]) for field in fields(cls))
+        )
 
     def split(self, size: int) -> list["Tasks"]:
         """The same in batches of ``size`` drives."""
-        pieces = zip(*(getattr(self, field.name).split(size) for field in fields(self)), strict=True)
+        pieces = zip(
+            *(getattr(self, field.name).split(size) for field in fields(self)), strict=True
+        )
         return [Tasks(*piece) for piece in pieces]
 
 
@@ -97,7 +103,11 @@ def uniform(intervals: tuple[tuple[float, float], ...], share: Tensor) -> Tensor
 
 
 def random_ground(
-    soil: Soil, batch: int, generator: torch.Generator, spread: float = CONSTANTS_SPREAD, strength: Range | AboveZero = BENCHMARK
+    soil: Soil,
+    batch: int,
+    generator: torch.Generator,
+    spread: float = CONSTANTS_SPREAD,
+    strength: Range | AboveZero = BENCHMARK,
 ) -> Ground:
     """One ground a drive: c and phi as ``strength`` says, each soil constant uniform within +-``spread``."""
     unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
@@ -121,7 +131,15 @@ def draw_tasks(
 
     ``plant`` holds what acts besides the nominal model.
     """
-    drive = simulate(rover, random_ground(soil, batch, generator, spread, strength), schedule, duration_s, generator, batch, plant=plant)
+    drive = simulate(
+        rover,
+        random_ground(soil, batch, generator, spread, strength),
+        schedule,
+        duration_s,
+        generator,
+        batch,
+        plant=plant,
+    )
     return measure_tasks(drive, Noise(), generator)
 
 
@@ -131,7 +149,10 @@ def measure_tasks(drive: Drive, noise: Noise, generator: torch.Generator) -> Tas
     Where effects act between truth and sensors, what the sensors are given stands for the truth.
     """
     rover, sample = drive.rover, drive.seen
-    sample = replace(sample, torque=sample.ground_torque if sample is drive.sample else _without_inertia(rover, sample))
+    sample = replace(
+        sample,
+        torque=sample.ground_torque if sample is drive.sample else _without_inertia(rover, sample),
+    )
     measured = pack_measurement(measure_drive(rover, sample, noise, generator))
     true = pack_measurement(measure_drive(rover, sample, replace(noise, factor=0.0), generator))
     for deviation in _deviations(len(rover.axle_x)):
@@ -147,5 +168,10 @@ def _without_inertia(rover: Rover, sample: Sample) -> Tensor:
 
 def _deviations(axles: int) -> list[int]:
     """Places of the standard deviations in a packed observation."""
-    groups = [axles * index + axle for index, name in enumerate(AXLE_FIELDS) if name.endswith("_sd") for axle in range(axles)]
+    groups = [
+        axles * index + axle
+        for index, name in enumerate(AXLE_FIELDS)
+        if name.endswith("_sd")
+        for axle in range(axles)
+    ]
     return [*groups, 8 * axles + 1, 8 * axles + 3, 8 * axles + 5]

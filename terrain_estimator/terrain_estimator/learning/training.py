@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.learning.loss import Orthogonality, negative_log_predictive, overlap, paper_penalty, shortfall, span_share, whiten
+from terrain_estimator.learning.loss import (
+    Orthogonality,
+    negative_log_predictive,
+    overlap,
+    paper_penalty,
+    shortfall,
+    span_share,
+    whiten,
+)
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
@@ -46,7 +54,9 @@ class Recipe:
     orthogonality: Orthogonality = Orthogonality.SPAN
     strength: float = 0.1  # weight of the orthogonality penalty
     positivity: float = 1.0  # weight of the mean shortfall of c [kPa] and tan phi below zero
-    caution: float = 1.0  # by which the learnt prior deviations of the net's weights are divided for use
+    caution: float = (
+        1.0  # by which the learnt prior deviations of the net's weights are divided for use
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +71,25 @@ class Progress:
 def body_of(rover: Rover) -> Body:
     """What the rows need of ``rover``."""
     return Body(
-        len(rover.axle_x), rover.wheels_per_axle, rover.mass, rover.gravity, rover.wheel_radius, rover.wheel_width, geometry_of(rover)
+        len(rover.axle_x),
+        rover.wheels_per_axle,
+        rover.mass,
+        rover.gravity,
+        rover.wheel_radius,
+        rover.wheel_width,
+        geometry_of(rover),
     )
 
 
-def build_model(rover: Rover, soils: Sequence[Soil], columns: int, hidden: int, prior: Prior = PRIOR, *, moments: bool = True) -> PAlpaca:
+def build_model(
+    rover: Rover,
+    soils: Sequence[Soil],
+    columns: int,
+    hidden: int,
+    prior: Prior = PRIOR,
+    *,
+    moments: bool = True,
+) -> PAlpaca:
     """An untrained model of a rover that knows these soils; with ``moments`` its net has columns in the moment rows too."""
     body = body_of(rover)
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
@@ -75,7 +99,13 @@ def build_model(rover: Rover, soils: Sequence[Soil], columns: int, hidden: int, 
         *([0.05 * torque] * body.axles),
         *([0.05, 0.05] if moments else []),
     ]  # what a learnt effect may amount to
-    net = NetFeatures(body.axles, columns, hidden, 0.1 * rover.wheel_radius, torch.tensor(sizes, dtype=torch.float64))
+    net = NetFeatures(
+        body.axles,
+        columns,
+        hidden,
+        0.1 * rover.wheel_radius,
+        torch.tensor(sizes, dtype=torch.float64),
+    )
     return PAlpaca(body, torch.stack([soil.constants() for soil in soils]), prior, net)
 
 
@@ -88,11 +118,13 @@ class _Learnt(nn.Module):
         self.log_noise = nn.Parameter(torch.full((rows,), LEAST_NOISE, dtype=torch.float64).log())
 
 
-def train(model: PAlpaca, data: Regression, recipe: Recipe, device: torch.device | None = None) -> Iterator[Progress]:
+def train(
+    model: PAlpaca, data: Regression, recipe: Recipe, device: torch.device | None = None
+) -> Iterator[Progress]:
     """Train net, prior and noise of ``model`` in place on ``data``, yielding after every iteration.
 
-    All random numbers are drawn on the CPU, so that a seed means the same on every device. On the CPU the same seed gives the
-    same model to the byte. The model is left on the CPU.
+    All random numbers are drawn on the CPU, so that a seed means the same on every device. On the
+    CPU the same seed gives the same model to the byte. The model is left on the CPU.
     """
     device = device or torch.device("cpu")
     generator = torch.Generator().manual_seed(recipe.seed)
@@ -113,7 +145,9 @@ def train(model: PAlpaca, data: Regression, recipe: Recipe, device: torch.device
     for iteration in range(recipe.iterations):
         chosen = torch.randperm(tasks, generator=generator)[: recipe.batch]
         context = torch.randint(0, blocks - 1, (recipe.batch,), generator=generator)
-        loss, shared, penalties = _losses(model, learnt, data.of(chosen.to(device)), context.to(device), recipe)
+        loss, shared, penalties = _losses(
+            model, learnt, data.of(chosen.to(device)), context.to(device), recipe
+        )
         optimizer.zero_grad()
         (loss + penalties).backward()  # type: ignore[no-untyped-call]
         optimizer.step()
@@ -129,17 +163,25 @@ def _adopt(model: PAlpaca, learnt: _Learnt, recipe: Recipe) -> None:
         parameter.requires_grad = False
 
 
-def _losses(model: PAlpaca, learnt: _Learnt, data: Regression, context: Tensor, recipe: Recipe) -> tuple[Tensor, Tensor, Tensor]:
+def _losses(
+    model: PAlpaca, learnt: _Learnt, data: Regression, context: Tensor, recipe: Recipe
+) -> tuple[Tensor, Tensor, Tensor]:
     """Predictive loss, overlap, and weighted penalties of some tasks."""
     nominal_count = data.nominal.shape[-1]
-    columns = model.learnt(data.inputs.flatten(0, 1))[:, distinct_rows(model.axles)].unflatten(0, data.valid.shape)  # type: ignore[no-untyped-call]
+    columns = model.learnt(data.inputs.flatten(0, 1))[:, distinct_rows(model.axles)].unflatten(
+        0, data.valid.shape
+    )  # type: ignore[no-untyped-call]
     noise = (learnt.log_noise.exp() * model.net.row_scale).square()
     joined = torch.cat([data.nominal, columns, data.target.unsqueeze(-1)], -1)
     whitened, cost = whiten(joined, data.covariance, noise)
     features, target = whitened[..., :-1], whitened[..., -1]
     others = features.new_zeros(nominal_count - 2)
-    mean = torch.cat([model.prior_mean / model.unit, others, torch.zeros_like(learnt.log_precision)])
-    precision = torch.cat([(model.prior_sd / model.unit) ** -2.0, others + 1.0, learnt.log_precision.exp()])
+    mean = torch.cat(
+        [model.prior_mean / model.unit, others, torch.zeros_like(learnt.log_precision)]
+    )
+    precision = torch.cat(
+        [(model.prior_sd / model.unit) ** -2.0, others + 1.0, learnt.log_precision.exp()]
+    )
     loss = negative_log_predictive(features, target, data.valid, context, mean, precision, cost)
     nominal, net = features[..., :nominal_count], features[..., nominal_count:]
     shared = overlap(nominal[..., :2], net, data.valid)
@@ -148,7 +190,11 @@ def _losses(model: PAlpaca, learnt: _Learnt, data: Regression, context: Tensor, 
         if recipe.orthogonality is Orthogonality.PAPER:
             penalty = paper_penalty(joined[..., :-1]) / joined.shape[0]
         else:
-            penalty = shared if recipe.orthogonality is Orthogonality.WHITENED else span_share(nominal, net, data.valid)
+            penalty = (
+                shared
+                if recipe.orthogonality is Orthogonality.WHITENED
+                else span_share(nominal, net, data.valid)
+            )
         penalties = penalties + recipe.strength * penalty
     if recipe.positivity > 0.0:
         weight = data.valid.unsqueeze(-1)

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Turns one set of messages into an observation: named wheels to axles, REP-103 frames to the core's conventions.
 
-Messages are duck-typed: rclpy's classes and those of rosbags have the same attribute names, so that live and replay
-run this very code. Sums are plain Python sums: their order, and so every bit of the result, is fixed.
+Messages are duck-typed: rclpy's classes and those of rosbags have the same attribute names, so that
+live and replay run this very code. Sums are plain Python sums: their order, and so every bit of the
+result, is fixed.
 """
 
 import math
@@ -83,7 +84,9 @@ class Converter:
         self._sinkage_bounds = _Bounds(0.0, rover.wheel_radius)
         self._bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
         self._joints_read = self._bogie_joints.union(self._axles)
-        self._groups: dict[str, tuple[list[str], Groups]] = {}  # by topic: the last names and their groups
+        self._groups: dict[
+            str, tuple[list[str], Groups]
+        ] = {}  # by topic: the last names and their groups
 
     def concerns(self, topic: str, message: Message) -> bool:
         """Whether there is something to convert in a message: a mast or an arm may have its joints on joint_states, too."""
@@ -111,18 +114,36 @@ class Converter:
             return ""
         frames = [("odom (child_frame_id)", odom.child_frame_id)]
         frames += [
-            (name, message.header.frame_id) for name, message in (("wheel_slip", slip), ("wheel_sinkage", sinkage), ("imu", imu)) if message
+            (name, message.header.frame_id)
+            for name, message in (("wheel_slip", slip), ("wheel_sinkage", sinkage), ("imu", imu))
+            if message
         ]
         for name, frame in frames:
             if frame != expected:
                 return f"{name} is in frame {frame!r}, expected {expected!r}"
         return ""
 
-    def _observe(self, stamp_ns: int, messages: tuple[Message, ...], imu: Message, notes: _Notes) -> Observation:
+    def _observe(
+        self, stamp_ns: int, messages: tuple[Message, ...], imu: Message, notes: _Notes
+    ) -> Observation:
         slip, sinkage, odom, joints = messages
-        slips, slip_sds = self._axle_means(_Signal("wheel_slip", slip.wheel, slip.slip, slip.slip_stddev, self._slip_bounds), notes)
-        depth = _Signal("wheel_sinkage", sinkage.wheel, sinkage.sinkage, sinkage.sinkage_stddev, self._sinkage_bounds)
-        angle = _Signal("wheel_sinkage", sinkage.wheel, sinkage.contact_angle, sinkage.contact_angle_stddev, _ANY)
+        slips, slip_sds = self._axle_means(
+            _Signal("wheel_slip", slip.wheel, slip.slip, slip.slip_stddev, self._slip_bounds), notes
+        )
+        depth = _Signal(
+            "wheel_sinkage",
+            sinkage.wheel,
+            sinkage.sinkage,
+            sinkage.sinkage_stddev,
+            self._sinkage_bounds,
+        )
+        angle = _Signal(
+            "wheel_sinkage",
+            sinkage.wheel,
+            sinkage.contact_angle,
+            sinkage.contact_angle_stddev,
+            _ANY,
+        )
         sinkages, sinkage_sds = self._axle_means(depth, notes)
         angles, angle_sds = self._axle_means(angle, notes)
         rates, torques, torque_sds = self._joints(joints, notes)
@@ -154,13 +175,18 @@ class Converter:
         groups = self._match(topic, names)
         values, deviations = signal.values.tolist(), signal.deviations.tolist()
         if not len(values) == len(deviations) == len(names):
-            raise WrongWheelsError(f"{topic}: {len(names)} wheels, but {len(values)} values and {len(deviations)} standard deviations")
+            raise WrongWheelsError(
+                f"{topic}: {len(names)} wheels, but {len(values)} values and {len(deviations)}"
+                " standard deviations"
+            )
         means, sds = [], []
         for group in groups:
             picked = _usable(group, values, deviations, signal.bounds)
             if len(picked) < len(group):
                 left_out = [at for at in group if at not in picked and not math.isnan(values[at])]
-                notes.texts += [f"{topic}: wheel {names[at]} with {values[at]:.3g} left out" for at in left_out]
+                notes.texts += [
+                    f"{topic}: wheel {names[at]} with {values[at]:.3g} left out" for at in left_out
+                ]
             means.append(sum(values[at] for at in picked) / len(picked))
             sds.append(_mean_deviation([deviations[at] for at in picked]))
         return means, sds
@@ -172,38 +198,62 @@ class Converter:
             return cached[1]
         missing, foreign = self._axles.keys() - set(names), set(names) - self._axles.keys()
         if missing or foreign or len(names) != len(self._axles):
-            raise WrongWheelsError(f"{topic}: got wheels {list(names)}, the rover {self._rover.name} has {list(self._axles)}")
+            raise WrongWheelsError(
+                f"{topic}: got wheels {list(names)}, the rover {self._rover.name} has"
+                f" {list(self._axles)}"
+            )
         return self._remember(topic, names)
 
     def _remember(self, topic: str, names: list[str]) -> Groups:
         """Positions of each axle's wheels among ``names``, kept for the next message."""
         axle_of = [self._axles.get(name) for name in names]
-        groups = tuple(tuple(at for at, axle in enumerate(axle_of) if axle == wanted) for wanted in range(self._rover.axles))
+        groups = tuple(
+            tuple(at for at, axle in enumerate(axle_of) if axle == wanted)
+            for wanted in range(self._rover.axles)
+        )
         self._groups[topic] = (list(names), groups)
         return groups
 
-    def _joints(self, joints: Message, notes: _Notes) -> tuple[list[float], list[float], list[float]]:
+    def _joints(
+        self, joints: Message, notes: _Notes
+    ) -> tuple[list[float], list[float], list[float]]:
         """Wheel rate [rad/s], torque of one wheel [N m] and its standard deviation, per axle; NaN where not measured."""
         unknown = [math.nan] * self._rover.axles
         if joints is None:
             return unknown, unknown, unknown
         names = joints.name
         cached = self._groups.get("joint_states")
-        groups = cached[1] if cached is not None and cached[0] == names else self._remember("joint_states", names)
+        groups = (
+            cached[1]
+            if cached is not None and cached[0] == names
+            else self._remember("joint_states", names)
+        )
         rates = self._joint_means(groups, "velocity", (names, joints.velocity.tolist()), notes)
         if not self._core.use_torque:
             return rates, unknown, unknown
         efforts = joints.effort.tolist()
         torques = self._joint_means(groups, "effort", (names, efforts), notes)
         measured = zip(groups, torques, strict=True)
-        return rates, torques, [math.nan if math.isnan(torque) else self._torque_deviation(group, efforts) for group, torque in measured]
+        return (
+            rates,
+            torques,
+            [
+                math.nan if math.isnan(torque) else self._torque_deviation(group, efforts)
+                for group, torque in measured
+            ],
+        )
 
-    def _joint_means(self, groups: Groups, what: str, named: tuple[Sequence[str], list[float]], notes: _Notes) -> list[float]:
+    def _joint_means(
+        self, groups: Groups, what: str, named: tuple[Sequence[str], list[float]], notes: _Notes
+    ) -> list[float]:
         """Mean over the wheels of each axle; an empty array means not measured (as in sensor_msgs)."""
         names, values = named
         if len(values) != len(names):
             if values:
-                notes.texts.append(f"joint_states: {what} has {len(values)} values for {len(names)} names, left out")
+                notes.texts.append(
+                    f"joint_states: {what} has {len(values)} values for {len(names)} names,"
+                    " left out"
+                )
             return [math.nan] * len(groups)
         if math.inf in values or -math.inf in values:
             notes.texts.append(f"joint_states: infinite {what} left out")
@@ -213,18 +263,31 @@ class Converter:
         """Mean angle [rad] of the bogies' joints, nose up; NaN where it is not measured."""
         if joints is None:
             return math.nan
-        angles = [angle for name, angle in zip(joints.name, joints.position.tolist(), strict=False) if name in self._bogie_joints]
+        angles = [
+            angle
+            for name, angle in zip(joints.name, joints.position.tolist(), strict=False)
+            if name in self._bogie_joints
+        ]
         mean = sum(angles) / len(angles) if angles else math.nan
         return -mean if self._config.bogie_nose_down else mean
 
     def _torque_deviation(self, group: tuple[int, ...], efforts: list[float]) -> float:
         relative, absolute = self._config.torque_relative_sd, self._torque_absolute
-        return _mean_deviation([math.hypot(relative * efforts[at], absolute) for at in group if math.isfinite(efforts[at])])
+        return _mean_deviation(
+            [
+                math.hypot(relative * efforts[at], absolute)
+                for at in group
+                if math.isfinite(efforts[at])
+            ]
+        )
 
     def _pitch(self, odom: Message, imu: Message) -> tuple[float, float]:
         """Nose-up pitch [rad] and its standard deviation: of the imu where it has an orientation, else of odom."""
         if imu is not None and imu.orientation_covariance[0] != -1.0:
-            orientation, variance = imu.orientation, imu.orientation_covariance[PITCH_IN_ORIENTATION]
+            orientation, variance = (
+                imu.orientation,
+                imu.orientation_covariance[PITCH_IN_ORIENTATION],
+            )
         else:
             orientation, variance = odom.pose.pose.orientation, odom.pose.covariance[PITCH_IN_POSE]
         return nose_up_pitch(orientation), _deviation(variance, self._config.default_pitch_sd)
@@ -233,7 +296,9 @@ class Converter:
         """Specific force along body x [m/s^2] and its standard deviation; NaN where not measured."""
         if imu is None or imu.linear_acceleration_covariance[0] == -1.0:
             return math.nan, math.nan
-        deviation = _deviation(imu.linear_acceleration_covariance[0], self._config.default_acceleration_sd)
+        deviation = _deviation(
+            imu.linear_acceleration_covariance[0], self._config.default_acceleration_sd
+        )
         if deviation == 0.0:
             return math.nan, math.nan
         return float(imu.linear_acceleration.x), deviation
@@ -242,7 +307,8 @@ class Converter:
 def nose_up_pitch(orientation: Message) -> float:
     """Pitch [rad], positive nose up, of an orientation quaternion in REP-103 axes (x forward, y left, z up).
 
-    REP-103's rotation about y is positive nose DOWN, hence the sign. NaN for a quaternion that is none (all zeros).
+    REP-103's rotation about y is positive nose DOWN, hence the sign. NaN for a quaternion that is
+    none (all zeros).
     """
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     norm = x * x + y * y + z * z + w * w
@@ -260,11 +326,13 @@ def _deviation(variance: float, default: float) -> float:
     return math.sqrt(value) if value > 0.0 else math.nan
 
 
-def _usable(group: tuple[int, ...], values: list[float], deviations: list[float], bounds: _Bounds) -> list[int]:
+def _usable(
+    group: tuple[int, ...], values: list[float], deviations: list[float], bounds: _Bounds
+) -> list[int]:
     """The wheels of an axle that count: finite ones; of those, where some are possible, not the impossible ones.
 
-    Impossible is what noise does not explain: an average would hide it. Where no wheel is left, all are returned, so
-    that the screening sees why.
+    Impossible is what noise does not explain: an average would hide it. Where no wheel is left, all
+    are returned, so that the screening sees why.
     """
     finite = [at for at in group if math.isfinite(values[at])]
     possible = []

@@ -70,7 +70,9 @@ class HealthMonitor:
         """Start with nothing counted but the failures that were reported before, where a node is configured again."""
         self.outcomes: Counter[Outcome] = Counter()
         self.resets = 0
-        self.failures = self.reported_failures = reported_failures  # callbacks that raised, and as of the last report
+        self.failures = self.reported_failures = (
+            reported_failures  # callbacks that raised, and as of the last report
+        )
         self._sequence = 0
         self._condition_number = math.nan
         self._start_period()
@@ -94,7 +96,14 @@ class HealthMonitor:
     def report(self, counters: Mapping[str, Counters], ages_s: Mapping[str, float]) -> Health:
         """The health since the last report; starts a new period."""
         inputs = tuple(
-            InputHealth(topic, count.received, count.unpaired, count.out_of_order, count.lost, ages_s.get(topic, math.nan))
+            InputHealth(
+                topic,
+                count.received,
+                count.unpaired,
+                count.out_of_order,
+                count.lost,
+                ages_s.get(topic, math.nan),
+            )
             for topic, count in counters.items()
         )
         findings = (*self._judge_inputs(inputs), *self._judge_updates())
@@ -108,7 +117,9 @@ class HealthMonitor:
             rejected=self.outcomes.total() - accepted,
             outcomes=dict(self.outcomes),
             inputs=inputs,
-            normalized_innovation_squared=statistics.fmean(self._innovations) if self._innovations else math.nan,
+            normalized_innovation_squared=(
+                statistics.fmean(self._innovations) if self._innovations else math.nan
+            ),
             condition_number=self._condition_number,
             latency_median_s=statistics.median(self._latencies) if self._latencies else math.nan,
             latency_max_s=max(self._latencies, default=math.nan),
@@ -131,10 +142,14 @@ class HealthMonitor:
         for entry in inputs:
             age_s = entry.age_s
             if entry.topic in REQUIRED_INPUTS:
-                words = f"no data on {entry.topic} " + ("since the start" if math.isnan(age_s) else f"for {age_s:.1f} s")
+                words = f"no data on {entry.topic} " + (
+                    "since the start" if math.isnan(age_s) else f"for {age_s:.1f} s"
+                )
                 yield REQUIRED.judge(math.inf if math.isnan(age_s) else age_s, entry.topic, words)
             else:
-                yield OPTIONAL.judge(age_s, entry.topic, f"no data on {entry.topic} for {age_s:.1f} s")
+                yield OPTIONAL.judge(
+                    age_s, entry.topic, f"no data on {entry.topic} for {age_s:.1f} s"
+                )
             count, words = self._losses(entry, incomplete=incomplete)
             yield LOSSES.judge(count, entry.topic, f"{entry.topic}: {words or 'none lost'}")
 
@@ -146,24 +161,43 @@ class HealthMonitor:
     def _losses(self, entry: InputHealth, *, incomplete: bool) -> tuple[int, str]:
         """New losses of one input in words; ``incomplete`` where an instant lacked messages.
 
-        Unpaired is normal on an optional topic, and where no instant lacks anything: that topic is faster than the reference.
+        Unpaired is normal on an optional topic, and where no instant lacks anything: that topic is
+        faster than the reference.
         """
         before = self._previous.get(entry.topic)
-        lost = max(0, entry.lost - (before.lost if before else 0))  # fewer where one that was missing then came late
+        lost = max(
+            0, entry.lost - (before.lost if before else 0)
+        )  # fewer where one that was missing then came late
         backwards = entry.out_of_order - (before.out_of_order if before else 0)
         unpaired = self._unpaired(entry) if incomplete and entry.topic in REQUIRED_INPUTS else 0
         counts = (("lost", lost), ("out of order", backwards), ("without partner", unpaired))
-        return lost + backwards + unpaired, ", ".join(f"{count} {what}" for what, count in counts if count)
+        return lost + backwards + unpaired, ", ".join(
+            f"{count} {what}" for what, count in counts if count
+        )
 
     def _judge_updates(self) -> Iterator[Finding]:
-        refused = {outcome: count for outcome, count in self._recent.items() if not outcome.used and outcome is not Outcome.STANDSTILL}
-        words = "; ".join(f"{count} {outcome.name} ({outcome.advice})" for outcome, count in sorted(refused.items()))
+        refused = {
+            outcome: count
+            for outcome, count in self._recent.items()
+            if not outcome.used and outcome is not Outcome.STANDSTILL
+        }
+        words = "; ".join(
+            f"{count} {outcome.name} ({outcome.advice})"
+            for outcome, count in sorted(refused.items())
+        )
         share = sum(refused.values()) / self._recent.total() if self._recent else 0.0
         yield REFUSED.judge(share, text=f"refused: {words or 'none'}")
-        yield NUMERICS.judge(self._recent[Outcome.NUMERICAL_FAILURE], text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE")
+        yield NUMERICS.judge(
+            self._recent[Outcome.NUMERICAL_FAILURE],
+            text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE",
+        )
         failures = self.failures - self.reported_failures
         yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
-        yield INNOVATION.judge(statistics.fmean(self._innovations) if len(self._innovations) >= FEWEST_INNOVATIONS else math.nan)
+        yield INNOVATION.judge(
+            statistics.fmean(self._innovations)
+            if len(self._innovations) >= FEWEST_INNOVATIONS
+            else math.nan
+        )
         yield CONDITION.judge(self._condition_number)
         yield LATENCY.judge(max(self._latencies, default=math.nan))
 
@@ -175,4 +209,6 @@ def normalized_innovation(update: Update) -> float:
         return decision.mahalanobis_squared / decision.degrees_of_freedom
     if not prediction.innovation_variance > 0.0:
         return math.nan
-    return prediction.innovation * prediction.innovation / prediction.innovation_variance  # not **, which raises on overflow
+    return (
+        prediction.innovation * prediction.innovation / prediction.innovation_variance
+    )  # not **, which raises on overflow

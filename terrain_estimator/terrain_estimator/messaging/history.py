@@ -70,7 +70,9 @@ class Span:
     def add(self, update: Update) -> None:
         """Go on with one more observation."""
         self.stamp_ns, self.estimate = update.stamp_ns, update.estimate
-        self.change_probability = _larger(self.change_probability, update.estimate.change_probability)
+        self.change_probability = _larger(
+            self.change_probability, update.estimate.change_probability
+        )
         self.errors.add(update.prediction.innovation, update.prediction.innovation_variance)
         self.outcomes[update.decision.outcome] += 1
         nis = normalized_innovation(update)
@@ -124,7 +126,10 @@ class Spans(Generic[SpanT]):
         """The span that takes what comes next: the last, or one that ``make`` made where that is full."""
         if not self.spans or self.spans[-1].count == self._length:
             if len(self.spans) == self._capacity:
-                self.spans = [one + other for one, other in zip(self.spans[::2], self.spans[1::2], strict=True)]
+                self.spans = [
+                    one + other
+                    for one, other in zip(self.spans[::2], self.spans[1::2], strict=True)
+                ]
                 self._length *= 2
             self.spans.append(make())
         return self.spans[-1]
@@ -160,7 +165,10 @@ class WheelSpan:
                 self.counts[wheel] += 1
 
     def __add__(self, later: "WheelSpan") -> "WheelSpan":
-        sums = {wheel: self.sums.get(wheel, 0.0) + later.sums.get(wheel, 0.0) for wheel in {**self.sums, **later.sums}}
+        sums = {
+            wheel: self.sums.get(wheel, 0.0) + later.sums.get(wheel, 0.0)
+            for wheel in {**self.sums, **later.sums}
+        }
         return WheelSpan(later.stamp_ns, self.count + later.count, sums, self.counts + later.counts)
 
     def mean(self, wheel: str) -> float:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds the outgoing messages, the same for the live node and for replay.
 
-The classes of the messages come through a factory ``make(type_name, **fields)``. Arrays are handed to it as lists or
-NumPy arrays; it turns them into what its classes want.
+The classes of the messages come through a factory ``make(type_name, **fields)``. Arrays are handed
+to it as lists or NumPy arrays; it turns them into what its classes want.
 """
 
 import math
@@ -54,18 +54,27 @@ def status_of(update: Update, rows: tuple[str, ...]) -> Status:
     return Status.IDENTIFIED if all(estimate.identified) else Status.CONVERGING
 
 
-def status_text(update: Update, status: Status, rows: tuple[str, ...], notes: tuple[str, ...]) -> str:
+def status_text(
+    update: Update, status: Status, rows: tuple[str, ...], notes: tuple[str, ...]
+) -> str:
     """The status in words: what is not identified, what is missing, and why."""
     decision, estimate = update.decision, update.estimate
     parts = [status.name.lower().replace("_", " ")]
     if not all(estimate.identified):
-        open_names = [name for name, known in zip(("cohesion", "tan phi"), estimate.identified, strict=True) if not known]
+        open_names = [
+            name
+            for name, known in zip(("cohesion", "tan phi"), estimate.identified, strict=True)
+            if not known
+        ]
         parts.append(f"not identified yet: {', '.join(open_names)}")
     missing = [row for row in rows if row not in decision.rows_used]
     if missing and decision.outcome.used:
         parts.append(f"rows missing: {', '.join(missing)}")
     if estimate.mass_below_zero > _MASS_WORTH_SAYING:
-        parts.append(f"{estimate.mass_below_zero:.0%} of the posterior is below zero, the interval stops there")
+        parts.append(
+            f"{estimate.mass_below_zero:.0%} of the posterior is below zero, the interval stops"
+            " there"
+        )
     if decision.detail:
         parts.append(f"{decision.outcome.name}: {decision.detail}")
     return "; ".join([*parts, *notes, *update.warnings])
@@ -74,10 +83,16 @@ def status_text(update: Update, status: Status, rows: tuple[str, ...], notes: tu
 def update_header(update: Update, make: Make, meta: Meta) -> Message:
     """The header of everything that follows from one observation: its stamp, the body's frame."""
     sec, nanosec = divmod(update.stamp_ns, 1_000_000_000)
-    return make("std_msgs/msg/Header", stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id=meta.body_frame)
+    return make(
+        "std_msgs/msg/Header",
+        stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
+        frame_id=meta.body_frame,
+    )
 
 
-def estimate_message(update: Update, make: Make, meta: Meta, header: Message, notes: tuple[str, ...] = ()) -> Message:
+def estimate_message(
+    update: Update, make: Make, meta: Meta, header: Message, notes: tuple[str, ...] = ()
+) -> Message:
     """msg_defs/TerrainEstimate of one update. ``notes`` say which wheels or sensors the conversion left out."""
     estimate = update.estimate
     status = status_of(update, meta.rows)
@@ -129,7 +144,9 @@ def prediction_message(update: Update, make: Make, meta: Meta, header: Message) 
     """msg_defs/MotionPrediction of one update; its numbers are NaN where it is not valid."""
     prediction = update.prediction
     valid = bool(prediction.valid)
-    velocity, variance = (prediction.velocity, prediction.variance) if valid else (math.nan, math.nan)
+    velocity, variance = (
+        (prediction.velocity, prediction.variance) if valid else (math.nan, math.nan)
+    )
     half_width = INTERVAL_95 * math.sqrt(variance) if valid else math.nan
     return make(
         PREDICTION,

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pairs the messages of several topics by their stamps. Nothing is dropped without being counted.
 
-The sets depend on the stamps alone, not on the order in which the topics' messages arrive, as long as one topic is
-not ahead of the others by more than the time-out (the messages of ONE topic arrive in order: DDS and bags keep it).
-There is no clock here: time-outs are measured in stamps, so a bag replayed at full speed gives the same sets as live.
+The sets depend on the stamps alone, not on the order in which the topics' messages arrive, as long
+as one topic is not ahead of the others by more than the time-out (the messages of ONE topic arrive
+in order: DDS and bags keep it). There is no clock here: time-outs are measured in stamps, so a bag
+replayed at full speed gives the same sets as live.
 """
 
 from collections import deque
@@ -14,7 +15,9 @@ from terrain_estimator.messaging.sequences import Sequence
 from terrain_estimator.ros_types import Message
 
 CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
-RESTART_AFTER = 10  # so many messages in a row before the last stamp: the publisher's clock was set back
+RESTART_AFTER = (
+    10  # so many messages in a row before the last stamp: the publisher's clock was set back
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,25 +63,36 @@ class _Input:
 class Synchronizer:
     """Pairs the messages of ``topics`` whose stamps agree within ``tolerance_ns``, the nearest first.
 
-    A set is released as soon as every topic has its message, or cannot have one any more: its stamps have passed the
-    set's, or those of two topics have passed it by ``timeout_ns`` (two, so that one wrong clock does not time out all).
-    Sets come in the order of their stamps. A set without a required message is not released.
+    A set is released as soon as every topic has its message, or cannot have one any more: its
+    stamps have passed the set's, or those of two topics have passed it by ``timeout_ns`` (two, so
+    that one wrong clock does not time out all). Sets come in the order of their stamps. A set
+    without a required message is not released.
     """
 
-    def __init__(self, topics: tuple[Topic, ...], tolerance_ns: int = 0, timeout_ns: int = 500_000_000) -> None:
+    def __init__(
+        self, topics: tuple[Topic, ...], tolerance_ns: int = 0, timeout_ns: int = 500_000_000
+    ) -> None:
         """``topics[0]`` is the reference and must be required. Raises ValueError where it is not."""
         if not topics or not topics[0].required:
-            raise ValueError(f"the first of the topics {[topic.name for topic in topics]} is the reference: it must be required")
+            raise ValueError(
+                f"the first of the topics {[topic.name for topic in topics]} is the reference: it"
+                " must be required"
+            )
         self._inputs = [_Input(topic) for topic in topics]
         self._reference, self._others = self._inputs[0], self._inputs[1:]
-        self._tolerance_ns, self._timeout_ns = tolerance_ns, max(timeout_ns, 1)  # what is of one instant is not later than it
+        self._tolerance_ns, self._timeout_ns = (
+            tolerance_ns,
+            max(timeout_ns, 1),
+        )  # what is of one instant is not later than it
 
     @property
     def counters(self) -> dict[str, Counters]:
         """The live counters, by topic."""
         return {entry.topic.name: entry.counters for entry in self._inputs}
 
-    def add(self, index: int, stamp_ns: int, message: Message, sequence: int | None = None) -> list[MessageSet]:
+    def add(
+        self, index: int, stamp_ns: int, message: Message, sequence: int | None = None
+    ) -> list[MessageSet]:
         """Take one message of ``topics[index]``; return the sets that it completes, usually none or one."""
         entry = self._inputs[index]
         entry.counters.received += 1
@@ -118,7 +132,9 @@ class Synchronizer:
 
         Without this, one stamp from the far future would silence a topic for ever.
         """
-        entry.backwards = entry.backwards + 1 if stamp_ns > entry.backwards_ns or entry.backwards == 0 else 1
+        entry.backwards = (
+            entry.backwards + 1 if stamp_ns > entry.backwards_ns or entry.backwards == 0 else 1
+        )
         entry.backwards_ns = stamp_ns
         if entry.backwards < RESTART_AFTER:
             return False
@@ -156,7 +172,10 @@ class Synchronizer:
     def _take(self, stamp_ns: int) -> MessageSet | None:
         """Take the head of the reference and its partners; None where a required one is missing."""
         found = [self._nearest(entry, stamp_ns) for entry in self._others]
-        complete = all(at is not None or not entry.topic.required for at, entry in zip(found, self._others, strict=True))
+        complete = all(
+            at is not None or not entry.topic.required
+            for at, entry in zip(found, self._others, strict=True)
+        )
         messages = [self._reference.waiting.popleft()[1]]
         if not complete:
             self._reference.counters.unpaired += 1

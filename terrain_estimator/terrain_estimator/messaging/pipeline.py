@@ -16,11 +16,23 @@ from terrain_estimator.config import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import Arrays
 from terrain_estimator.messaging.conversion import Conversion, Converter
-from terrain_estimator.messaging.messages import Meta, estimate_message, prediction_message, update_header
+from terrain_estimator.messaging.messages import (
+    Meta,
+    estimate_message,
+    prediction_message,
+    update_header,
+)
 from terrain_estimator.messaging.pairing import Counters, MessageSet, Synchronizer, Topic
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
-from terrain_estimator.ros_types import BODY_FRAME, REQUIRED_INPUTS, Make, Message, paired_inputs, stamp_ns
+from terrain_estimator.ros_types import (
+    BODY_FRAME,
+    REQUIRED_INPUTS,
+    Make,
+    Message,
+    paired_inputs,
+    stamp_ns,
+)
 from terrain_estimator.update import Update
 from terramechanics.vehicle.rover import Rover, load_rover
 
@@ -52,7 +64,9 @@ class Pipeline:
         self.inputs = paired_inputs(use_imu=config.core.use_imu)
         topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.inputs)
         self._index = {name: index for index, name in enumerate(self.inputs)}
-        self._synchronizer = Synchronizer(topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9))
+        self._synchronizer = Synchronizer(
+            topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9)
+        )
         rover = rover_of(model, config.rover)
         self.rover_name = rover.name
         self._converter = Converter(rover, config.conversion, config.core)
@@ -94,7 +108,9 @@ class Pipeline:
         """First step of ``add``: the sets that a message completes. What does not concern the rover takes no partner from what does."""
         if not self._converter.concerns(topic, message):
             return []
-        return self._synchronizer.add(self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None))
+        return self._synchronizer.add(
+            self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None)
+        )
 
     def convert(self, complete: MessageSet) -> Conversion:
         """Second step of ``add``: the observation of a set, or why there is none."""
@@ -104,10 +120,14 @@ class Pipeline:
         """Third step of ``add``: what the estimator says to it."""
         note = self._follow_the_clock(conversion.stamp_ns)
         if conversion.observation is None:
-            update = self._estimator.reject(conversion.stamp_ns, conversion.outcome, conversion.detail)
+            update = self._estimator.reject(
+                conversion.stamp_ns, conversion.outcome, conversion.detail
+            )
         else:
             update = self._estimator.update(conversion.observation)
-        return Answer(dataclasses.replace(update, warnings=(note,)) if note else update, conversion.notes)
+        return Answer(
+            dataclasses.replace(update, warnings=(note,)) if note else update, conversion.notes
+        )
 
     def save(self) -> dict[str, NDArray[Any]]:
         """The estimator's state; messages that wait for their partners are not part of it."""
@@ -116,7 +136,8 @@ class Pipeline:
     def restore(self, arrays: Arrays) -> None:
         """Go on from a saved state. Raises StateFileError, and changes nothing then.
 
-        Its last stamp is that of another run: the first set that follows may have any, since clocks that nothing keeps begin anew.
+        Its last stamp is that of another run: the first set that follows may have any, since clocks
+        that nothing keeps begin anew.
         """
         self._estimator.restore(arrays)
         self._restored = True
@@ -130,9 +151,15 @@ class Pipeline:
         back_s = (last_ns - stamp_ns) / 1e9
         if restored:
             self._estimator.unlink()
-            return f"stamps begin {back_s:.1f} s before those of the saved state, as on a computer that keeps no time: what is known stays"
+            return (
+                f"stamps begin {back_s:.1f} s before those of the saved state, as on a computer"
+                " that keeps no time: what is known stays"
+            )
         self._forget()
-        return f"the clock went back by {back_s:.1f} s, as when a bag loops: the posterior is the prior again"
+        return (
+            f"the clock went back by {back_s:.1f} s, as when a bag loops: the posterior is the"
+            " prior again"
+        )
 
     def reset(self) -> None:
         """Forget the ground and the waiting messages; counters and sequence numbers go on."""
@@ -169,8 +196,16 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
                 contact_angle=0.0 * axles,
                 contact_angle_sd=0.01 * axles,
                 wheel_rate=0.1 / model.rover.wheel_radius * axles,
-                torque=0.3 * model.rover.wheel_radius * model.rover.weight / len(model.rover.wheels) * axles,
-                torque_sd=0.1 * model.rover.wheel_radius * model.rover.weight / len(model.rover.wheels) * axles,
+                torque=0.3
+                * model.rover.wheel_radius
+                * model.rover.weight
+                / len(model.rover.wheels)
+                * axles,
+                torque_sd=0.1
+                * model.rover.wheel_radius
+                * model.rover.weight
+                / len(model.rover.wheels)
+                * axles,
                 velocity=0.08,
                 velocity_sd=0.01,
                 pitch=0.0,
@@ -183,7 +218,12 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
 
 def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
     """Of a model's rows those that the configuration leaves it: one that is switched off is not missing."""
-    used = {"torque": config.use_torque, "acceleration": config.use_imu, "moment": config.use_moments, "bogie_moment": config.use_moments}
+    used = {
+        "torque": config.use_torque,
+        "acceleration": config.use_imu,
+        "moment": config.use_moments,
+        "bogie_moment": config.use_moments,
+    }
     off = tuple(name for name, use in used.items() if not use)
     return tuple(row for row in rows if not row.startswith(off))
 
@@ -204,6 +244,7 @@ def rover_of(model: LoadedModel, name: str) -> Rover:
             value, wanted = sorted(rover.wheel_axle), sorted(model.rover.wheel_axle)
         if entry.name != "name" and value != wanted:
             raise ModelFileError(
-                f"rover {name}: {entry.name} is {value}, the model {model.model_id} is for {wanted}: train a model for this rover"
+                f"rover {name}: {entry.name} is {value}, the model {model.model_id} is for"
+                f" {wanted}: train a model for this rover"
             )
     return rover

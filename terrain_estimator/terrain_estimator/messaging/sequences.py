@@ -14,13 +14,16 @@ class Sequence:
     """The numbers of one publisher's messages, and which of them are missing."""
 
     _last: int | None = None
-    _again: int | None = None  # the newest number, where it is neither missing nor after the last one
+    _again: int | None = (
+        None  # the newest number, where it is neither missing nor after the last one
+    )
     _gaps: list[range] = field(default_factory=list)
 
     def note(self, number: int) -> int:
         """Take the next message; returns how many are missing before it.
 
-        A smaller number is a copy of a message; two in a row that increase are a publisher that started again, which is no gap.
+        A smaller number is a copy of a message; two in a row that increase are a publisher that
+        started again, which is no gap.
         """
         if self._last is None:
             self._last = number
@@ -41,7 +44,9 @@ class Sequence:
         """Take a message that may be late: whether it was missing until now."""
         for at, gap in enumerate(self._gaps):
             if number in gap:
-                self._gaps[at : at + 1] = [rest for rest in (range(gap.start, number), range(number + 1, gap.stop)) if rest]
+                self._gaps[at : at + 1] = [
+                    rest for rest in (range(gap.start, number), range(number + 1, gap.stop)) if rest
+                ]
                 return True
         return False
 

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Slip of every wheel from its rate and the rover's velocity, with the deviation that follows from theirs.
 
-i = 1 - v / (r w) (:func:`terramechanics.vehicle.equilibrium.slip_at`), so to first order
-sd(i)^2 = n (sd(v) / (r w))^2 + (1 - i)^2 (n (sd(r) / r)^2 + (sd(w) / w)^2), n the wheels of the same axle that turn.
+i = 1 - v / (r w) (:func:`terramechanics.vehicle.equilibrium.slip_at`), so to first order sd(i)^2 =
+n (sd(v) / (r w))^2 + (1 - i)^2 (n (sd(r) / r)^2 + (sd(w) / w)^2), n the wheels of the same axle
+that turn.
 
-All wheels have the errors of v and of the rover file's r in common. Who takes wheels for independent, as the estimator does, divides them
-by sqrt(n) in the mean of an axle; with n they are in that mean what they are: exactly for equal rates, and never too small (the root mean
-square of 1 / (r w) is no smaller than its mean).
+All wheels have the errors of v and of the rover file's r in common. Who takes wheels for
+independent, as the estimator does, divides them by sqrt(n) in the mean of an axle; with n they are
+in that mean what they are: exactly for equal rates, and never too small (the root mean square of 1
+/ (r w) is no smaller than its mean).
 """
 
 import math
@@ -25,12 +27,16 @@ from terramechanics.vehicle.equilibrium import slip_at
 from terramechanics.vehicle.rover import Rover
 
 ODOMETRY = "odometry"
-VELOCITY_TYPES = {ODOMETRY: "nav_msgs/msg/Odometry", "twist": "geometry_msgs/msg/TwistWithCovarianceStamped"}
+VELOCITY_TYPES = {
+    ODOMETRY: "nav_msgs/msg/Odometry",
+    "twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
+}
 """Messages that a velocity can come in; both have it in twist.twist.linear.x."""
 JOINTS, VELOCITY = "joint_states", "velocity"
 TWICE = (
-    "velocity comes from the estimator's own input odom: its noise would enter slip and velocity alike, which the estimator takes for "
-    "independent. Give velocity another source (docs/bring_your_own_rover.md)"
+    "velocity comes from the estimator's own input odom: its noise would enter slip and velocity"
+    " alike, which the estimator takes for independent. Give velocity another source"
+    " (docs/bring_your_own_rover.md)"
 )
 
 
@@ -42,7 +48,8 @@ class SlipSourceError(ValueError):
 class Slips:
     """Slip [wheels] in the order of the rover file and its deviation; NaN for a wheel that stands, or whose slip no number holds.
 
-    The deviation is that with which the mean over an axle has the right one, when its wheels are taken for independent.
+    The deviation is that with which the mean over an axle has the right one, when its wheels are
+    taken for independent.
     """
 
     slip: Floats
@@ -55,7 +62,10 @@ class SlipSource:
     def __init__(self, rover: Rover, config: SlipSourceConfig) -> None:
         """Raises ConfigError where the kind of velocity is unknown."""
         if config.velocity_type not in VELOCITY_TYPES:
-            raise ConfigError(f"parameter velocity_type: {config.velocity_type!r} is unknown, give one of {', '.join(VELOCITY_TYPES)}")
+            raise ConfigError(
+                f"parameter velocity_type: {config.velocity_type!r} is unknown, give one of"
+                f" {', '.join(VELOCITY_TYPES)}"
+            )
         self._rover, self._config = rover, config
         topics = (Topic(JOINTS, required=True), Topic(VELOCITY, required=True))
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
@@ -65,7 +75,8 @@ class SlipSource:
     def pair(self, topic: str, message: Message) -> list[MessageSet]:
         """Take a message of JOINTS or VELOCITY; the pairs that it completes, usually none or one.
 
-        Joints of others, a mast or an arm, are passed over; until the wheels' come they are taken, so that the pair is refused by name.
+        Joints of others, a mast or an arm, are passed over; until the wheels' come they are taken,
+        so that the pair is refused by name.
         """
         if topic == JOINTS:
             ours = not set(self._rover.wheel_names).isdisjoint(message.name)
@@ -82,7 +93,11 @@ class SlipSource:
         self._sequence += 1
         return make(
             "msg_defs/msg/WheelSlip",
-            header=make("std_msgs/msg/Header", stamp=joints.header.stamp, frame_id=self._config.body_frame or BODY_FRAME),
+            header=make(
+                "std_msgs/msg/Header",
+                stamp=joints.header.stamp,
+                frame_id=self._config.body_frame or BODY_FRAME,
+            ),
             sequence=self._sequence - 1,
             wheel=list(self._rover.wheel_names),
             slip=slips.slip,
@@ -92,7 +107,11 @@ class SlipSource:
     def _check_frame(self, velocity: Message) -> None:
         """Of another frame, a camera's for instance, linear.x is no velocity along body x."""
         odometry = self._config.velocity_type == ODOMETRY
-        field, frame = ("child_frame_id", velocity.child_frame_id) if odometry else ("header.frame_id", velocity.header.frame_id)
+        field, frame = (
+            ("child_frame_id", velocity.child_frame_id)
+            if odometry
+            else ("header.frame_id", velocity.header.frame_id)
+        )
         if self._config.body_frame and frame != self._config.body_frame:
             raise SlipSourceError(
                 f"velocity ({field}) is in frame {frame!r}, expected {self._config.body_frame!r}: "
@@ -104,8 +123,8 @@ class SlipSource:
         deviation = math.sqrt(variance) if variance > 0.0 else self._config.default_velocity_sd
         if not math.isfinite(speed) or not 0.0 < deviation < math.inf:
             raise SlipSourceError(
-                f"velocity {speed:g} m/s with variance {variance:g} (twist.covariance[0]) cannot be used: "
-                "publish a variance above zero, or set default_sd.velocity"
+                f"velocity {speed:g} m/s with variance {variance:g} (twist.covariance[0]) cannot be"
+                " used: publish a variance above zero, or set default_sd.velocity"
             )
         return slips_of(self._rover, self._rates(joints), speed, deviation, self._config)
 
@@ -113,20 +132,35 @@ class SlipSource:
         rates = dict(zip(joints.name, joints.velocity, strict=False))
         missing = [name for name in self._rover.wheel_names if name not in rates]
         if missing:
-            raise SlipSourceError(f"joint_states: no velocity of {', '.join(missing)}; it has those of {', '.join(rates) or 'no joint'}")
+            raise SlipSourceError(
+                f"joint_states: no velocity of {', '.join(missing)}; it has those of"
+                f" {', '.join(rates) or 'no joint'}"
+            )
         return np.array([rates[name] for name in self._rover.wheel_names])
 
 
-def slips_of(rover: Rover, rates: Floats, speed: float, speed_sd: float, config: SlipSourceConfig) -> Slips:
+def slips_of(
+    rover: Rover, rates: Floats, speed: float, speed_sd: float, config: SlipSourceConfig
+) -> Slips:
     """Slip of the rover's wheels with ``rates`` [wheels] [rad/s] at ``speed`` [m/s] along body x."""
-    turns = np.isfinite(rates) & (rates != 0.0) & (np.abs(rates) * rover.wheel_radius >= config.standstill_speed)
+    turns = (
+        np.isfinite(rates)
+        & (rates != 0.0)
+        & (np.abs(rates) * rover.wheel_radius >= config.standstill_speed)
+    )
     rate = torch.from_numpy(np.where(turns, rates, 1.0)).unsqueeze(0)
-    slip, at_rest, at_unit = (slip_at(rover, torch.tensor([v], dtype=torch.float64), rate)[0].numpy() for v in (speed, 0.0, 1.0))
+    slip, at_rest, at_unit = (
+        slip_at(rover, torch.tensor([v], dtype=torch.float64), rate)[0].numpy()
+        for v in (speed, 0.0, 1.0)
+    )
     by_rate = config.rate_sd / np.abs(rate[0].numpy())
     axle = np.array(rover.wheel_axle)
     shared = np.sqrt([np.count_nonzero(turns & (axle == each)) for each in axle])
     with np.errstate(over="ignore", invalid="ignore"):
         # hypot: the square of a deviation overflows long before the deviation does
-        deviation = np.hypot(shared * speed_sd * (at_rest - at_unit), (1.0 - slip) * np.hypot(shared * config.radius_sd, by_rate))
+        deviation = np.hypot(
+            shared * speed_sd * (at_rest - at_unit),
+            (1.0 - slip) * np.hypot(shared * config.radius_sd, by_rate),
+        )
     known = turns & np.isfinite(slip) & np.isfinite(deviation)
     return Slips(np.where(known, slip, np.nan), np.where(known, deviation, np.nan))

@@ -24,4 +24,8 @@ def timing(arrivals_ns: Sequence[int], time_factor: float = 1.0) -> Timing:
     intervals_s = np.diff(np.asarray(arrivals_ns, dtype=np.int64)).astype(np.float64) * 1e-9
     median_s = float(np.median(intervals_s))
     jitter_s = float(np.percentile(np.abs(intervals_s - median_s), 99))
-    return Timing(len(arrivals_ns), 1.0 / (median_s * time_factor) if median_s > 0.0 else float("nan"), jitter_s * 1e3)
+    return Timing(
+        len(arrivals_ns),
+        1.0 / (median_s * time_factor) if median_s > 0.0 else float("nan"),
+        jitter_s * 1e3,
+    )

@@ -11,7 +11,16 @@ from terrain_estimator.ros_types import Make, Message, stamp_ns
 
 POINT = np.dtype(
     {
-        "names": ["x", "y", "z", "cohesion", "tan_phi", "cohesion_stddev", "tan_phi_stddev", "time"],
+        "names": [
+            "x",
+            "y",
+            "z",
+            "cohesion",
+            "tan_phi",
+            "cohesion_stddev",
+            "tan_phi_stddev",
+            "time",
+        ],
         "formats": ["<f4"] * 7 + ["<f8"],
     }
 )
@@ -24,8 +33,8 @@ _KINDS = {"<f4": 7, "<f8": 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64
 class Track:
     """Points along the way, at least a spacing apart; when they are too many every second one goes and the spacing doubles.
 
-    Where stamps go back (a bag loops, another run begins, a clock was set back) the track begins anew: places and times of two runs do
-    not belong on one map.
+    Where stamps go back (a bag loops, another run begins, a clock was set back) the track begins
+    anew: places and times of two runs do not belong on one map.
     """
 
     def __init__(self, spacing_m: float, capacity: int) -> None:
@@ -44,7 +53,8 @@ class Track:
     def add(self, estimate: Message, odometry: Message) -> bool:
         """Take an estimate and where the rover was; whether the points are others now. What is not finite becomes none.
 
-        Nor does an estimate without observations: it is the prior, which says nothing of this place.
+        Nor does an estimate without observations: it is the prior, which says nothing of this
+        place.
         """
         now = stamp_ns(estimate)
         anew = bool(self._points) and now < self._latest_ns
@@ -55,7 +65,12 @@ class Track:
 
     def _append(self, estimate: Message, odometry: Message) -> bool:
         place = odometry.pose.pose.position
-        values = (estimate.cohesion, estimate.tan_phi, estimate.cohesion_stddev, estimate.tan_phi_stddev)
+        values = (
+            estimate.cohesion,
+            estimate.tan_phi,
+            estimate.cohesion_stddev,
+            estimate.tan_phi_stddev,
+        )
         point = (place.x, place.y, place.z, *values, stamp_ns(estimate) * 1e-9)
         if not all(abs(value) <= _LARGEST for value in point):
             return False
@@ -76,7 +91,13 @@ def cloud_message(track: Track, make: Make, header: Message) -> Message:
     """sensor_msgs/PointCloud2 of the points; ``header`` carries the frame of the places."""
     points = track.points()
     fields = [
-        make("sensor_msgs/msg/PointField", name=name, offset=kind[1], datatype=_KINDS[kind[0].str], count=1)
+        make(
+            "sensor_msgs/msg/PointField",
+            name=name,
+            offset=kind[1],
+            datatype=_KINDS[kind[0].str],
+            count=1,
+        )
         for name, kind in (POINT.fields or {}).items()
     ]
     return make(

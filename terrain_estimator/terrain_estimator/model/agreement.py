@@ -21,12 +21,20 @@ class Agreement(NamedTuple):
     doubt: Tensor  # [n, 3, A] variances of what is left of the errors of slip and sinkage, in those as measured, and their covariance
 
 
-def agreement(rows: Rows, packed: Tensor, contact: Contact, theta: Tensor, chosen: Tensor, largest: float = LARGEST_ERROR) -> Agreement:
+def agreement(
+    rows: Rows,
+    packed: Tensor,
+    contact: Contact,
+    theta: Tensor,
+    chosen: Tensor,
+    largest: float = LARGEST_ERROR,
+) -> Agreement:
     """Slips and sinkages where the ``rows``, taken at the measured ones, agree best, given ``theta`` = (c [kPa], tan phi, 1).
 
-    One step of the projection that orthogonal distance regression makes, e = G' S^-1 r, by the rows that are ``chosen``
-    [R] (1 or 0), without the velocity's, whose dv/dt no single instant measures. What is left has the covariance
-    I - G' S^-1 G. As a place to expand the rows around, it need not be exact, nor ``theta``.
+    One step of the projection that orthogonal distance regression makes, e = G' S^-1 r, by the rows
+    that are ``chosen`` [R] (1 or 0), without the velocity's, whose dv/dt no single instant
+    measures. What is left has the covariance I - G' S^-1 G. As a place to expand the rows around,
+    it need not be exact, nor ``theta``.
     """
     axles, others = contact.geometry.axle_x.shape[0], rows.used.shape[1] - 1
     used = (rows.used * chosen).narrow(1, 1, others)
@@ -34,14 +42,29 @@ def agreement(rows: Rows, packed: Tensor, contact: Contact, theta: Tensor, chose
     residual = (rows.target - rows.features[0] @ theta).narrow(1, 1, others) * used
     own = rows.variance.narrow(1, 1, others) * used + (1.0 - used)
     factor = cholesky(noise @ noise.transpose(1, 2) + torch.diag_embed(own))
-    white = torch.linalg.solve_triangular(factor, torch.cat([noise, residual.unsqueeze(-1)], 2), upper=False)
+    white = torch.linalg.solve_triangular(
+        factor, torch.cat([noise, residual.unsqueeze(-1)], 2), upper=False
+    )
     told, surprise = white.split_with_sizes([noise.shape[2], 1], 2)
     error = (told * surprise).sum(1)
-    faster, deeper, _ = error.clamp(-largest, largest).split_with_sizes([axles, axles, axles + 1], 1)
-    slip, slip_sd, sinkage, sinkage_sd, angle, rest = packed.split_with_sizes([axles] * 5 + [packed.shape[1] - 5 * axles], 1)
-    moved, sunk = slip + slip_sd * faster, torch.maximum(sinkage + sinkage_sd * deeper, 0.3 * sinkage)
+    faster, deeper, _ = error.clamp(-largest, largest).split_with_sizes(
+        [axles, axles, axles + 1], 1
+    )
+    slip, slip_sd, sinkage, sinkage_sd, angle, rest = packed.split_with_sizes(
+        [axles] * 5 + [packed.shape[1] - 5 * axles], 1
+    )
+    moved, sunk = (
+        slip + slip_sd * faster,
+        torch.maximum(sinkage + sinkage_sd * deeper, 0.3 * sinkage),
+    )
     possible = are_usable(moved, sunk, angle, contact)
     moved, sunk = torch.where(possible, moved, slip), torch.where(possible, sunk, sinkage)
     of_slip, of_sinkage, _ = told.split_with_sizes([axles, axles, axles + 1], 2)
-    left = [1.0 - (of_slip * of_slip).sum(1), 1.0 - (of_sinkage * of_sinkage).sum(1), -(of_slip * of_sinkage).sum(1)]
-    return Agreement(torch.cat([moved, slip_sd, sunk, sinkage_sd, angle, rest], 1), torch.stack(left, 1))
+    left = [
+        1.0 - (of_slip * of_slip).sum(1),
+        1.0 - (of_sinkage * of_sinkage).sum(1),
+        -(of_slip * of_sinkage).sum(1),
+    ]
+    return Agreement(
+        torch.cat([moved, slip_sd, sunk, sinkage_sd, angle, rest], 1), torch.stack(left, 1)
+    )

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bank of hypotheses about the ground: which go on after a block, and which have become one. Scripted with the model.
 
-Each is a Gaussian with a kind and an age: on which soil it is, and whether the net has a say. Hypotheses of one kind and one birth
-are kin: they started from one prior.
+Each is a Gaussian with a kind and an age: on which soil it is, and whether the net has a say.
+Hypotheses of one kind and one birth are kin: they started from one prior.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,9 @@ class Bank(NamedTuple):
     precision: Tensor  # [H, D, D]
     weight: Tensor  # [H] log of the weight in the mixture, up to a constant; -inf for a dead one
     age: Tensor  # [H] blocks since birth
-    kind: Tensor  # [H] index of the soil, and as many more as there are soils where the net has a say
+    kind: (
+        Tensor  # [H] index of the soil, and as many more as there are soils where the net has a say
+    )
 
 
 class Solved(NamedTuple):
@@ -48,14 +50,17 @@ def join(known: Solved, new: Solved) -> Solved:
         torch.cat([first.posterior.precision, second.posterior.precision]),
         torch.cat([first.posterior.log_weight, second.posterior.log_weight]),
     )
-    solution = Solution(posterior, torch.cat([first.misfit, second.misfit]), torch.cat([first.noise, second.noise]))
+    solution = Solution(
+        posterior, torch.cat([first.misfit, second.misfit]), torch.cat([first.noise, second.noise])
+    )
     return Solved(solution, torch.cat([known.age, new.age]), torch.cat([known.kind, new.kind]))
 
 
 def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
     """log of the mass [H] that each Gaussian [H, D] puts on c > 0 and tan phi > 0, taken as independent.
 
-    A prior that ends at zero multiplies the evidence of a posterior by its mass above zero over that of its prior.
+    A prior that ends at zero multiplies the evidence of a posterior by its mass above zero over
+    that of its prior.
     """
     variance = torch.diagonal(covariance, dim1=-2, dim2=-1).narrow(1, 0, 2)
     mass = 0.5 * torch.special.erfc(-mean.narrow(1, 0, 2) / (2.0 * variance).sqrt())
@@ -65,8 +70,8 @@ def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
 def shared_noise(solved: Solved) -> Tensor:
     """log det of the rows' covariance [H], averaged over kin with their weights.
 
-    It belongs to the evidence between posteriors of different birth or kind. Between kin it would bring back the bias of noisy
-    regressors, so they share their mean of it.
+    It belongs to the evidence between posteriors of different birth or kind. Between kin it would
+    bring back the bias of noisy regressors, so they share their mean of it.
     """
     kin = kinship(solved.age, solved.kind) * torch.softmax(solved.solution.posterior.log_weight, 0)
     kin = kin.clamp(min=1e-300)
@@ -83,7 +88,12 @@ def weigh(posterior: Posterior, age: Tensor, kind: Tensor) -> Bank:
 def take(bank: Bank, chosen: Tensor) -> Bank:
     """The hypotheses with the indices ``chosen``."""
     return Bank(
-        bank.mean[chosen], bank.covariance[chosen], bank.precision[chosen], bank.weight[chosen], bank.age[chosen], bank.kind[chosen]
+        bank.mean[chosen],
+        bank.covariance[chosen],
+        bank.precision[chosen],
+        bank.weight[chosen],
+        bank.age[chosen],
+        bank.kind[chosen],
     )
 
 
@@ -97,16 +107,22 @@ def prune(bank: Bank, negligible: float) -> Bank:
 def merge(bank: Bank, nearest: float) -> Bank:
     """Kin that are closer than ``nearest`` (squared Mahalanobis distance) become one of their total weight, mean and covariance.
 
-    The bank is in falling order of weight. The heaviest of a cluster takes the others' place, these are dead.
-    Hypotheses that started from parts of one Gaussian prior come together as the data outweigh it; where the rows are linear, the
-    one that has their moments is exactly their mixture (Runnalls 2007 on merging by moments).
+    The bank is in falling order of weight. The heaviest of a cluster takes the others' place, these
+    are dead. Hypotheses that started from parts of one Gaussian prior come together as the data
+    outweigh it; where the rows are linear, the one that has their moments is exactly their mixture
+    (Runnalls 2007 on merging by moments).
     """
     if bank.weight.shape[0] == 1:
         return bank
     alive = bank.weight != -float("inf")
     index = torch.arange(bank.weight.shape[0])
     shift = bank.mean.unsqueeze(0) - bank.mean.unsqueeze(1)
-    close = (((shift @ bank.precision) * shift).sum(-1) < nearest) & kinship(bank.age, bank.kind) & alive & alive.unsqueeze(1)
+    close = (
+        (((shift @ bank.precision) * shift).sum(-1) < nearest)
+        & kinship(bank.age, bank.kind)
+        & alive
+        & alive.unsqueeze(1)
+    )
     heavier = index.unsqueeze(1) < index
     head = torch.where(close & heavier, index.unsqueeze(1), index).amin(0)  # [H] whom each joins
     if not any_of(head != index):
@@ -120,9 +136,15 @@ def merge(bank: Bank, nearest: float) -> Bank:
     share = share / total.clamp(min=1e-300).unsqueeze(1)
     mean = torch.where(grown.unsqueeze(1), share @ bank.mean, bank.mean)
     spread = bank.mean.unsqueeze(0) - mean.unsqueeze(1)
-    moments = (share @ bank.covariance.flatten(1)).view(bank.covariance.shape) + spread.transpose(1, 2) @ (share.unsqueeze(-1) * spread)
+    moments = (share @ bank.covariance.flatten(1)).view(bank.covariance.shape) + spread.transpose(
+        1, 2
+    ) @ (share.unsqueeze(-1) * spread)
     wide = grown.view(-1, 1, 1)
     covariance = torch.where(wide, moments, bank.covariance)
     precision = torch.where(wide, torch.cholesky_inverse(cholesky(covariance)), bank.precision)
-    weight = torch.where(member.diagonal(), torch.where(grown, torch.log(total), torch.log_softmax(bank.weight, 0)), -float("inf"))
+    weight = torch.where(
+        member.diagonal(),
+        torch.where(grown, torch.log(total), torch.log_softmax(bank.weight, 0)),
+        -float("inf"),
+    )
     return Bank(mean, covariance, precision, weight, bank.age, bank.kind)

@@ -14,7 +14,8 @@ from terrain_estimator.model.rows import Rows, row_names
 class Posterior(NamedTuple):
     """A bank of H Gaussians over D parameters k.
 
-    k = [c (kPa), tan phi, net weights, soil constants, mass, centre of mass, acceleration bias, velocity]
+    k = [c (kPa), tan phi, net weights, soil constants, mass, centre of mass, acceleration bias,
+    velocity]
     """
 
     mean: Tensor  # [H, D]
@@ -25,9 +26,10 @@ class Posterior(NamedTuple):
 class BlockRows(NamedTuple):
     """Q = R + 1 rows of a block over D + 1 parameters: those of Posterior, then the velocity at the block's end.
 
-    Row 0 is the mean of the measured velocities, row 1 carries the velocity over the block (its target is zero), the
-    others are means of the observations' rows. With G_a [Q, S] the change of the rows for the S = n E sources of noise,
-    affine in theta = (c, tan phi, 1), their covariance is SUM_ab theta_a theta_b G_a G_b'. C as in Rows.
+    Row 0 is the mean of the measured velocities, row 1 carries the velocity over the block (its
+    target is zero), the others are means of the observations' rows. With G_a [Q, S] the change of
+    the rows for the S = n E sources of noise, affine in theta = (c, tan phi, 1), their covariance
+    is SUM_ab theta_a theta_b G_a G_b'. C as in Rows.
     """
 
     linear: Tensor  # [Q, D + 1]; zero for the soil constants, whose columns depend on theta
@@ -51,8 +53,9 @@ FIXED = 5
 def fixed_columns(axles: int, wheelbase: float) -> Tensor:
     """Columns [R + 1, FIXED] of mass, centre of mass, acceleration bias, velocity before and velocity after the block.
 
-    Mass [1] relative to the rover file's and more, centre of mass [m] ahead of the rover file's: what they change in the
-    load and in the moment, with 1 for the cosine of the pitch. In the velocity row a wrong mass changes little.
+    Mass [1] relative to the rover file's and more, centre of mass [m] ahead of the rover file's:
+    what they change in the load and in the moment, with 1 for the cosine of the pitch. In the
+    velocity row a wrong mass changes little.
     """
     names = ("mean_velocity", *row_names(axles))
     columns = torch.zeros(len(names), FIXED, dtype=torch.float64)
@@ -76,13 +79,20 @@ def row_weights(used: Tensor, step: Tensor) -> Tensor:
 
 
 def block_rows(
-    rows: Rows, columns: Tensor, step: Tensor, velocity: Tensor, expansion: Tensor, fixed: Tensor, link_variance: float
+    rows: Rows,
+    columns: Tensor,
+    step: Tensor,
+    velocity: Tensor,
+    expansion: Tensor,
+    fixed: Tensor,
+    link_variance: float,
 ) -> BlockRows:
     """Average the rows of n observations.
 
-    ``columns`` [n, R, net] are the learnt features; ``step`` [n] [s] the time that an observation covers, 0 where its
-    velocity is not linked to the one before; ``velocity`` [n, 2] measured [m/s] and its variance. With
-    v_j = v_start + SUM_(l <= j) step_l a_l the mean over j weights a_l by step_l (n - l) / n, l counted from 0.
+    ``columns`` [n, R, net] are the learnt features; ``step`` [n] [s] the time that an observation
+    covers, 0 where its velocity is not linked to the one before; ``velocity`` [n, 2] measured [m/s]
+    and its variance. With v_j = v_start + SUM_(l <= j) step_l a_l the mean over j weights a_l by
+    step_l (n - l) / n, l counted from 0.
     """
     n = step.shape[0]
     weight = row_weights(rows.used, step)
@@ -94,11 +104,20 @@ def block_rows(
     there = (rows.used.sum(0) > 0.0).to(step.dtype)
     present = torch.cat([torch.ones_like(there[:2]), there[1:]])
     q = weight.shape[1]
-    target = (velocity_twice(rows.target, 1) * weight).sum(0) + nn.functional.pad(measured[0], [0, q - 1])
+    target = (velocity_twice(rows.target, 1) * weight).sum(0) + nn.functional.pad(
+        measured[0], [0, q - 1]
+    )
     carried = torch.cat([measured[1] / n, torch.full_like(measured[1], link_variance)])
-    variance = (velocity_twice(rows.variance, 1) * weight**2).sum(0) + nn.functional.pad(carried, [0, q - 2])
+    variance = (velocity_twice(rows.variance, 1) * weight**2).sum(0) + nn.functional.pad(
+        carried, [0, q - 2]
+    )
     sources = noise.permute(0, 4, 2, 1, 3).flatten(3)  # [C, 3, Q, n E]
-    gram = (sources.flatten(0, 2) @ sources[0].flatten(0, 1).T).view(-1, 3, q, 3, q).permute(3, 0, 1, 2, 4).flatten(1)
+    gram = (
+        (sources.flatten(0, 2) @ sources[0].flatten(0, 1).T)
+        .view(-1, 3, q, 3, q)
+        .permute(3, 0, 1, 2, 4)
+        .flatten(1)
+    )
     constants = torch.zeros(q, expansion.shape[0], dtype=step.dtype)
     by_strength, offset = features[0].split_with_sizes([2, 1], 1)
     return BlockRows(
@@ -126,7 +145,9 @@ class Step(NamedTuple):
     factor: Tensor  # its Cholesky factor
     noise: Tensor  # [H, Q, Q] Cholesky factor of the covariance of the rows
     misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step foresees it
-    decrement: Tensor  # [] largest squared length of the step, in standard deviations of the posterior
+    decrement: (
+        Tensor  # [] largest squared length of the step, in standard deviations of the posterior
+    )
 
 
 class Solution(NamedTuple):
@@ -150,16 +171,20 @@ def nuisance_columns(rows: BlockRows, away: Tensor, theta: Tensor) -> tuple[Tens
     Returns its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
     """
     q, m = rows.target.shape[0], rows.expansion.shape[0]
-    by_theta = (rows.nuisance.narrow(0, 0, 2).reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
+    by_theta = (
+        (rows.nuisance.narrow(0, 0, 2).reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
+    )
     return by_theta, (theta @ rows.nuisance).view(theta.shape[0], q, m)
 
 
-def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor, fixed: int = FIXED) -> Step:
+def gauss_newton(
+    prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor, fixed: int = FIXED
+) -> Step:
     """One step from ``mean`` [H, D + 1] towards the minimum of (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r.
 
-    ``prior`` has D + 1 parameters, of the last it knows nothing. The sources of noise that explain the residual best
-    are e = G(theta)' S^-1 r. The features at the inputs so corrected are Phi + G_a e, and with them the gradient is
-    J' S^-1 r exactly, the dependence of S on theta included.
+    ``prior`` has D + 1 parameters, of the last it knows nothing. The sources of noise that explain
+    the residual best are e = G(theta)' S^-1 r. The features at the inputs so corrected are Phi +
+    G_a e, and with them the gradient is J' S^-1 r exactly, the dependence of S on theta included.
     """
     hypotheses, size, constants = mean.shape[0], mean.shape[1], rows.expansion.shape[0]
     others = min(fixed, size - 2 - constants)
@@ -169,13 +194,17 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     half, covariance = row_noise(rows, theta)
     factor = cholesky(covariance)
     by_theta, by_constant = nuisance_columns(rows, away, theta)
-    residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(-1) - by_constant @ away.unsqueeze(-1)
+    residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(
+        -1
+    ) - by_constant @ away.unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
     moved = (half @ weighted.unsqueeze(1).unsqueeze(1)).squeeze(-1)  # [H, C, 3, Q] G_a e
     values, changed = moved.split_with_sizes([1, constants], 1)
     by_theta = by_theta + values.squeeze(1).narrow(1, 0, 2).transpose(1, 2)
     by_constant = by_constant + (changed * theta.view(-1, 1, 3, 1)).sum(2).transpose(1, 2)
-    linear, learnt, _, unchanging = rows.linear.expand(hypotheses, -1, -1).split_with_sizes(sizes, 2)
+    linear, learnt, _, unchanging = rows.linear.expand(hypotheses, -1, -1).split_with_sizes(
+        sizes, 2
+    )
     jacobian = torch.cat([linear + by_theta, learnt, by_constant, unchanging], 2)
     transposed = jacobian.transpose(1, 2)
     pull = (prior.mean - mean).unsqueeze(-1)
@@ -187,7 +216,14 @@ def gauss_newton(prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: 
     longest = (step.narrow(1, 0, 2).squeeze(-1).abs() / longest_step).amax(1, keepdim=True)
     gained = (gradient * step).sum(1)
     misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - gained).squeeze(-1)
-    return Step(mean + step.squeeze(-1) / longest.clamp(min=1.0), precision, root, factor, misfit, gained.amax())
+    return Step(
+        mean + step.squeeze(-1) / longest.clamp(min=1.0),
+        precision,
+        root,
+        factor,
+        misfit,
+        gained.amax(),
+    )
 
 
 MOST_APPARENT = 0.5
@@ -197,21 +233,29 @@ MOST_APPARENT = 0.5
 def without_apparent(step: Step, rows: BlockRows, most: float = MOST_APPARENT) -> Step:
     """Take off what noise in the columns of (c, tan phi) looks like information about them.
 
-    Of the noise G_a in a column the residual tells the part G_a G' S^-1 r, which the columns are corrected by. What is left adds
-    N_ab = tr S^-1 (G_a G_b' - G_a G' S^-1 G G_b') to J' S^-1 J on average, also where the columns are nothing but noise: the second
-    derivative of the sum has it with the other sign, Gauss and Newton's approximation leaves it out (Nakamura 1990, corrected scores).
+    Of the noise G_a in a column the residual tells the part G_a G' S^-1 r, which the columns are
+    corrected by. What is left adds N_ab = tr S^-1 (G_a G_b' - G_a G' S^-1 G G_b') to J' S^-1 J on
+    average, also where the columns are nothing but noise: the second derivative of the sum has it
+    with the other sign, Gauss and Newton's approximation leaves it out (Nakamura 1990, corrected
+    scores).
     """
     hypotheses, size, q = step.mean.shape[0], step.mean.shape[1], rows.target.shape[0]
     theta = nn.functional.pad(step.mean.narrow(1, 0, 2), [0, 1], value=1.0)
     half = row_noise(rows, theta)[0].select(1, 0).narrow(1, 0, 2)  # [H, 2, Q, Q] G_a G'
-    both = rows.gram.view(3, -1, 3, q, q).select(1, 0).narrow(0, 0, 2).narrow(1, 0, 2)  # [2, 2, Q, Q] G_b G_a'
-    inverse = torch.cholesky_solve(torch.eye(q, dtype=theta.dtype).expand(hypotheses, q, q), step.noise).unsqueeze(1)
+    both = (
+        rows.gram.view(3, -1, 3, q, q).select(1, 0).narrow(0, 0, 2).narrow(1, 0, 2)
+    )  # [2, 2, Q, Q] G_b G_a'
+    inverse = torch.cholesky_solve(
+        torch.eye(q, dtype=theta.dtype).expand(hypotheses, q, q), step.noise
+    ).unsqueeze(1)
     told = inverse @ half @ inverse
     whole = (inverse.unsqueeze(1) * both).sum((-1, -2))
     apparent = symmetrize(whole - (told.unsqueeze(2) * half.unsqueeze(1)).sum((-1, -2)))
     directions = torch.eye(size, 2, dtype=theta.dtype).expand(hypotheses, size, 2)
     covariance = torch.cholesky_solve(directions, step.factor).narrow(1, 0, 2)
-    share = (covariance * apparent).sum((-1, -2))  # at least the largest part of the variance that it takes off in any direction
+    share = (covariance * apparent).sum(
+        (-1, -2)
+    )  # at least the largest part of the variance that it takes off in any direction
     apparent = apparent * (most / share.clamp(min=most)).view(-1, 1, 1)
     precision = step.precision - nn.functional.pad(apparent, [0, size - 2, 0, size - 2])
     return Step(step.mean, precision, cholesky(precision), step.noise, step.misfit, step.decrement)
@@ -222,10 +266,17 @@ CONVERGED = 1e-3
 """[1] Squared length of a step, in standard deviations, after which no other is made."""
 
 
-def solve_block(prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = MOST_STEPS, converged: float = CONVERGED) -> Solution:
+def solve_block(
+    prior: Posterior,
+    rows: BlockRows,
+    longest_step: Tensor,
+    most: int = MOST_STEPS,
+    converged: float = CONVERGED,
+) -> Solution:
     """Gauss-Newton from the prior mean until every hypothesis moved by less than 3 % of a standard deviation.
 
-    The step after that would be an order of magnitude shorter. None is longer than ``longest_step`` [2] in (c, tan phi).
+    The step after that would be an order of magnitude shorter. None is longer than ``longest_step``
+    [2] in (c, tan phi).
     """
     start = torch.cat([prior.mean, prior.mean[:, -1:]], 1)
     padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
@@ -241,5 +292,9 @@ def solution_of(prior: Posterior, step: Step) -> Solution:
     """The posteriors after the last ``step`` from ``prior`` over D parameters; all may have leading dimensions."""
     before = log_determinant(cholesky(prior.precision))
     last = step.precision.select(-1, -1).select(-1, -1)
-    log_weight = prior.log_weight - 0.5 * (step.misfit + log_determinant(step.factor) - torch.log(last) - before)
-    return Solution(Posterior(step.mean, step.precision, log_weight), step.misfit, log_determinant(step.noise))
+    log_weight = prior.log_weight - 0.5 * (
+        step.misfit + log_determinant(step.factor) - torch.log(last) - before
+    )
+    return Solution(
+        Posterior(step.mean, step.precision, log_weight), step.misfit, log_determinant(step.noise)
+    )

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model with named effects as further parameters beside c and tan phi.
 
-Each value of an effect, its size and what else it has, is a parameter in prior deviations, like a soil constant. The rows are
-evaluated anew at the posterior's values in every block; what they change with each value is a difference of whole rows.
+Each value of an effect, its size and what else it has, is a parameter in prior deviations, like a
+soil constant. The rows are evaluated anew at the posterior's values in every block; what they
+change with each value is a difference of whole rows.
 """
 
 from collections.abc import Sequence
@@ -56,7 +57,15 @@ class ValuePrior(nn.Module):
 class PAlpacaWithEffects(PAlpaca):
     """PAlpaca whose rows have named effects in them; its packed observations hold the wheel rates."""
 
-    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, laws: Sequence[Law], values: ValuePrior) -> None:
+    def __init__(
+        self,
+        body: Body,
+        constants: Tensor,
+        prior: Prior,
+        net: NetFeatures,
+        laws: Sequence[Law],
+        values: ValuePrior,
+    ) -> None:
         """``values`` are those of the ``laws``, one law behind the other."""
         super().__init__(body, constants, prior, net, values.mean.shape[0])
         self.values, self.laws = values, cast("list[Law]", nn.ModuleList(laws))
@@ -73,18 +82,27 @@ class PAlpacaWithEffects(PAlpaca):
         own = torch.eye(self.size, dtype=torch.float64)[first : self.first_fixed]
         means, covariances = project(state["mean"], state["precision"], own)
         mean, covariance = mixture(torch.log(state["weight"]), means, covariances)
-        value, variance = self.values.mean + self.values.sd * mean, self.values.sd**2 * torch.diagonal(covariance)
+        value, variance = (
+            self.values.mean + self.values.sd * mean,
+            self.values.sd**2 * torch.diagonal(covariance),
+        )
         return torch.stack([law.size(value[law.first], variance[law.first]) for law in self.laws])
 
     def within(self, deviations: Tensor) -> Tensor:
         """See Physics: sizes beyond their range are linear continuations of the range's end."""
-        low, high = ((end - self.values.mean) / self.values.sd for end in (self.values.low, self.values.high))
+        low, high = (
+            (end - self.values.mean) / self.values.sd for end in (self.values.low, self.values.high)
+        )
         first = self.uncertain_constants
-        return torch.cat([deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)])
+        return torch.cat(
+            [deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)]
+        )
 
     def values_at(self, deviations: Tensor) -> Tensor:
         """Values [1, V] that belong to ``deviations`` [M + V] of constants and effects."""
-        return (self.values.mean + self.values.sd * deviations[self.uncertain_constants :]).unsqueeze(0)
+        return (
+            self.values.mean + self.values.sd * deviations[self.uncertain_constants :]
+        ).unsqueeze(0)
 
     def varied_values(self, values: Tensor) -> Tensor:
         """Values [V, V] of which one each is a thousandth of its prior deviation larger than ``values`` [1, V]."""
@@ -102,12 +120,22 @@ class PAlpacaWithEffects(PAlpaca):
             contact = law.loaded(contact, values[:, law.first : law.first + law.count])
         return contact
 
-    def forces(self, slip: Tensor, sinkage: Tensor, constants: Tensor, rate: Tensor, values: Tensor) -> Tensor:
+    def forces(
+        self, slip: Tensor, sinkage: Tensor, constants: Tensor, rate: Tensor, values: Tensor
+    ) -> Tensor:
         """:func:`wheel_forces` with the effects in them."""
         touching = Touching(slip, sinkage, constants, torch.zeros_like(slip))
         for law in self.laws:
             touching = law.touching(touching, values[:, law.first : law.first + law.count], rate)
-        forces = wheel_forces(touching.slip, touching.sinkage, touching.constants, self.radius, self.width, self.nodes, touching.exit_angle)
+        forces = wheel_forces(
+            touching.slip,
+            touching.sinkage,
+            touching.constants,
+            self.radius,
+            self.width,
+            self.nodes,
+            touching.exit_angle,
+        )
         push, turn = torch.zeros_like(slip), torch.zeros_like(slip)
         for law in self.laws:
             own = values[:, law.first : law.first + law.count]
@@ -115,16 +143,29 @@ class PAlpacaWithEffects(PAlpaca):
         added = torch.stack([torch.zeros_like(push), push, turn], -1)
         return torch.cat([forces[..., :2], (forces[..., 2] + added).unsqueeze(-1)], -1)
 
-    def rows_under(self, packed: Tensor, away: Tensor, contact: Contact, values: Tensor, doubt: Tensor | None = None) -> Rows:
+    def rows_under(
+        self,
+        packed: Tensor,
+        away: Tensor,
+        contact: Contact,
+        values: Tensor,
+        doubt: Tensor | None = None,
+    ) -> Rows:
         """Rows of ``packed`` with effects of these ``values`` [n or 1, V], expanded ``away`` from the inputs without them, in ``doubt``."""
         plain, contact = self.undone(packed, values), self.loaded(contact, values)
         frame = frame_of(plain, contact)
         place = places(plain + away, frame, contact)
         where = varied_inputs(place, contact)
-        forces = self.forces(where.slip, where.sinkage, where.constants, rates(packed, self.axles), values)
-        return rows_of_forces(frame, measured_forces(frame, place, read_forces(forces, where.scale, contact, doubt)))
+        forces = self.forces(
+            where.slip, where.sinkage, where.constants, rates(packed, self.axles), values
+        )
+        return rows_of_forces(
+            frame, measured_forces(frame, place, read_forces(forces, where.scale, contact, doubt))
+        )
 
-    def rows(self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor) -> Rows:
+    def rows(
+        self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor
+    ) -> Rows:
         """See Physics; the changes by the effects' values follow those by the constants."""
         values, alone = self.values_at(deviations), values_alone(contact)
         plain = self.undone(packed, values)
@@ -135,11 +176,17 @@ class PAlpacaWithEffects(PAlpaca):
         every, n = self.varied_values(values), packed.shape[0]
         many = every.shape[0]
         varied = self.rows_under(
-            packed.repeat(many, 1), away.repeat(many, 1), alone, every.repeat_interleave(n, 0), agreed.doubt.repeat(many, 1, 1)
+            packed.repeat(many, 1),
+            away.repeat(many, 1),
+            alone,
+            every.repeat_interleave(n, 0),
+            agreed.doubt.repeat(many, 1, 1),
         )
         return with_changes(rows, varied)
 
-    def solve(self, before: Posterior, packed: Tensor, soil: int, expansion: Tensor) -> tuple[Solution, BlockRows, Tensor]:
+    def solve(
+        self, before: Posterior, packed: Tensor, soil: int, expansion: Tensor
+    ) -> tuple[Solution, BlockRows, Tensor]:
         """See PAlpaca; where a block moves an effect far, its rows are evaluated anew where it moved to."""
         rows, noise = self.average(packed, soil, expansion, self.every_row)
         solution = solve_block(before, rows, self.longest_step)
@@ -147,7 +194,10 @@ class PAlpacaWithEffects(PAlpaca):
         for _ in range(self.again):
             mean = torch.softmax(solution.posterior.log_weight, 0) @ solution.posterior.mean
             after = torch.cat([mean[:2], mean[self.first_constant : self.first_fixed]])
-            if bool((self.within(after[2:])[first - 2 :] - rows.expansion[first - 2 :]).abs().amax() < self.near):
+            if bool(
+                (self.within(after[2:])[first - 2 :] - rows.expansion[first - 2 :]).abs().amax()
+                < self.near
+            ):
                 break
             rows, noise = self.average(packed, soil, after, self.every_row)
             solution = solve_block(before, rows, self.longest_step)
@@ -163,7 +213,10 @@ class PAlpacaWithEffects(PAlpaca):
         constants = torch.cat([constants, constants[:1].expand(here.shape[1], -1)]).unsqueeze(1)
         packed = observation.expand(values.shape[0], -1)
         plain, a = self.undone(packed, values), self.axles
-        forces = self.forces(plain[:, :a], plain[:, 2 * a : 3 * a], constants, rates(packed, a), values) * self.column_unit
+        forces = (
+            self.forces(plain[:, :a], plain[:, 2 * a : 3 * a], constants, rates(packed, a), values)
+            * self.column_unit
+        )
         along = directions(plain[:, 4 * a : 5 * a])[:, :, 0].unsqueeze(-1)
         row = (along * forces).sum([1, 2]) * self.loaded(contact, values).body_scale[..., :1]
         pitch = 8 * a + 2
@@ -181,6 +234,18 @@ def with_changes(rows: Rows, varied: Rows) -> Rows:
     alike = (varied.used.view(-1, n, r) == rows.used).to(rows.used.dtype).unsqueeze(-1)
     by_target = 1e3 * (varied.target.view(-1, n, r) - rows.target)
     features = 1e3 * (varied.features.view(-1, n, r, 3) - rows.features[0])
-    features = torch.cat([features[..., :2], (features[..., 2] - by_target).unsqueeze(-1)], -1) * alike
-    noise = 1e3 * (varied.noise.view(-1, n, r, rows.noise.shape[3], 3) - rows.noise[0]) * alike.unsqueeze(-1)
-    return Rows(torch.cat([rows.features, features]), torch.cat([rows.noise, noise]), rows.target, rows.variance, rows.used)
+    features = (
+        torch.cat([features[..., :2], (features[..., 2] - by_target).unsqueeze(-1)], -1) * alike
+    )
+    noise = (
+        1e3
+        * (varied.noise.view(-1, n, r, rows.noise.shape[3], 3) - rows.noise[0])
+        * alike.unsqueeze(-1)
+    )
+    return Rows(
+        torch.cat([rows.features, features]),
+        torch.cat([rows.noise, noise]),
+        rows.target,
+        rows.variance,
+        rows.used,
+    )

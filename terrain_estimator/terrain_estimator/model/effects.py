@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Named effects in the regression rows: what each one changes there, scripted with a model that has it.
 
-Nothing is linearised in the size of an effect: the rows are evaluated with the effect at a given size. The formulas are those of
-terramechanics.effects.laws, which the simulator calls. What an effect does to a sensor or to a drive is undone on the packed
-observations, and what it does in the contact or to the body acts in the forces.
+Nothing is linearised in the size of an effect: the rows are evaluated with the effect at a given
+size. The formulas are those of terramechanics.effects.laws, which the simulator calls. What an
+effect does to a sensor or to a drive is undone on the packed observations, and what it does in the
+contact or to the body acts in the forces.
 """
 
 import math
@@ -60,7 +61,8 @@ def replaced(packed: Tensor, first: int, value: Tensor) -> Tensor:
 class Law(nn.Module):
     """One named effect. Every method here leaves the nominal rows as they are.
 
-    ``values`` [n or 1, count] are what is not known of it: its size, or what stands for it, and what else it has.
+    ``values`` [n or 1, count] are what is not known of it: its size, or what stands for it, and
+    what else it has.
     """
 
     order: Tensor
@@ -120,7 +122,9 @@ class OdometryScale(Law):
         """See Law."""
         error = uneven(values[:, :1], values[:, 1:], self.order)
         slip, deviation = packed[:, : self.axles], packed[:, self.axles : 2 * self.axles]
-        return replaced(packed, 0, torch.cat([slip_behind(slip, error), (1.0 + error) * deviation], 1))
+        return replaced(
+            packed, 0, torch.cat([slip_behind(slip, error), (1.0 + error) * deviation], 1)
+        )
 
 
 class SinkageBias(Law):
@@ -129,7 +133,9 @@ class SinkageBias(Law):
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
         """See Law."""
         place = 2 * self.axles
-        return replaced(packed, place, sinkage_behind(packed[:, place : place + self.axles], values))
+        return replaced(
+            packed, place, sinkage_behind(packed[:, place : place + self.axles], values)
+        )
 
 
 class DriveDrag(Law):
@@ -138,7 +144,11 @@ class DriveDrag(Law):
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
         """See Law."""
         place = 6 * self.axles
-        return replaced(packed, place, packed[:, place : place + self.axles] - self.loss(rates(packed, self.axles), values))
+        return replaced(
+            packed,
+            place,
+            packed[:, place : place + self.axles] - self.loss(rates(packed, self.axles), values),
+        )
 
     def loss(self, rate: Tensor, values: Tensor) -> Tensor:
         """Torque that is lost [n, A] [N m]."""
@@ -170,11 +180,15 @@ class Grousers(Law):
 
     def push(self, touching: Touching, values: Tensor) -> Tensor:
         """See Law."""
-        return grouser_thrust(values[:, :1], touching.slip, self.mobilised * torch.exp(values[:, 1:]))
+        return grouser_thrust(
+            values[:, :1], touching.slip, self.mobilised * torch.exp(values[:, 1:])
+        )
 
     def turn(self, touching: Touching, values: Tensor) -> Tensor:
         """See Law."""
-        return self.radius * grouser_thrust(values[:, :1], touching.slip, self.mobilised * torch.exp(values[:, 1:]))
+        return self.radius * grouser_thrust(
+            values[:, :1], touching.slip, self.mobilised * torch.exp(values[:, 1:])
+        )
 
 
 class SlipSinkage(Law):
@@ -183,7 +197,11 @@ class SlipSinkage(Law):
     def touching(self, before: Touching, values: Tensor, rate: Tensor) -> Touching:
         """See Law."""
         del rate
-        return scaled(before, digging_exponent(values, before.slip, before.constants[..., 0]), torch.ones_like(values))
+        return scaled(
+            before,
+            digging_exponent(values, before.slip, before.constants[..., 0]),
+            torch.ones_like(values),
+        )
 
 
 class Multipass(Law):
@@ -195,7 +213,11 @@ class Multipass(Law):
     def touching(self, before: Touching, values: Tensor, rate: Tensor) -> Touching:
         """See Law."""
         del rate
-        return scaled(before, torch.ones_like(self.order), rut_stiffness(values[:, :1], 1.0 + values[:, 1:], self.order))
+        return scaled(
+            before,
+            torch.ones_like(self.order),
+            rut_stiffness(values[:, :1], 1.0 + values[:, 1:], self.order),
+        )
 
 
 class RateDependence(Law):
@@ -217,7 +239,12 @@ class ExitAngle(Law):
     def touching(self, before: Touching, values: Tensor, rate: Tensor) -> Touching:
         """See Law."""
         del rate
-        return Touching(before.slip, before.sinkage, before.constants, rebound_angle(values**2, before.sinkage, self.radius))
+        return Touching(
+            before.slip,
+            before.sinkage,
+            before.constants,
+            rebound_angle(values**2, before.sinkage, self.radius),
+        )
 
     def size(self, mean: Tensor, variance: Tensor) -> Tensor:
         """See Law: moments of the square of a Gaussian where it is above zero, else zero."""
@@ -225,7 +252,9 @@ class ExitAngle(Law):
         above = 0.5 * torch.special.erfc(-mean / (2.0 * variance).sqrt())
         density = sd * torch.exp(-0.5 * mean**2 / variance) / math.sqrt(2.0 * math.pi)
         second = (mean**2 + variance) * above + mean * density
-        fourth = (mean**4 + 6.0 * mean**2 * variance + 3.0 * variance**2) * above + mean * (mean**2 + 5.0 * variance) * density
+        fourth = (mean**4 + 6.0 * mean**2 * variance + 3.0 * variance**2) * above + mean * (
+            mean**2 + 5.0 * variance
+        ) * density
         return torch.stack([second, fourth - second**2])
 
 
@@ -262,8 +291,14 @@ LAWS: dict[str, Callable[[Body], Law]] = {
 """The effects that a model can have, by the registry's names."""
 
 NOT_ONLINE = {
-    "latency": "it needs what was measured before and after; subtract the latency from the stamps of slip and sinkage instead",
-    "failed_wheel": "the true slip of its wheels depends on c and tan phi; leave the axle's slip out (NaN) instead",
+    "latency": (
+        "it needs what was measured before and after; subtract the latency from the stamps of slip"
+        " and sinkage instead"
+    ),
+    "failed_wheel": (
+        "the true slip of its wheels depends on c and tan phi; leave the axle's slip out (NaN)"
+        " instead"
+    ),
     "lateral_bulldozing": "it acts sideways, which a planar rover does not show",
 }
 """Why the others cannot be estimated online, and what to do instead."""

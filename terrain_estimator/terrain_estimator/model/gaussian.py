@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gaussians in information form, batched over hypotheses; every function can be scripted.
 
-``mean`` [H, D] and ``precision`` [H, D, D] describe H Gaussians. Nothing is ever inverted: Cholesky throughout.
+``mean`` [H, D] and ``precision`` [H, D, D] describe H Gaussians. Nothing is ever inverted: Cholesky
+throughout.
 """
 
 import torch
@@ -19,8 +20,8 @@ def symmetrize(matrix: Tensor) -> Tensor:
 def cholesky(matrix: Tensor) -> Tensor:
     """Lower Cholesky factor of [..., D, D]; where rounding made one indefinite, 1e-12 to 1e-6 of its diagonal is added.
 
-    A matrix with NaN, or one that stays indefinite, gives NaN: a model never raises for its numbers, so callers check
-    their result with ``isfinite``.
+    A matrix with NaN, or one that stays indefinite, gives NaN: a model never raises for its
+    numbers, so callers check their result with ``isfinite``.
     """
     factor, info = torch.linalg.cholesky_ex(matrix)
     if not any_of(info):
@@ -29,12 +30,16 @@ def cholesky(matrix: Tensor) -> Tensor:
     jitter = 1e-12
     while any_of(failed) and jitter < 1e-5:
         diagonal = torch.abs(torch.diagonal(matrix, dim1=-2, dim2=-1))
-        matrix = matrix + torch.diag_embed(torch.where(failed.unsqueeze(-1), jitter * diagonal, torch.zeros_like(diagonal)))
+        matrix = matrix + torch.diag_embed(
+            torch.where(failed.unsqueeze(-1), jitter * diagonal, torch.zeros_like(diagonal))
+        )
         factor, info = torch.linalg.cholesky_ex(matrix)
         failed = info > 0
         jitter *= 100.0
     if any_of(failed):
-        return torch.where(failed.unsqueeze(-1).unsqueeze(-1), torch.full_like(factor, float("nan")), factor)
+        return torch.where(
+            failed.unsqueeze(-1).unsqueeze(-1), torch.full_like(factor, float("nan")), factor
+        )
     return factor
 
 
@@ -65,16 +70,21 @@ def drop(mean: Tensor, precision: Tensor, index: int) -> tuple[Tensor, Tensor]:
     keep = torch.cat([torch.arange(index), torch.arange(index + 1, size)])
     cross = precision.select(2, index)
     explained = cross.unsqueeze(-1) * cross.unsqueeze(-2) / cross.narrow(1, index, 1).unsqueeze(-1)
-    return mean.index_select(1, keep), (precision - explained).index_select(1, keep).index_select(2, keep)
+    return mean.index_select(1, keep), (precision - explained).index_select(1, keep).index_select(
+        2, keep
+    )
 
 
 def random_walk(precision: Tensor, variance: Tensor) -> Tensor:
     """Precision [H, D, D] after the first K parameters took a random step of ``variance`` [K] each; zero: none did.
 
-    (Lambda^-1 + E Q E')^-1 = Lambda - Lambda E (Q^-1 + E' Lambda E)^-1 E' Lambda, written so that Q may be singular.
+    (Lambda^-1 + E Q E')^-1 = Lambda - Lambda E (Q^-1 + E' Lambda E)^-1 E' Lambda, written so that Q
+    may be singular.
     """
     size = variance.shape[0]
     root = variance.sqrt()
     cross = precision[:, :, :size] * root
     inner = torch.eye(size, dtype=precision.dtype) + cross[:, :size] * root.unsqueeze(-1)
-    return symmetrize(precision - cross @ torch.cholesky_solve(cross.transpose(1, 2), cholesky(inner)))
+    return symmetrize(
+        precision - cross @ torch.cholesky_solve(cross.transpose(1, 2), cholesky(inner))
+    )

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model file: a TorchScript module and, beside it, a JSON file that says what it is.
 
-``NAME.pt`` holds the whole model; ``NAME.json`` holds rover, soil, rows, versions, how it was trained, and the size and
-sha256 of the module. The two are checked against each other before torch reads a byte of the module, and the module's
-methods and shapes after.
+``NAME.pt`` holds the whole model; ``NAME.json`` holds rover, soil, rows, versions, how it was
+trained, and the size and sha256 of the module. The two are checked against each other before torch
+reads a byte of the module, and the module's methods and shapes after.
 """
 
 import dataclasses
@@ -52,9 +52,13 @@ class Training:
 
     seed: int
     iterations: int
-    loss: float = number("final training loss: mean negative log predictive density of a row", "nat")
+    loss: float = number(
+        "final training loss: mean negative log predictive density of a row", "nat"
+    )
     torch_version: str = ""
-    options: tuple[str, ...] = ()  # effective ones of ``train``, in its own words; a file that is older has none
+    options: tuple[
+        str, ...
+    ] = ()  # effective ones of ``train``, in its own words; a file that is older has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +68,9 @@ class AddedEffect:
     name: str  # of terramechanics.effects
     unit: str  # of its size
     mean: float = number("prior mean of its size", "unit of the effect")
-    sd: float = number("prior standard deviation of its size", "unit of the effect", 0.0, exclusive=True)
+    sd: float = number(
+        "prior standard deviation of its size", "unit of the effect", 0.0, exclusive=True
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +87,17 @@ class Metadata:
     parameters: tuple[str, ...]  # of the posterior, in their order
     block: int  # observations that are averaged into one
     rover: Rover
-    soils: tuple[Soil, ...]  # that the model knows; their order is that of the state's probabilities
+    soils: tuple[
+        Soil, ...
+    ]  # that the model knows; their order is that of the state's probabilities
     training: Training
-    step_s: float = number("time between observations that the model was trained for", "s", 0.0, exclusive=True)
+    step_s: float = number(
+        "time between observations that the model was trained for", "s", 0.0, exclusive=True
+    )
     prior_mean: tuple[float, float] = number("prior mean of c [Pa] and tan phi", "Pa, 1")
-    prior_sd: tuple[float, float] = number("prior standard deviation of c [Pa] and tan phi", "Pa, 1", 0.0, exclusive=True)
+    prior_sd: tuple[float, float] = number(
+        "prior standard deviation of c [Pa] and tan phi", "Pa, 1", 0.0, exclusive=True
+    )
     effects: tuple[AddedEffect, ...] = ()
 
 
@@ -126,7 +138,8 @@ class LoadedModel:
 def running() -> Iterator[None]:
     """How the methods of a module are called: without gradients, and as they are written.
 
-    What torch's optimiser makes of their graphs is a tenth faster, but making it takes every process 3 s and 80 MB.
+    What torch's optimiser makes of their graphs is a tenth faster, but making it takes every
+    process 3 s and 80 MB.
     """
     with torch.inference_mode(), torch.jit.optimized_execution(should_optimize=False):  # type: ignore[attr-defined]
         yield
@@ -143,7 +156,10 @@ def model_path(name: str) -> Path:
     path = installed if installed.is_file() else Path(name)
     if not path.is_file():
         names = ", ".join(model_names()) or "there is none"
-        raise ModelFileError(f"model {name!r}: no such file; give the path of a .pt file, or an installed model: {names}")
+        raise ModelFileError(
+            f"model {name!r}: no such file; give the path of a .pt file, or an installed model:"
+            f" {names}"
+        )
     return path
 
 
@@ -155,7 +171,9 @@ def load_model(name: str = "") -> LoadedModel:
     try:
         module = torch.jit.load(io.BytesIO(content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
-        raise ModelFileError(f"{path}: not a TorchScript module: {str(error).splitlines()[0]}") from error
+        raise ModelFileError(
+            f"{path}: not a TorchScript module: {str(error).splitlines()[0]}"
+        ) from error
     model = LoadedModel(module, metadata)
     with running():
         _check_interface(path, model)
@@ -167,12 +185,18 @@ def read_metadata(path: Path) -> Metadata:
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ModelFileError(f"{path}: cannot be read ({error.strerror}): a model is a .pt file with its .json beside it") from error
+        raise ModelFileError(
+            f"{path}: cannot be read ({error.strerror}): a model is a .pt file with its .json"
+            " beside it"
+        ) from error
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path}: not valid JSON: {error}") from error
     found = content.get("format") if isinstance(content, dict) else None
     if found != FORMAT:
-        raise ModelFileError(f"{path}: format is {found!r}, this version reads {FORMAT}: train the model again (make train)")
+        raise ModelFileError(
+            f"{path}: format is {found!r}, this version reads {FORMAT}: train the model again (make"
+            " train)"
+        )
     try:
         return build(Metadata, content, str(path))
     except ConfigError as error:
@@ -194,11 +218,17 @@ def _checked_bytes(path: Path, metadata: Metadata) -> bytes:
     """The file's content, read once: what was checked is what is loaded, even where the file is replaced meanwhile."""
     size = path.stat().st_size
     if size != metadata.size or size > _LARGEST_FILE:
-        raise ModelFileError(f"{path}: has {size} bytes, {path.with_suffix('.json').name} says {metadata.size}: copy both files again")
+        raise ModelFileError(
+            f"{path}: has {size} bytes, {path.with_suffix('.json').name} says {metadata.size}: copy"
+            " both files again"
+        )
     content = path.read_bytes()
     sha256 = hashlib.sha256(content).hexdigest()
     if sha256 != metadata.sha256:
-        raise ModelFileError(f"{path}: sha256 is {sha256}, {path.with_suffix('.json').name} says {metadata.sha256}: the file is damaged")
+        raise ModelFileError(
+            f"{path}: sha256 is {sha256}, {path.with_suffix('.json').name} says {metadata.sha256}:"
+            " the file is damaged"
+        )
     return content
 
 
@@ -206,23 +236,40 @@ def _check_interface(path: Path, model: LoadedModel) -> None:
     """Methods and shapes are those of this version."""
     missing = [name for name in _METHODS if not hasattr(model.module, name)]
     if missing:
-        raise ModelFileError(f"{path}: has no method {missing[0]!r}, so it is not a model of this package")
+        raise ModelFileError(
+            f"{path}: has no method {missing[0]!r}, so it is not a model of this package"
+        )
     for name, wanted in _METHODS.items():
         _, _, taken = str(getattr(model.module, name).schema).partition("(")[2].partition(" self")
         if (found := taken.rpartition(") -> ")[0].removeprefix(", ")) != wanted:
-            raise ModelFileError(f"{path}: method {name} takes ({found}), this version needs ({wanted}): train it again (make train)")
+            raise ModelFileError(
+                f"{path}: method {name} takes ({found}), this version needs ({wanted}): train it"
+                " again (make train)"
+            )
     axles, rates = len(model.rover.axle_x), bool(model.effects)
     fields = (model.metadata.observation_axle_fields, model.metadata.observation_scalar_fields)
     if fields != (AXLE_FIELDS, scalar_fields(axles, rates=rates)):
-        raise ModelFileError(f"{path}: was trained for other fields of an observation, train it again (make train)")
+        raise ModelFileError(
+            f"{path}: was trained for other fields of an observation, train it again (make train)"
+        )
     state = model.module.initial()
     effects = model.module.effects(state).shape[0] if hasattr(model.module, "effects") else 0
     if effects != len(model.effects):
-        raise ModelFileError(f"{path}: estimates {effects} named effects, its .json names {len(model.effects)}")
+        raise ModelFileError(
+            f"{path}: estimates {effects} named effects, its .json names {len(model.effects)}"
+        )
     length, parameters = state["block"].shape[-1], state["expected"].shape[0]
     if length != packed_size(axles, rates=rates):
-        raise ModelFileError(f"{path}: takes observations of {length} numbers, {axles} axles need {packed_size(axles, rates=rates)}")
+        raise ModelFileError(
+            f"{path}: takes observations of {length} numbers, {axles} axles need"
+            f" {packed_size(axles, rates=rates)}"
+        )
     if tuple(model.module.estimate(state).shape) != (3, 2):
-        raise ModelFileError(f"{path}: estimates numbers of shape {tuple(model.module.estimate(state).shape)}, expected (3, 2)")
+        raise ModelFileError(
+            f"{path}: estimates numbers of shape {tuple(model.module.estimate(state).shape)},"
+            " expected (3, 2)"
+        )
     if parameters != len(model.metadata.parameters):
-        raise ModelFileError(f"{path}: has {parameters} parameters, its .json names {len(model.metadata.parameters)}")
+        raise ModelFileError(
+            f"{path}: has {parameters} parameters, its .json names {len(model.metadata.parameters)}"
+        )

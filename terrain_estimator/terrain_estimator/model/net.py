@@ -9,20 +9,29 @@ from torch import Tensor, nn
 class NetFeatures(nn.Module):
     """tanh network from slip, sinkage, contact angles and pitch to ``width`` columns in every row.
 
-    The rows are those of ``terrain_estimator.model.rows``; the imu row sees the columns of the velocity row, because both
-    are the same force. Columns come out in units of ``row_scale`` of the others, the size that an effect may have there. A net of
-    before the moment rows has A + 2 of them and says nothing of the moments, else it has A + 4.
+    The rows are those of ``terrain_estimator.model.rows``; the imu row sees the columns of the
+    velocity row, because both are the same force. Columns come out in units of ``row_scale`` of the
+    others, the size that an effect may have there. A net of before the moment rows has A + 2 of
+    them and says nothing of the moments, else it has A + 4.
     """
 
     input_scale: Tensor
     row_scale: Tensor
 
-    def __init__(self, axles: int, columns: int, hidden: int, sinkage_scale: float, row_scale: Tensor) -> None:
+    def __init__(
+        self, axles: int, columns: int, hidden: int, sinkage_scale: float, row_scale: Tensor
+    ) -> None:
         """``sinkage_scale`` [m] makes the sinkage of order one; ``row_scale`` [A + 4] or [A + 2] in the units of the rows."""
         super().__init__()
         self.columns = columns
         self.axles, self.rows = axles, row_scale.shape[0]
-        scale = torch.cat([torch.full((axles,), 0.3), torch.full((axles,), sinkage_scale), torch.full((axles + 1,), 0.1)])
+        scale = torch.cat(
+            [
+                torch.full((axles,), 0.3),
+                torch.full((axles,), sinkage_scale),
+                torch.full((axles + 1,), 0.1),
+            ]
+        )
         self.register_buffer("input_scale", scale.to(torch.float64))
         self.register_buffer("row_scale", row_scale)
         self.layers = nn.Sequential(
@@ -37,10 +46,16 @@ class NetFeatures(nn.Module):
         """Inputs [..., A] and pitch [..., 1]; returns [..., A + 5, columns]."""
         columns, before = self.distinct(slip, sinkage, angle, pitch), self.axles + 2
         if self.rows == before:
-            return torch.cat([columns, columns[..., :1, :], torch.zeros_like(columns[..., :2, :])], dim=-2)
-        return torch.cat([columns[..., :before, :], columns[..., :1, :], columns[..., before:, :]], dim=-2)
+            return torch.cat(
+                [columns, columns[..., :1, :], torch.zeros_like(columns[..., :2, :])], dim=-2
+            )
+        return torch.cat(
+            [columns[..., :before, :], columns[..., :1, :], columns[..., before:, :]], dim=-2
+        )
 
     def distinct(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:
         """The same without the rows that repeat another's or are zero: that of the velocity comes first."""
         x = torch.cat([slip, sinkage, angle, pitch], dim=-1) / self.input_scale
-        return self.layers(x).unflatten(-1, [self.rows, self.columns]) * self.row_scale.unsqueeze(-1)
+        return self.layers(x).unflatten(-1, [self.rows, self.columns]) * self.row_scale.unsqueeze(
+            -1
+        )

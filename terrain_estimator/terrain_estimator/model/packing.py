@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One observation as one flat tensor: what the exported model takes.
 
-With A axles the layout is eight groups of A values, then SCALARS scalars (with the A wheel rates where a model takes them), all
-SI and float64, NaN for "not measured".
-One tensor instead of sixteen keeps the call of the exported model cheap, and its layout is part of the model file.
+With A axles the layout is eight groups of A values, then SCALARS scalars (with the A wheel rates
+where a model takes them), all SI and float64, NaN for "not measured". One tensor instead of sixteen
+keeps the call of the exported model cheap, and its layout is part of the model file.
 """
 
 import numpy as np
@@ -70,20 +70,29 @@ def link(stamp_ns: int, last: Observation | None, step_s: float) -> tuple[float,
     return passed_s, passed_s <= LONGEST_GAP * step_s
 
 
-def ground_torque(observation: Observation, last: Observation | None, inertia: float, passed_s: float) -> Floats:
+def ground_torque(
+    observation: Observation, last: Observation | None, inertia: float, passed_s: float
+) -> Floats:
     """Torque on the ground [axles]: the motor's less I dw/dt (Banerjee et al. eq. 6); the motor's where ``last`` is None."""
     if last is None or inertia == 0.0:
         return observation.torque
     return observation.torque - (observation.wheel_rate - last.wheel_rate) * (inertia / passed_s)
 
 
-def pack(observation: Observation, torque: Floats, step_s: float, *, linked: bool, rates: bool = False) -> Tensor:
+def pack(
+    observation: Observation, torque: Floats, step_s: float, *, linked: bool, rates: bool = False
+) -> Tensor:
     """The observation as a float64 tensor of shape [packed_size(axles, rates=rates)].
 
-    ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia (docs/method.md, rows). A model
-    that takes the wheel rates too cannot use a wheel whose rate is not known.
+    ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia
+    (docs/method.md, rows). A model that takes the wheel rates too cannot use a wheel whose rate is
+    not known.
     """
-    known = np.where(np.isfinite(observation.wheel_rate), observation.slip, np.nan) if rates else observation.slip
+    known = (
+        np.where(np.isfinite(observation.wheel_rate), observation.slip, np.nan)
+        if rates
+        else observation.slip
+    )
     taken = {"slip": known, "torque": torque}
     groups = (taken.get(name, getattr(observation, name)) for name in AXLE_FIELDS)
     scalars = (
@@ -105,7 +114,15 @@ def pack_measurement(measurement: Measurement) -> Tensor:
     """Packed observations [batch, time, 8 A + 9] of a batch of drives; every one is linked to the one before."""
     groups = torch.stack([getattr(measurement, name) for name in AXLE_FIELDS], dim=2)
     batch, time = measurement.velocity.shape
-    names = ("velocity", "velocity_sd", "pitch", "pitch_sd", "acceleration", "acceleration_sd", "bogie_angle")
+    names = (
+        "velocity",
+        "velocity_sd",
+        "pitch",
+        "pitch_sd",
+        "acceleration",
+        "acceleration_sd",
+        "bogie_angle",
+    )
     scalars = [getattr(measurement, name).expand(batch, time) for name in names]
     step = torch.full((batch, time), TIME_STEP, dtype=torch.float64)
     linked = torch.ones(batch, time, dtype=torch.float64)

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The regression rows of one observation, affine in (c [kPa], tan phi), and their noise.
 
-Rows (A axles, p wheels per axle, m mass, g gravity, al = contact angle relative to the body, ab = pitch)::
+Rows (A axles, p wheels per axle, m mass, g gravity, al = contact angle relative to the body, ab =
+pitch)::
 
     0        dv/dt + g sin ab = SUM_k p (T_k cos al_k - N_k sin al_k) / m       [m/s^2]   longitudinal balance
     1        cos ab           = SUM_k p (N_k cos al_k + T_k sin al_k) / (m g)   [1]       balance normal to the body
@@ -11,18 +12,22 @@ Rows (A axles, p wheels per axle, m mass, g gravity, al = contact angle relative
     A+3      0                = moment of the rover about its centre of mass / (m g b)     [1]
     A+4      0                = moment of the bogie about its pivot / (m g b)              [1]       b wheelbase
 
-(Banerjee et al. eqs. 1, 15 and 17 with gravity along the slope; Iagnemma et al. 2004 for the torque; the moments are those
-of terramechanics.vehicle.suspension.) The load and moment rows need no force sensor: together they say what each axle carries.
-Each measured slip, sinkage and angle enters several rows, so its error is carried along as one unit-variance source per
-value and turned into the full covariance of the rows, not into a variance of each. The bogie's encoder is taken for exact.
+(Banerjee et al. eqs. 1, 15 and 17 with gravity along the slope; Iagnemma et al. 2004 for the
+torque; the moments are those of terramechanics.vehicle.suspension.) The load and moment rows need
+no force sensor: together they say what each axle carries. Each measured slip, sinkage and angle
+enters several rows, so its error is carried along as one unit-variance source per value and turned
+into the full covariance of the rows, not into a variance of each. The bogie's encoder is taken for
+exact.
 
-The rows are linear in those errors only near the true inputs: a sinkage of 1.3 mm measured to 0.3 mm is far from them, and
-forces that are convex in it come out 1.5 % too large. So they are expanded not where the inputs were measured but where
-all rows of the instant agree best (``agreement``), as orthogonal distance regression does in every iteration. That place is
-still in doubt, with covariance P in deviations. With h the row, x the true input, d the error of the place and e that of the
-measurement, what is used is h(x + d) + h'(x + d) (e - d) = h(x) + h'(x) e + h'' (d e - d^2 / 2), and as d is the part of e
-that the rows do not tell, E[d e] = E[d^2] = P: the mean is h'' P / 2 too large, which is taken off. It is small beside the
-noise of one row and has the same sign in all, so it would come to outweigh the noise of a long drive.
+The rows are linear in those errors only near the true inputs: a sinkage of 1.3 mm measured to 0.3
+mm is far from them, and forces that are convex in it come out 1.5 % too large. So they are expanded
+not where the inputs were measured but where all rows of the instant agree best (``agreement``), as
+orthogonal distance regression does in every iteration. That place is still in doubt, with
+covariance P in deviations. With h the row, x the true input, d the error of the place and e that of
+the measurement, what is used is h(x + d) + h'(x + d) (e - d) = h(x) + h'(x) e + h'' (d e - d^2 /
+2), and as d is the part of e that the rows do not tell, E[d e] = E[d^2] = P: the mean is h'' P / 2
+too large, which is taken off. It is small beside the noise of one row and has the same sign in all,
+so it would come to outweigh the noise of a long drive.
 """
 
 from typing import NamedTuple
@@ -32,7 +37,13 @@ from torch import Tensor, nn
 
 from terrain_estimator.model.stencil import OWN, Stencil
 from terramechanics.contact.stresses import in_range, wheel_forces
-from terramechanics.vehicle.suspension import Geometry, along_body, axle_places, balances, directions
+from terramechanics.vehicle.suspension import (
+    Geometry,
+    along_body,
+    axle_places,
+    balances,
+    directions,
+)
 
 PA_PER_UNIT = 1000.0
 """c is carried in kPa, so that both parameters are of order one."""
@@ -44,7 +55,8 @@ MOMENT_VARIANCE = 1e-6
 class Rows(NamedTuple):
     """The rows of n observations: R = A + 5 rows, E = 3 A + 1 sources of noise, each of unit variance.
 
-    The leading C = 1 + M: first the values, then their change for one prior deviation of each uncertain soil constant.
+    The leading C = 1 + M: first the values, then their change for one prior deviation of each
+    uncertain soil constant.
     """
 
     features: Tensor  # [C, n, R, 3] columns c [kPa], tan phi, 1
@@ -56,7 +68,14 @@ class Rows(NamedTuple):
 
 def row_names(axles: int) -> tuple[str, ...]:
     """Names of the rows, in their order."""
-    return ("velocity", "load", *(f"torque_{k}" for k in range(axles)), "acceleration", "moment", "bogie_moment")
+    return (
+        "velocity",
+        "load",
+        *(f"torque_{k}" for k in range(axles)),
+        "acceleration",
+        "moment",
+        "bogie_moment",
+    )
 
 
 class Contact(NamedTuple):
@@ -68,7 +87,9 @@ class Contact(NamedTuple):
     nodes: Tensor  # of terramechanics.contact.stresses.quadrature
     column_unit: Tensor  # [3] Pa per kPa, 1, 1
     geometry: Geometry
-    body_scale: Tensor  # [4] p / m [1/kg], p / (m g) [1/N], and twice p / (m g b) [1/(N m)]; or [n, 4]
+    body_scale: (
+        Tensor  # [4] p / m [1/kg], p / (m g) [1/N], and twice p / (m g b) [1/(N m)]; or [n, 4]
+    )
     moment_variance: float  # [1] of the moment rows themselves
     stand_in: Tensor  # [8, 1] harmless values of the packed groups, for a wheel that is not usable
     gravity: float  # [m/s^2]
@@ -94,7 +115,9 @@ def drive_row(wheels: Tensor, contact: Contact) -> Tensor:
     slip, sinkage, angle = wheels[0], wheels[2], wheels[4]
     constants = (contact.constants + contact.varied).unsqueeze(1)
     forces = wheel_forces(slip, sinkage, constants, contact.radius, contact.width, contact.nodes)
-    row = (along_body(angle).unsqueeze(-1) * forces).sum([1, 2]) * (contact.column_unit * contact.body_scale[0])
+    row = (along_body(angle).unsqueeze(-1) * forces).sum([1, 2]) * (
+        contact.column_unit * contact.body_scale[0]
+    )
     values = row[:1]
     return torch.cat([values, 1e3 * (row[1:] - values)])
 
@@ -111,14 +134,21 @@ class Variation(NamedTuple):
 def varied_inputs(wheels: Tensor, contact: Contact) -> Variation:
     """Slip and sinkage with and without a deviation of each, for every set of soil constants.
 
-    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed groups. A sinkage smaller than its
-    deviation is varied by less.
+    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed
+    groups. A sinkage smaller than its deviation is varied by less.
     """
     slip, slip_sd, sinkage, sinkage_sd = wheels.narrow(1, 0, 4).unbind(1)
     shallow = torch.minimum(sinkage_sd, 0.9 * sinkage)
     faster, deeper = contact.stencil.moves.view(-1, 2, 1, 1).unbind(1)
-    constants = contact.constants + contact.varied.index_select(0, contact.stencil.constants).view(-1, 1, 1, 6)
-    return Variation(torch.addcmul(slip, faster, slip_sd), torch.addcmul(sinkage, deeper, shallow), constants, sinkage_sd / shallow)
+    constants = contact.constants + contact.varied.index_select(0, contact.stencil.constants).view(
+        -1, 1, 1, 6
+    )
+    return Variation(
+        torch.addcmul(slip, faster, slip_sd),
+        torch.addcmul(sinkage, deeper, shallow),
+        constants,
+        sinkage_sd / shallow,
+    )
 
 
 class Forces(NamedTuple):
@@ -132,7 +162,9 @@ class Forces(NamedTuple):
 def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Forces:
     """Forces and their changes from those [K, n, A, 3, 3] at the inputs of a Variation with its ``scale``."""
     weights = contact.stencil.weights
-    read = (weights.flatten(0, 1) @ (forces * contact.column_unit).flatten(1)).view(weights.shape[:2] + forces.shape[1:])
+    read = (weights.flatten(0, 1) @ (forces * contact.column_unit).flatten(1)).view(
+        weights.shape[:2] + forces.shape[1:]
+    )
     values, by_slip, by_sinkage = read.unbind(0)
     return Forces(values, by_slip, by_sinkage * scale.unsqueeze(-1).unsqueeze(-1))
 
@@ -140,7 +172,12 @@ def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Forces:
 def values_alone(contact: Contact, own: int = OWN) -> Contact:
     """The same without the changes for uncertain constants (TorchScript has no ``_replace``)."""
     stencil = contact.stencil
-    first = Stencil(stencil.moves[:own], stencil.constants[:own], stencil.weights[:, :1, :own], stencil.curvature[:, :own])
+    first = Stencil(
+        stencil.moves[:own],
+        stencil.constants[:own],
+        stencil.weights[:, :1, :own],
+        stencil.curvature[:, :own],
+    )
     return Contact(
         contact.constants, contact.varied[:1], first, contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
@@ -155,20 +192,31 @@ def with_body(contact: Contact, geometry: Geometry, body_scale: Tensor) -> Conta
     )  # fmt: skip
 
 
-def without_excess(forces: Forces, evaluated: Tensor, scale: Tensor, doubt: Tensor, contact: Contact) -> Forces:
+def without_excess(
+    forces: Forces, evaluated: Tensor, scale: Tensor, doubt: Tensor, contact: Contact
+) -> Forces:
     """Less what the values come out too large on average where slip and sinkage are in ``doubt`` [n, 3, A], see :class:`Agreement`.
 
     ``evaluated`` [K, n, A, 3, 3] are the forces at the inputs of a Variation with its ``scale``.
     """
     weights = contact.stencil.curvature
-    halves = (weights @ (evaluated * contact.column_unit).flatten(1)).view(weights.shape[:1] + evaluated.shape[1:])
+    halves = (weights @ (evaluated * contact.column_unit).flatten(1)).view(
+        weights.shape[:1] + evaluated.shape[1:]
+    )
     share = doubt * torch.stack([torch.ones_like(scale), scale * scale, scale], 1)
     excess = (halves * share.transpose(0, 1).unsqueeze(-1).unsqueeze(-1)).sum(0, keepdim=True)
-    values = torch.cat([forces.values.narrow(0, 0, 1) - excess, forces.values.narrow(0, 1, forces.values.shape[0] - 1)])
+    values = torch.cat(
+        [
+            forces.values.narrow(0, 0, 1) - excess,
+            forces.values.narrow(0, 1, forces.values.shape[0] - 1),
+        ]
+    )
     return Forces(values, forces.by_slip, forces.by_sinkage)
 
 
-def read_forces(evaluated: Tensor, scale: Tensor, contact: Contact, doubt: Tensor | None = None) -> Forces:
+def read_forces(
+    evaluated: Tensor, scale: Tensor, contact: Contact, doubt: Tensor | None = None
+) -> Forces:
     """What :func:`changes` reads from the forces, without their excess where slip and sinkage are in ``doubt``."""
     forces = changes(evaluated, scale, contact)
     return forces if doubt is None else without_excess(forces, evaluated, scale, doubt, contact)
@@ -193,7 +241,9 @@ def frame_of(packed: Tensor, contact: Contact) -> Frame:
     usable = usable_wheels(wheels, contact)
     wheels = torch.where(usable.unsqueeze(1), wheels, contact.stand_in)
     _, _, _, _, angle, angle_sd, torque, torque_sd = wheels.unbind(1)
-    _, _, pitch, pitch_sd, acceleration, acceleration_sd, bogie = packed.narrow(1, 8 * axles, 7).unbind(1)
+    _, _, pitch, pitch_sd, acceleration, acceleration_sd, bogie = packed.narrow(
+        1, 8 * axles, 7
+    ).unbind(1)
     known, every = torch.isfinite(bogie), usable.all(1, keepdim=True)
     carried = every & known.unsqueeze(1)
     levers = lever_arms(angle, angle_sd, torch.where(known, bogie, 0.0), contact)
@@ -201,7 +251,10 @@ def frame_of(packed: Tensor, contact: Contact) -> Frame:
     sine, cosine = torch.sin(pitch), torch.cos(pitch)
     balance = torch.stack([contact.gravity * sine, cosine], 1)
     tilt = torch.stack([-contact.gravity * cosine, sine], 1) * pitch_sd.unsqueeze(1)
-    sensed, sensed_sd = torch.cat([torque, acceleration.unsqueeze(1)], 1), torch.cat([torque_sd, acceleration_sd.unsqueeze(1)], 1)
+    sensed, sensed_sd = (
+        torch.cat([torque, acceleration.unsqueeze(1)], 1),
+        torch.cat([torque_sd, acceleration_sd.unsqueeze(1)], 1),
+    )
     holds = torch.isfinite(sensed) & torch.isfinite(sensed_sd) & torch.cat([usable, every], 1)
     sensed, own = torch.where(holds, sensed, 0.0), torch.where(holds, sensed_sd**2, 0.0)
     return Frame(
@@ -210,7 +263,9 @@ def frame_of(packed: Tensor, contact: Contact) -> Frame:
         levers=levers,
         tilt=nn.functional.pad(tilt, [0, axles + 3]),
         target=nn.functional.pad(torch.cat([balance, sensed], 1), [0, 2]),
-        variance=nn.functional.pad(nn.functional.pad(own, [2, 0]), [0, 2], value=contact.moment_variance),
+        variance=nn.functional.pad(
+            nn.functional.pad(own, [2, 0]), [0, 2], value=contact.moment_variance
+        ),
         used=torch.cat([every, every, holds, carried, carried], 1).to(packed.dtype),
     )
 
@@ -220,11 +275,21 @@ def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: Contact)
     axles = angle.shape[1]
     action = directions(angle)
     along, up, turn = action.unbind(-2)
-    turned = torch.stack([-up, along, torch.zeros_like(turn)], -2) * angle_sd.unsqueeze(-1).unsqueeze(-1)
-    body = balances(contact.geometry, axle_places(contact.geometry, bogie), torch.stack([action, turned]))
-    velocity, load, moments = (body * contact.body_scale.unsqueeze(-1).unsqueeze(-1)).split_with_sizes([1, 1, 2], 2)
+    turned = torch.stack([-up, along, torch.zeros_like(turn)], -2) * angle_sd.unsqueeze(
+        -1
+    ).unsqueeze(-1)
+    body = balances(
+        contact.geometry, axle_places(contact.geometry, bogie), torch.stack([action, turned])
+    )
+    velocity, load, moments = (
+        body * contact.body_scale.unsqueeze(-1).unsqueeze(-1)
+    ).split_with_sizes([1, 1, 2], 2)
     torque = nn.functional.pad(torch.eye(axles, dtype=angle.dtype).unsqueeze(-1), [2, 0])
-    torques = torch.stack([torque, torch.zeros_like(torque)]).unsqueeze(1).expand(-1, angle.shape[0], -1, -1, -1)
+    torques = (
+        torch.stack([torque, torch.zeros_like(torque)])
+        .unsqueeze(1)
+        .expand(-1, angle.shape[0], -1, -1, -1)
+    )
     return torch.cat([velocity, load, torques, velocity, moments], 2).permute(1, 3, 0, 2, 4)
 
 
@@ -241,7 +306,11 @@ def measured_forces(frame: Frame, place: Tensor, forces: Forces) -> Forces:
     likely_slip, _, likely_sinkage, _ = place.unbind(1)
     faster, deeper = (slip - likely_slip) / slip_sd, (sinkage - likely_sinkage) / sinkage_sd
     values = torch.addcmul(forces.values, faster.unsqueeze(-1).unsqueeze(-1), forces.by_slip)
-    return Forces(torch.addcmul(values, deeper.unsqueeze(-1).unsqueeze(-1), forces.by_sinkage), forces.by_slip, forces.by_sinkage)
+    return Forces(
+        torch.addcmul(values, deeper.unsqueeze(-1).unsqueeze(-1), forces.by_sinkage),
+        forces.by_slip,
+        forces.by_sinkage,
+    )
 
 
 def regression_rows(packed: Tensor, likely: Tensor, contact: Contact) -> Rows:
@@ -253,8 +322,12 @@ def rows_at(frame: Frame, likely: Tensor, contact: Contact, doubt: Tensor | None
     """What :func:`regression_rows` returns, from the frame of the measured observations, without the excess that ``doubt`` makes."""
     place = places(likely, frame, contact)
     where = varied_inputs(place, contact)
-    evaluated = wheel_forces(where.slip, where.sinkage, where.constants, contact.radius, contact.width, contact.nodes)
-    return rows_of_forces(frame, measured_forces(frame, place, read_forces(evaluated, where.scale, contact, doubt)))
+    evaluated = wheel_forces(
+        where.slip, where.sinkage, where.constants, contact.radius, contact.width, contact.nodes
+    )
+    return rows_of_forces(
+        frame, measured_forces(frame, place, read_forces(evaluated, where.scale, contact, doubt))
+    )
 
 
 def features_of(frame: Frame, values: Tensor) -> Tensor:
@@ -265,11 +338,17 @@ def features_of(frame: Frame, values: Tensor) -> Tensor:
 def rows_of_forces(frame: Frame, forces: Forces) -> Rows:
     """Rows of n observations, given the forces of :func:`measured_forces`."""
     n, axles, _, rows, _ = frame.levers.shape
-    by_source = torch.stack([forces.by_slip, forces.by_sinkage, forces.values]).permute(2, 3, 4, 0, 1, 5)  # [n, A, 3, 3, C, 3]
+    by_source = torch.stack([forces.by_slip, forces.by_sinkage, forces.values]).permute(
+        2, 3, 4, 0, 1, 5
+    )  # [n, A, 3, 3, C, 3]
     moved = (frame.levers.flatten(2, 3) @ by_source.flatten(3)).view(n, axles, 2, rows, 3, -1, 3)
     acting, turned = moved.unbind(2)
     features = acting.select(3, 2).sum(1).permute(2, 0, 1, 3)
-    noise = torch.cat([acting.narrow(3, 0, 2), turned.narrow(3, 2, 1)], 3).permute(4, 0, 2, 3, 1, 5).flatten(3, 4)
+    noise = (
+        torch.cat([acting.narrow(3, 0, 2), turned.narrow(3, 2, 1)], 3)
+        .permute(4, 0, 2, 3, 1, 5)
+        .flatten(3, 4)
+    )
     tilt = frame.tilt.view(1, n, rows, 1, 1)
     tilt = nn.functional.pad(tilt, [2, 0, 0, 0, 0, 0, 0, 0, 0, noise.shape[0] - 1])
     return Rows(features, torch.cat([noise, tilt], 3), frame.target, frame.variance, frame.used)

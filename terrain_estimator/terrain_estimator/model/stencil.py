@@ -17,17 +17,27 @@ class Stencil(NamedTuple):
     moves: Tensor  # [K, 2] deviations by which slip and sinkage are moved
     constants: Tensor  # [K] int: which of the C sets of soil constants
     weights: Tensor  # [3, C, K] of the evaluations in the values and in their changes by slip and by sinkage
-    curvature: Tensor  # [3, K] in half the second differences by slip and by sinkage, and in the mixed one
+    curvature: (
+        Tensor  # [3, K] in half the second differences by slip and by sinkage, and in the mixed one
+    )
 
 
 def stencil(uncertain: int) -> Stencil:
     """Finite differences over slip, sinkage and M = ``uncertain`` soil constants, each varied by a thousandth of its deviation.
 
-    With the constants as given both sides are taken: a central difference over plus and minus one deviation averages a curved law over
-    the spread of its input. For the changes by the constants one side is enough.
+    With the constants as given both sides are taken: a central difference over plus and minus one
+    deviation averages a curved law over the spread of its input. For the changes by the constants
+    one side is enough.
     """
     sets = 1 + uncertain
-    own = [[0.0, -1.0], [-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]  # OWN of them, with the constants as given
+    own = [
+        [0.0, -1.0],
+        [-1.0, 0.0],
+        [0.0, 0.0],
+        [1.0, 0.0],
+        [0.0, 1.0],
+        [1.0, 1.0],
+    ]  # OWN of them, with the constants as given
     moves = torch.tensor([*own, *(own[2:5] * uncertain)], dtype=torch.float64)
     one_sided = torch.zeros(3, sets, 3 + 3 * sets, dtype=torch.float64)
     for k in range(sets):
@@ -38,6 +48,13 @@ def stencil(uncertain: int) -> Stencil:
     weights[0, 0, 2] = 1.0
     weights[1, 0, [3, 1]] = weights[2, 0, [4, 0]] = torch.tensor([0.5, -0.5], dtype=torch.float64)
     curvature = torch.zeros(3, 3 + 3 * sets, dtype=torch.float64)
-    curvature[0, [3, 1, 2]] = curvature[1, [4, 0, 2]] = torch.tensor([0.5, 0.5, -1.0], dtype=torch.float64)
+    curvature[0, [3, 1, 2]] = curvature[1, [4, 0, 2]] = torch.tensor(
+        [0.5, 0.5, -1.0], dtype=torch.float64
+    )
     curvature[2, [5, 3, 4, 2]] = torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64)
-    return Stencil(moves, torch.tensor([0] * OWN + [k for k in range(1, sets) for _ in range(3)]), weights, curvature)
+    return Stencil(
+        moves,
+        torch.tensor([0] * OWN + [k for k in range(1, sets) for _ in range(3)]),
+        weights,
+        curvature,
+    )

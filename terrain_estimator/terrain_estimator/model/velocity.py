@@ -20,7 +20,9 @@ MEMORY = 0.05
 class VelocityFilter(Physics):
     """Follows, foretells and re-opens the velocity of a state."""
 
-    def __init__(self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0) -> None:
+    def __init__(
+        self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
+    ) -> None:
         """See Physics."""
         super().__init__(body, constants, prior, net, added)
         self.open_precision = OPEN
@@ -36,28 +38,37 @@ class VelocityFilter(Physics):
     def forecast(self, state: dict[str, Tensor], horizon_s: float) -> Tensor:
         """The true velocity ``horizon_s`` after the last observation if slip persists: mean [m/s] and variance, shape [2].
 
-        NaN until an acceleration is known, after a gap as well, and a change of it. The noise of the last slip and sinkage moves the
-        velocity and the acceleration alike, so both errors are correlated; what the acceleration changes by from one sample to the next
-        holds that noise twice, and only what is beyond is change of the ground.
+        NaN until an acceleration is known, after a gap as well, and a change of it. The noise of
+        the last slip and sinkage moves the velocity and the acceleration alike, so both errors are
+        correlated; what the acceleration changes by from one sample to the next holds that noise
+        twice, and only what is beyond is change of the ground.
         """
         acceleration, noise, change, seen, spread, shared = state["drive"].unbind(0)
         velocity, variance = state["velocity"].unbind(0)
         wander = torch.clamp(change / seen - 2.0 * noise, min=0.0)
         uncertain = variance + 2.0 * horizon_s * shared + horizon_s**2 * (spread + wander)
         ahead = torch.stack([velocity + horizon_s * acceleration, uncertain])
-        return torch.where(torch.isnan(acceleration) | (seen == 0.0), torch.full_like(ahead, float("nan")), ahead)
+        return torch.where(
+            torch.isnan(acceleration) | (seen == 0.0), torch.full_like(ahead, float("nan")), ahead
+        )
 
     def drive(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
         """The velocity row at ``observation`` and its changes by what is uncertain, as :func:`drive_row` has them."""
         return drive_row(observation[: 8 * self.axles].view(8, self.axles), self.leading(state))
 
-    def foresee(self, state: dict[str, Tensor], observation: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def foresee(
+        self, state: dict[str, Tensor], observation: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """True velocity at ``observation``, from the velocity before and its force: mean, variance, acceleration and its variance."""
         a, expected = self.axles, state["expected"]
         by_cohesion, by_friction, alone = self.drive(state, observation).unbind(1)
         cohesion, friction = expected[:2].unbind(0)
-        row = torch.addcmul(torch.addcmul(alone, by_cohesion, cohesion), by_friction, friction)  # and its change by what is uncertain
-        slip, _, sinkage, _, angle, rest = observation.split_with_sizes([a, a, a, a, a, observation.shape[0] - 5 * a])
+        row = torch.addcmul(
+            torch.addcmul(alone, by_cohesion, cohesion), by_friction, friction
+        )  # and its change by what is uncertain
+        slip, _, sinkage, _, angle, rest = observation.split_with_sizes(
+            [a, a, a, a, a, observation.shape[0] - 5 * a]
+        )
         pitch = rest[3 * a + 2 : 3 * a + 3]
         learnt = self.net.distinct(slip, sinkage, angle, pitch)[0]
         direction = torch.cat([by_cohesion[:1], by_friction[:1], learnt, row[1:]])
@@ -65,9 +76,17 @@ class VelocityFilter(Physics):
         explained = row[0] + (learnt * expected[2 : self.first_constant]).sum()
         acceleration = explained - self.gravity * torch.sin(pitch[0])
         step = observation[-2]
-        spread = torch.dot(direction, torch.mv(state["covariance"][:known, :known], direction)) + state["drive"][1]
+        spread = (
+            torch.dot(direction, torch.mv(state["covariance"][:known, :known], direction))
+            + state["drive"][1]
+        )
         velocity, variance = state["velocity"].unbind(0)
-        return torch.addcmul(velocity, step, acceleration), torch.addcmul(variance, step * step, spread), acceleration, spread
+        return (
+            torch.addcmul(velocity, step, acceleration),
+            torch.addcmul(variance, step * step, spread),
+            acceleration,
+            spread,
+        )
 
     def track(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
         """Kalman step of the velocity."""
@@ -80,7 +99,9 @@ class VelocityFilter(Physics):
         state = state.copy()
         state["velocity"] = torch.stack([torch.addcmul(mean, gain, innovation), gain * own])
         first = torch.isnan(before)
-        change = torch.where(first, change, torch.lerp(change, (acceleration - before).square(), self.memory))
+        change = torch.where(
+            first, change, torch.lerp(change, (acceleration - before).square(), self.memory)
+        )
         seen = torch.where(first, seen, torch.lerp(seen, torch.ones_like(seen), self.memory))
         shared = (1.0 - gain) * observation[-2] * spread
         state["drive"] = torch.stack([acceleration, noise, change, seen, spread, shared])
@@ -92,10 +113,14 @@ class VelocityFilter(Physics):
         expected = state["expected"]
         by_source = noise @ torch.cat([expected[:2], torch.ones_like(expected[:1])])
         state["velocity"] = torch.stack([expected[-1], state["covariance"][-1, -1]])
-        state["drive"] = torch.cat([state["drive"][:1], by_source.square().sum(1).mean().unsqueeze(0), state["drive"][2:]])
+        state["drive"] = torch.cat(
+            [state["drive"][:1], by_source.square().sum(1).mean().unsqueeze(0), state["drive"][2:]]
+        )
         return state
 
-    def unlink(self, state: dict[str, Tensor], velocity: Tensor, variance: Tensor) -> dict[str, Tensor]:
+    def unlink(
+        self, state: dict[str, Tensor], velocity: Tensor, variance: Tensor
+    ) -> dict[str, Tensor]:
         """Open the velocity again: what was known of it says nothing about the one that ``velocity`` measures."""
         mean, precision = drop(state["mean"], state["precision"], self.size - 1)
         opened = nn.functional.pad(precision, [0, 1, 0, 1])
@@ -108,6 +133,8 @@ class VelocityFilter(Physics):
         state["covariance"] = nn.functional.pad(state["covariance"][:-1, :-1], [0, 1, 0, 1])
         state["covariance"][-1, -1] = 1.0 / self.open_precision
         state["velocity"] = torch.stack([velocity, variance])
-        state["drive"] = torch.cat([torch.full_like(velocity, float("nan")).unsqueeze(0), state["drive"][1:]])
+        state["drive"] = torch.cat(
+            [torch.full_like(velocity, float("nan")).unsqueeze(0), state["drive"][1:]]
+        )
         state["innovation"] = torch.full_like(state["innovation"], float("nan"))
         return state

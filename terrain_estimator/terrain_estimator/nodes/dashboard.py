@@ -49,7 +49,9 @@ class Dashboard(Node):
             self._patience.heard(topic)
             self._model.take(topic, message, time.monotonic())
 
-        self.create_subscription(message_class(kind), topic, guarded(self, receive), LATCHED if kind == TRUTH else QOS)
+        self.create_subscription(
+            message_class(kind), topic, guarded(self, receive), LATCHED if kind == TRUTH else QOS
+        )
 
     def _take_all(self) -> None:
         """Serve what waits. One empty round proves nothing: the executor may have seen to itself."""
@@ -70,7 +72,13 @@ class Dashboard(Node):
 
 def main() -> int:
     """Serve until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where parameters are wrong or the port is taken."""
-    return run("dashboard", "port:=8091", DashboardConfig, Dashboard, lambda node, stop: asyncio.run(node.serve(stop)))
+    return run(
+        "dashboard",
+        "port:=8091",
+        DashboardConfig,
+        Dashboard,
+        lambda node, stop: asyncio.run(node.serve(stop)),
+    )
 
 
 if __name__ == "__main__":

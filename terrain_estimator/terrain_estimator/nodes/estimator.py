@@ -58,15 +58,26 @@ class EstimatorNode(ManagedNode):
         self._health = HealthMonitor()
         self._heard_s: dict[str, float] = {}
         self._matched: set[str] = set()
-        self._outputs = {topic: self.create_publisher(message_class(name), topic, QOS) for topic, name in OUTPUT_TYPES.items()}
+        self._outputs = {
+            topic: self.create_publisher(message_class(name), topic, QOS)
+            for topic, name in OUTPUT_TYPES.items()
+        }
         self._health_output = self.create_publisher(message_class(HEALTH), "estimator_health", QOS)
         self._listening: list[Subscription] = []
         self._ticking: list[Timer] = []
         self._judged: tuple[Finding, ...] = ()
         self._alone = threading.Lock()  # with the pipeline: services run beside the other callbacks where an executor has threads
-        meanwhile = ReentrantCallbackGroup()  # else nothing would be served while a service waits for the disk
-        for name, action in (("reset", self._reset), ("save_state", self._save), ("load_state", self._load)):
-            self.create_service(Trigger, f"~/{name}", self._answering(action), callback_group=meanwhile)
+        meanwhile = (
+            ReentrantCallbackGroup()
+        )  # else nothing would be served while a service waits for the disk
+        for name, action in (
+            ("reset", self._reset),
+            ("save_state", self._save),
+            ("load_state", self._load),
+        ):
+            self.create_service(
+                Trigger, f"~/{name}", self._answering(action), callback_group=meanwhile
+            )
 
     def configure(self) -> None:
         """Load the model, warm it up, and go on from the saved state where there is one."""
@@ -77,7 +88,9 @@ class EstimatorNode(ManagedNode):
             check_place(path)
         keeper = StateKeeper(path, self.get_logger().error) if path else None
         if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
-            pipeline = Pipeline(model, self.config.estimator)  # of the refused one it is not known what it took
+            pipeline = Pipeline(
+                model, self.config.estimator
+            )  # of the refused one it is not known what it took
         self._pipeline, self._health = pipeline, HealthMonitor(self._health.reported_failures)
         self._keeper = keeper
         gc.collect()
@@ -87,13 +100,20 @@ class EstimatorNode(ManagedNode):
         """Subscribe and begin to report."""
         pipeline = self._configured
         self._heard_s.clear()
-        self._ticking.append(self.create_timer(HEALTH_PERIOD_S, self.guard(self._publish_health), clock=self.steady))
+        self._ticking.append(
+            self.create_timer(HEALTH_PERIOD_S, self.guard(self._publish_health), clock=self.steady)
+        )
         if self._keeper:
-            self._ticking.append(self.create_timer(self.config.autosave_period_s, self.guard(self._autosave), clock=self.steady))
+            self._ticking.append(
+                self.create_timer(
+                    self.config.autosave_period_s, self.guard(self._autosave), clock=self.steady
+                )
+            )
         for topic in pipeline.inputs:
             self._subscribe(topic)
         self.get_logger().info(
-            f"ready: model {pipeline.meta.model_id} for rover {pipeline.rover_name}, inputs {', '.join(pipeline.inputs)}"
+            f"ready: model {pipeline.meta.model_id} for rover {pipeline.rover_name}, inputs"
+            f" {', '.join(pipeline.inputs)}"
         )
 
     def deactivate(self) -> None:
@@ -153,12 +173,16 @@ class EstimatorNode(ManagedNode):
         pipeline = self._configured
 
         def receive(message: Message, info: dict[str, int]) -> None:
-            received_ns = info["received_timestamp"] or time.time_ns()  # by the wall clock; 0 where the middleware does not tell
+            received_ns = (
+                info["received_timestamp"] or time.time_ns()
+            )  # by the wall clock; 0 where the middleware does not tell
             self._heard_s[topic] = time.monotonic()
             with self._alone:
                 answers = pipeline.add(topic, message)
             for answer in answers:
-                self._publish(answer, max(0.0, (time.time_ns() - received_ns) * 1e-9))  # that clock may be set back
+                self._publish(
+                    answer, max(0.0, (time.time_ns() - received_ns) * 1e-9)
+                )  # that clock may be set back
 
         def match(info: QoSSubscriptionMatchedInfo) -> None:
             if info.current_count == 0:
@@ -169,7 +193,11 @@ class EstimatorNode(ManagedNode):
                     self.get_logger().info(f"matched all inputs: {', '.join(pipeline.inputs)}")
 
         events = SubscriptionEventCallbacks(matched=match)
-        self._listening.append(listen(self, INPUT_TYPES[topic], topic, self.guard(receive), QOS, event_callbacks=events))
+        self._listening.append(
+            listen(
+                self, INPUT_TYPES[topic], topic, self.guard(receive), QOS, event_callbacks=events
+            )
+        )
 
     def _publish(self, answer: Answer, latency_s: float) -> None:
         for topic, message in answer.messages(make, self._configured.meta).items():
@@ -184,7 +212,11 @@ class EstimatorNode(ManagedNode):
         self._health.failures, self._health.resets = self.failures, pipeline.resets
         report = self._health.report(pipeline.counters, ages)
         self._judged = report.findings
-        header = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg(), frame_id=pipeline.meta.body_frame)
+        header = make(
+            "std_msgs/msg/Header",
+            stamp=self.get_clock().now().to_msg(),
+            frame_id=pipeline.meta.body_frame,
+        )
         self._health_output.publish(health_message(report, make, pipeline.meta, header))
 
     def _autosave(self) -> None:

@@ -22,7 +22,15 @@ from terrain_estimator.planning.inputs import Inputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, INPUT_TYPES, LISTENED, REQUIRED_INPUTS, Message, stamp_ns
+from terrain_estimator.ros_types import (
+    ADVICE,
+    ESTIMATE,
+    INPUT_TYPES,
+    LISTENED,
+    REQUIRED_INPUTS,
+    Message,
+    stamp_ns,
+)
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 
@@ -34,7 +42,8 @@ class PlannerNode(Node):
         """Read parameters and model, solve the statics, then subscribe.
 
         Raises:
-            ConfigError: a parameter is unknown or wrong, or the model file is missing, damaged or for another rover.
+            ConfigError: a parameter is unknown or wrong, or the model file is missing, damaged or
+                for another rover.
         """
         super().__init__("planner", automatically_declare_parameters_from_overrides=True)
         config = declare(self, PlannerConfig, INPUT_TYPES)
@@ -44,21 +53,29 @@ class PlannerNode(Node):
         except ModelFileError as error:
             raise ConfigError(str(error)) from error
         table = TractionTable(rover, model.metadata.soils)
-        self._planner = Planner(table, model.metadata.prior_mean, model.metadata.prior_sd, config.advice)
+        self._planner = Planner(
+            table, model.metadata.prior_mean, model.metadata.prior_sd, config.advice
+        )
         self._inputs = Inputs(rover, config)
         self._period_ns, self._advised_ns, self._sequence = round(config.period_s * 1e9), 0, 0
         self._soils = [soil.name for soil in model.metadata.soils]
         self._model, self._warned = model, False
         self._output = self.create_publisher(message_class(ADVICE), "traction_advice", QOS)
         self.create_service(Trigger, "~/resume", self._resume)
-        listened = LISTENED | ({"joint_states": INPUT_TYPES["joint_states"]} if config.use_torque else {})
+        listened = LISTENED | (
+            {"joint_states": INPUT_TYPES["joint_states"]} if config.use_torque else {}
+        )
         self._patience, self._pairs = Patience(self, listened, QOS), Pairs(self, REQUIRED_INPUTS)
         for topic in self._inputs.topics:
             self._subscribe(topic)
-        self.create_subscription(message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS)
+        self.create_subscription(
+            message_class(ESTIMATE), "terrain_estimate", guarded(self, self._take_estimate), QOS
+        )
         if model.effects:
             names = ", ".join(effect.name for effect in model.effects)
-            self.get_logger().warning(f"the model estimates {names}: the planner's statics leave it out (docs/planner.md)")
+            self.get_logger().warning(
+                f"the model estimates {names}: the planner's statics leave it out (docs/planner.md)"
+            )
         self.get_logger().info(f"ready: rover {rover.name}, soils {', '.join(self._soils)}")
 
     def _subscribe(self, topic: str) -> None:
@@ -95,8 +112,9 @@ class PlannerNode(Node):
         if message.model_sha256 != self._model.sha256 and not self._warned:
             self._warned = True
             self.get_logger().warning(
-                f"terrain_estimate is of model {message.model_id}, the planner's is {self._model.model_id}: give both the same, "
-                "or the advice may be for another rover"
+                f"terrain_estimate is of model {message.model_id}, the planner's is"
+                f" {self._model.model_id}: give both the same, or the advice may be for another"
+                " rover"
             )
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

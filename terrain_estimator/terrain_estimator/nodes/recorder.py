@@ -52,9 +52,10 @@ class Source:
 class RecorderNode(ManagedNode):
     """Subscribes to topics as their publishers appear, with the quality of service that they offer.
 
-    Log time is the node's clock at reception: simulated time where ``use_sim_time`` is set (then it subscribes once
-    /clock runs), so that a player's clock agrees with the stamps. Publish time is what the publisher's DDS reports.
-    Configured it has a bag, active it writes to it, cleaned up the bag is finished.
+    Log time is the node's clock at reception: simulated time where ``use_sim_time`` is set (then it
+    subscribes once /clock runs), so that a player's clock agrees with the stamps. Publish time is
+    what the publisher's DDS reports. Configured it has a bag, active it writes to it, cleaned up
+    the bag is finished.
     """
 
     config: RecorderConfig
@@ -85,7 +86,9 @@ class RecorderNode(ManagedNode):
 
     def activate(self) -> None:
         """Look for publishers, and record them."""
-        self._log.info(f"waiting for the publishers of {len(self._waiting)} topics, bag {self._bag.bag.folder}")
+        self._log.info(
+            f"waiting for the publishers of {len(self._waiting)} topics, bag {self._bag.bag.folder}"
+        )
         self._looking = self.create_timer(POLL_S, self.guard(self._look_around), clock=self.steady)
 
     def deactivate(self) -> None:
@@ -115,7 +118,9 @@ class RecorderNode(ManagedNode):
         if writer.compaction_error:
             self._log.warning(writer.compaction_error)
         span = writer.span
-        self._log.info(f"recorded {span.count} messages in {span.duration_ns / 1e9:.1f} s to {writer.folder}")
+        self._log.info(
+            f"recorded {span.count} messages in {span.duration_ns / 1e9:.1f} s to {writer.folder}"
+        )
 
     def findings(self) -> Iterator[Finding]:
         """Messages that were left out, topics that are not recorded, and a disk that is behind."""
@@ -123,15 +128,26 @@ class RecorderNode(ManagedNode):
         yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
         if self._thread:
             yield DISK.judge(self._thread.late_s)
-        silent = [name for name in self._topics if name not in self._refused and self._is_silent(name)] if self._looking else []
+        silent = (
+            [name for name in self._topics if name not in self._refused and self._is_silent(name)]
+            if self._looking
+            else []
+        )
         words = [f"without a publisher: {', '.join(silent)}"] if silent else []
         words += [f"cannot record {name}: {why}" for name, why in self._refused.items()]
-        yield UNRECORDED.judge(len(silent) + len(self._refused), text="; ".join(words) or "every topic that is recorded has a publisher")
+        yield UNRECORDED.judge(
+            len(silent) + len(self._refused),
+            text="; ".join(words) or "every topic that is recorded has a publisher",
+        )
 
     def _is_silent(self, name: str) -> bool:
         """Whether nobody publishes a topic now."""
         source = self._sources.get(name)
-        return not (self.count_publishers(name) if source is None or source.gone else source.subscription.get_publisher_count())
+        return not (
+            self.count_publishers(name)
+            if source is None or source.gone
+            else source.subscription.get_publisher_count()
+        )
 
     @property
     def _bag(self) -> BagThread:
@@ -158,7 +174,11 @@ class RecorderNode(ManagedNode):
         return list(resolved)
 
     def _look_around(self) -> None:
-        if isinstance(clock := self.get_clock(), ROSClock) and clock.ros_time_is_active and clock.now().nanoseconds == 0:
+        if (
+            isinstance(clock := self.get_clock(), ROSClock)
+            and clock.ros_time_is_active
+            and clock.now().nanoseconds == 0
+        ):
             return
         for name in self._topics:
             self.guard(self._look_at)(name)  # what one topic raises is no matter of the others
@@ -172,21 +192,45 @@ class RecorderNode(ManagedNode):
     def _follow(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
         """Subscribe to a topic that has appeared, again where its publishers now offer something else; note the match."""
         source = self._sources.get(name)
-        type_name = source.topic.count.type_name if source else publishers[0].topic_type if publishers else ""
+        type_name = (
+            source.topic.count.type_name
+            if source
+            else publishers[0].topic_type
+            if publishers
+            else ""
+        )
         ours = [end for end in publishers if end.topic_type == type_name]
         if ours:
-            reliable = all(end.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE for end in ours)
-            transient_local = all(end.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for end in ours)
-            if source is None or source.gone or (source.reliable, source.transient_local) != (reliable, transient_local):
-                source = self._subscribe(name, ours, source, reliable=reliable, transient_local=transient_local)
-        for words in of_other_types(publishers, type_name, source.topic.count.type_hash) if source else ():
+            reliable = all(
+                end.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE for end in ours
+            )
+            transient_local = all(
+                end.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for end in ours
+            )
+            if (
+                source is None
+                or source.gone
+                or (source.reliable, source.transient_local) != (reliable, transient_local)
+            ):
+                source = self._subscribe(
+                    name, ours, source, reliable=reliable, transient_local=transient_local
+                )
+        for words in (
+            of_other_types(publishers, type_name, source.topic.count.type_hash) if source else ()
+        ):
             self._complain(f"{name}: {words}")
         if source and not source.matched and source.subscription.get_publisher_count():
             source.matched = True
             self._report_match(name, source)
 
     def _subscribe(
-        self, name: str, publishers: list[TopicEndpointInfo], old: Source | None, *, reliable: bool, transient_local: bool
+        self,
+        name: str,
+        publishers: list[TopicEndpointInfo],
+        old: Source | None,
+        *,
+        reliable: bool,
+        transient_local: bool,
     ) -> Source | None:
         type_name = old.topic.count.type_name if old else publishers[0].topic_type
         try:
@@ -202,8 +246,14 @@ class RecorderNode(ManagedNode):
             return None
         qos = QoSProfile(
             depth=QUEUE,
-            reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
-            durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if transient_local else QoSDurabilityPolicy.VOLATILE,
+            reliability=(
+                QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
+            ),
+            durability=(
+                QoSDurabilityPolicy.TRANSIENT_LOCAL
+                if transient_local
+                else QoSDurabilityPolicy.VOLATILE
+            ),
         )
         if old and not old.gone:
             self.guard(drain)([old.subscription])
@@ -226,17 +276,28 @@ class RecorderNode(ManagedNode):
 
         def record(data: bytes, info: dict[str, int]) -> None:
             self.received += 1
-            thread.give(partial(guarded, data, self._next_log_time_ns(), info["source_timestamp"]), len(data))
+            thread.give(
+                partial(guarded, data, self._next_log_time_ns(), info["source_timestamp"]),
+                len(data),
+            )
 
-        subscription = self.create_subscription(kind, name, cast("Any", self.guard(record)), qos, raw=True)
-        self._sources[name] = Source(topic, subscription, reliable, transient_local, matched=old is not None and old.matched)
+        subscription = self.create_subscription(
+            kind, name, cast("Any", self.guard(record)), qos, raw=True
+        )
+        self._sources[name] = Source(
+            topic, subscription, reliable, transient_local, matched=old is not None and old.matched
+        )
         return self._sources[name]
 
-    def _topic(self, name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> Topic | None:
+    def _topic(
+        self, name: str, type_name: str, publishers: list[TopicEndpointInfo]
+    ) -> Topic | None:
         """None while the disk hangs: then the bag has it at a later look."""
         if name not in self._adding:
             qos = tuple(offered(end) for end in publishers)
-            self._adding[name] = self._bag.give(partial(self._bag.bag.add_topic, name, type_name, qos=qos))
+            self._adding[name] = self._bag.give(
+                partial(self._bag.bag.add_topic, name, type_name, qos=qos)
+            )
         return self._adding.pop(name).result() if self._adding[name].done() else None
 
     def _next_log_time_ns(self) -> int:
@@ -244,7 +305,8 @@ class RecorderNode(ManagedNode):
         now_ns = self.get_clock().now().nanoseconds
         if now_ns < self._log_time_ns:
             self._complain(
-                "the clock went back: log times stay at the last one until the clock has passed it; order and stamps are as they came"
+                "the clock went back: log times stay at the last one until the clock has passed it;"
+                " order and stamps are as they came"
             )
         self._log_time_ns = max(now_ns, self._log_time_ns)
         return self._log_time_ns
@@ -254,7 +316,9 @@ class RecorderNode(ManagedNode):
         try:
             health = deserialize_message(data, kind)
         except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; another version of the message must not end a recording
-            self._complain(f"cannot read {topic}, so the bag does not say which model estimated: {error}")
+            self._complain(
+                f"cannot read {topic}, so the bag does not say which model estimated: {error}"
+            )
             return
         identity = (topic, health.model_id, health.model_sha256, health.configuration_sha256)
         if identity not in self._identities:
@@ -264,9 +328,15 @@ class RecorderNode(ManagedNode):
 
     def _report_match(self, name: str, source: Source) -> None:
         self._waiting.remove(name)
-        kind = f"{'reliable' if source.reliable else 'best effort'}, {'transient local' if source.transient_local else 'volatile'}"
+        kind = (
+            f"{'reliable' if source.reliable else 'best effort'},"
+            f" {'transient local' if source.transient_local else 'volatile'}"
+        )
         matched = len(self._topics) - len(self._waiting)
-        self._log.info(f"matched {name} ({source.topic.count.type_name}, {kind}), {matched} of {len(self._topics)}")
+        self._log.info(
+            f"matched {name} ({source.topic.count.type_name}, {kind}), {matched} of"
+            f" {len(self._topics)}"
+        )
         if not self._waiting:
             self._log.info(f"recording {matched} topics to {self._bag.bag.folder}")
 

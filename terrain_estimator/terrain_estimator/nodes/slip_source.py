@@ -12,7 +12,14 @@ from rclpy.qos import QoSProfile
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.messaging.diagnostics import REFUSED, Finding
 from terrain_estimator.messaging.pairing import MessageSet
-from terrain_estimator.messaging.slip_source import JOINTS, TWICE, VELOCITY, VELOCITY_TYPES, SlipSource, SlipSourceError
+from terrain_estimator.messaging.slip_source import (
+    JOINTS,
+    TWICE,
+    VELOCITY,
+    VELOCITY_TYPES,
+    SlipSource,
+    SlipSourceError,
+)
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.factory import make, message_class
 from terrain_estimator.nodes.common.plain import guarded, run
@@ -34,10 +41,15 @@ class SlipSourceNode(Node):
         config = declare(self, SlipSourceConfig, (JOINTS, VELOCITY))
         rover = load_rover(config.rover)
         self._source = SlipSource(rover, config)
-        self._output = self.create_publisher(message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS)
+        self._output = self.create_publisher(
+            message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS
+        )
         topics = {JOINTS: INPUT_TYPES[JOINTS], VELOCITY: VELOCITY_TYPES[config.velocity_type]}
         self._patience, self._pairs = Patience(self, topics, QOS), Pairs(self, topics)
-        self._used, self._refused = 0, list[str]()  # pairs since the last report, and why the others were refused
+        self._used, self._refused = (
+            0,
+            list[str](),
+        )  # pairs since the last report, and why the others were refused
         self._reporter = Reporter(self, self._findings)
         for topic, kind in topics.items():
             self._subscribe(topic, kind)

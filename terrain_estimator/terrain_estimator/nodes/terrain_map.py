@@ -33,7 +33,9 @@ class MapNode(Node):
         topics = tuple(Topic(name, required=True) for name in TOPICS)
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._period_ns, self._published_ns, self._changed = round(config.period_s * 1e9), 0, False
-        self._output = self.create_publisher(message_class("sensor_msgs/msg/PointCloud2"), "terrain_map", LATCHED)
+        self._output = self.create_publisher(
+            message_class("sensor_msgs/msg/PointCloud2"), "terrain_map", LATCHED
+        )
         self._patience, self._pairs = Patience(self, TOPICS, QOS), Pairs(self, TOPICS)
         for index, (topic, kind) in enumerate(TOPICS.items()):
             self._subscribe(index, topic, kind)
@@ -53,7 +55,11 @@ class MapNode(Node):
         self._changed = self._track.add(estimate, odometry) or self._changed
         now = stamp_ns(estimate)
         if self._changed and not 0 <= now - self._published_ns < self._period_ns:
-            header = make("std_msgs/msg/Header", stamp=estimate.header.stamp, frame_id=odometry.header.frame_id)
+            header = make(
+                "std_msgs/msg/Header",
+                stamp=estimate.header.stamp,
+                frame_id=odometry.header.frame_id,
+            )
             self._output.publish(cloud_message(self._track, make, header))
             self._published_ns, self._changed = now, False
 

@@ -22,7 +22,14 @@ from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.factory import message_class
 from terrain_estimator.nodes.common.plain import guarded, run
 from terrain_estimator.nodes.common.silence import Patience
-from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, LISTENED, OUTPUT_TYPES, Message, stamp_ns
+from terrain_estimator.ros_types import (
+    HEALTH,
+    INPUT_TYPES,
+    LISTENED,
+    OUTPUT_TYPES,
+    Message,
+    stamp_ns,
+)
 
 TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
 SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")
@@ -41,9 +48,15 @@ class Watch(Node):
         """
         super().__init__("watch", automatically_declare_parameters_from_overrides=True, **options)
         self._config = declare(self, WatchConfig)
-        if not Path(self._config.report).parent.is_dir():  # it is written at the end, which may be in weeks
-            raise ConfigError(f"parameter report: {self._config.report}: there is no such folder, make it first")
-        self.arrivals_ns = {topic: array("q") for topic in TOPICS if self._config.report}  # who only watches may do so for weeks
+        if not Path(
+            self._config.report
+        ).parent.is_dir():  # it is written at the end, which may be in weeks
+            raise ConfigError(
+                f"parameter report: {self._config.report}: there is no such folder, make it first"
+            )
+        self.arrivals_ns = {
+            topic: array("q") for topic in TOPICS if self._config.report
+        }  # who only watches may do so for weeks
         self._last: dict[str, Message] = {}
         self._matched: set[str] = set()
         self._shown: Message = None
@@ -52,8 +65,17 @@ class Watch(Node):
             self._subscribe(topic)
         latched = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         truth = message_class("msg_defs/msg/TerrainTruth")
-        self.create_subscription(truth, TRUTH, guarded(self, lambda message: self._last.update({TRUTH: message})), latched)
-        self.create_timer(self._config.period_s, guarded(self, self._show), clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_subscription(
+            truth,
+            TRUTH,
+            guarded(self, lambda message: self._last.update({TRUTH: message})),
+            latched,
+        )
+        self.create_timer(
+            self._config.period_s,
+            guarded(self, self._show),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
         self._say("ready")
 
     def destroy_node(self) -> None:
@@ -65,11 +87,22 @@ class Watch(Node):
     def _write_report(self, path: Path) -> None:
         factor = self._config.real_time_factor
         # The health is published by the wall clock, everything else by the stamps.
-        results = {topic: timing(arrivals, 1.0 if TOPICS[topic] == HEALTH else factor) for topic, arrivals in self.arrivals_ns.items()}
+        results = {
+            topic: timing(arrivals, 1.0 if TOPICS[topic] == HEALTH else factor)
+            for topic, arrivals in self.arrivals_ns.items()
+        }
         content = {
             "messages": {topic: result.messages for topic, result in results.items()},
-            "rate_hz": {topic: result.rate_hz for topic, result in results.items() if math.isfinite(result.rate_hz)},
-            "jitter_ms_p99": {topic: result.jitter_ms_p99 for topic, result in results.items() if math.isfinite(result.jitter_ms_p99)},
+            "rate_hz": {
+                topic: result.rate_hz
+                for topic, result in results.items()
+                if math.isfinite(result.rate_hz)
+            },
+            "jitter_ms_p99": {
+                topic: result.jitter_ms_p99
+                for topic, result in results.items()
+                if math.isfinite(result.jitter_ms_p99)
+            },
         }
         path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
@@ -91,11 +124,16 @@ class Watch(Node):
 
         events = SubscriptionEventCallbacks(matched=match)
         kind = message_class(TOPICS[topic])
-        self.create_subscription(kind, topic, guarded(self, receive), QOS, event_callbacks=events, raw=topic not in SHOWN)
+        self.create_subscription(
+            kind, topic, guarded(self, receive), QOS, event_callbacks=events, raw=topic not in SHOWN
+        )
 
     def _show(self) -> None:
         """Say what is new; nothing where no estimate came since the last line."""
-        if all(topic in self._last for topic in SHOWN) and self._last["terrain_estimate"] is not self._shown:
+        if (
+            all(topic in self._last for topic in SHOWN)
+            and self._last["terrain_estimate"] is not self._shown
+        ):
             self._shown = self._last["terrain_estimate"]
             self._say(live_line(self._last))
 
@@ -109,11 +147,20 @@ def live_line(last: dict[str, Message]) -> str:
     estimate, truth = last["terrain_estimate"], last.get(TRUTH)
     cohesion = (estimate.cohesion, estimate.cohesion_lower_95, estimate.cohesion_upper_95)
     tan_phi = (estimate.tan_phi, estimate.tan_phi_lower_95, estimate.tan_phi_upper_95)
-    slip, sinkage = (_mean(last[topic], name) for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage")))
+    slip, sinkage = (
+        _mean(last[topic], name)
+        for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage"))
+    )
     parts = [
         f"{stamp_ns(estimate) * 1e-9:6.1f} s",
-        f"c {_interval(cohesion, 1e-3, '.2f')} kPa{'' if truth is None else f', truth {truth.cohesion * 1e-3:.2f}'}",
-        f"tan phi {_interval(tan_phi, 1.0, '.3f')}{'' if truth is None else f', truth {truth.tan_phi:.3f}'}",
+        (
+            f"c {_interval(cohesion, 1e-3, '.2f')}"
+            f" kPa{'' if truth is None else f', truth {truth.cohesion * 1e-3:.2f}'}"
+        ),
+        (
+            "tan phi"
+            f" {_interval(tan_phi, 1.0, '.3f')}{'' if truth is None else f', truth {truth.tan_phi:.3f}'}"
+        ),
         f"slip {slip:5.2f}",
         f"sinkage {sinkage * 1e3:5.1f} mm",
         estimate.decision.outcome_name.lower(),

@@ -21,7 +21,9 @@ Result = TypeVar("Result")
 class Spread(Protocol):
     """Applies a function to every item; the results come in the order of the items, whoever computed them."""
 
-    def __call__(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    def __call__(
+        self, function: Callable[[Item], Result], items: Sequence[Item]
+    ) -> Iterator[Result]:
         """The result of every item."""
 
 
@@ -38,7 +40,8 @@ _WORKERS = {
     },
 }
 """Workers of this machine keep the memory that they have freed: by dask's default they hand it back at once, and tensors of some
-megabytes then cost as much time in page faults as in arithmetic. The profiler takes a fifth more."""
+megabytes then cost as much time in page faults as in arithmetic. The profiler takes a fifth
+more."""
 
 
 class ClusterError(ValueError):
@@ -60,9 +63,13 @@ class Held(Generic[Kept]):
         """Those alone."""
         return Held(self._client, [self._kept[number] for number in numbers])
 
-    def __call__(self, function: Callable[[Kept, Item], Result], items: Sequence[Item]) -> list[Result]:
+    def __call__(
+        self, function: Callable[[Kept, Item], Result], items: Sequence[Item]
+    ) -> list[Result]:
         """``function`` of every kept result and its item, computed where that lies; in order."""
-        futures = self._client.map(_alone_with, [function] * len(items), self._kept, items, pure=False)
+        futures = self._client.map(
+            _alone_with, [function] * len(items), self._kept, items, pure=False
+        )
         return [_result(future) for future in futures]
 
 
@@ -73,7 +80,9 @@ class Cluster:
         """Of a client that stays open."""
         self._client = client
 
-    def __call__(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    def __call__(
+        self, function: Callable[[Item], Result], items: Sequence[Item]
+    ) -> Iterator[Result]:
         """See Spread."""
         for future in self._submitted(function, items):
             yield _result(future)
@@ -83,8 +92,11 @@ class Cluster:
         """The same, but the results stay where they are."""
         return Held(self._client, self._submitted(function, items))
 
-    def _submitted(self, function: Callable[[Item], Result], items: Sequence[Item]) -> "list[Future[Result]]":
-        # pure=False: the same item asked for twice is computed twice, nothing is kept under a key of its contents
+    def _submitted(
+        self, function: Callable[[Item], Result], items: Sequence[Item]
+    ) -> "list[Future[Result]]":
+        # pure=False: the same item asked for twice is computed twice, nothing is kept under a key
+        # of its contents
         return self._client.map(_alone, [function] * len(items), items, pure=False)
 
 
@@ -92,30 +104,37 @@ class Cluster:
 def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
     """A way to spread work over the cluster of the ``scheduler`` (host:port), or for "" over processes of this machine.
 
-    On this machine there are ``workers`` processes of one thread, by default one for each CPU. Raises ClusterError where
-    no scheduler answers or it has no worker.
+    On this machine there are ``workers`` processes of one thread, by default one for each CPU.
+    Raises ClusterError where no scheduler answers or it has no worker.
     """
-    from dask import config  # noqa: PLC0415 (as below)
-    from distributed import Client, LocalCluster  # noqa: PLC0415 (takes a second, and most commands do without)
+    # distributed takes a second to import, and most commands do without
+    from dask import config  # noqa: PLC0415
+    from distributed import Client, LocalCluster  # noqa: PLC0415
 
     if scheduler:
         try:
             client = Client(scheduler, timeout=PATIENCE_S)
         except (OSError, ValueError) as error:
             raise ClusterError(
-                f"--scheduler {scheduler}: {error}; start one with `dask scheduler`, and workers that import this package"
+                f"--scheduler {scheduler}: {error}; start one with `dask scheduler`, and workers"
+                " that import this package"
             ) from error
         with client:
             try:
                 client.wait_for_workers(1, timeout=PATIENCE_S)
             except TimeoutError as error:
-                raise ClusterError(f"--scheduler {scheduler}: it has no worker; start some with `dask worker {scheduler}`") from error
+                raise ClusterError(
+                    f"--scheduler {scheduler}: it has no worker; start some with `dask worker"
+                    f" {scheduler}`"
+                ) from error
             yield Cluster(client)
         return
     count = workers or os.cpu_count() or 1
     with (
         config.set(_WORKERS),
-        LocalCluster(n_workers=count, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0") as local,
+        LocalCluster(
+            n_workers=count, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+        ) as local,
         Client(local) as client,
     ):
         yield Cluster(client)
@@ -127,7 +146,9 @@ def _result(future: "Future[Result]") -> Result:
     try:
         return future.result()
     except KilledWorker as error:
-        raise ClusterError(f"{error} Memory is what workers run out of most often: take fewer, or give them more") from error
+        raise ClusterError(
+            f"{error} Memory is what workers run out of most often: take fewer, or give them more"
+        ) from error
     except CancelledError as error:
         raise ClusterError(f"the scheduler was lost: {error}") from error
 

@@ -50,7 +50,15 @@ class Workplace:
         """A function of every item, in order."""
         return (self._cluster or map)(function, items)
 
-    def read(self, bags: Sequence[Path], nominal: Nominal, reading: Reading, say: Progress, *, held_out: bool = False) -> Runs:
+    def read(
+        self,
+        bags: Sequence[Path],
+        nominal: Nominal,
+        reading: Reading,
+        say: Progress,
+        *,
+        held_out: bool = False,
+    ) -> Runs:
         """The runs of these bags in their order; for ``held_out`` ones those that can be halved."""
         read = partial(read_blocks, nominal, reading=reading, held_out=held_out)
         files = [bag.absolute() for bag in bags]  # a worker may have another working directory
@@ -75,7 +83,9 @@ def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
         yield Workplace(spread)
 
 
-def _sorted_out(found: Iterable[Blocks | str], bags: Sequence[Path], say: Progress) -> tuple[list[Blocks], list[int], list[str]]:
+def _sorted_out(
+    found: Iterable[Blocks | str], bags: Sequence[Path], say: Progress
+) -> tuple[list[Blocks], list[int], list[str]]:
     """Runs, their numbers, and why the others are left out."""
     blocks, numbers, left_out = [], [], []
     for number, (each, bag) in enumerate(zip(found, bags, strict=True)):
@@ -88,7 +98,9 @@ def _sorted_out(found: Iterable[Blocks | str], bags: Sequence[Path], say: Progre
     return blocks, numbers, left_out
 
 
-def read_blocks(nominal: Nominal, bag: Path, *, reading: Reading | None = None, held_out: bool = False) -> Blocks | str:
+def read_blocks(
+    nominal: Nominal, bag: Path, *, reading: Reading | None = None, held_out: bool = False
+) -> Blocks | str:
     """The blocks of a run, or why it cannot be used; by the estimator's own topics and parameters where there is no ``reading``."""
     try:
         blocks = cut(read_run(bag, nominal.rover, reading or Reading()), nominal.contact)
@@ -110,10 +122,18 @@ def read_run(bag: Path, rover: Rover, reading: Reading) -> Run:
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
         refusals = Refusals()
-        return run_of(bag.name, _observations(reader, rover, reading, refusals), rover, reading.config.core, refusals)
+        return run_of(
+            bag.name,
+            _observations(reader, rover, reading, refusals),
+            rover,
+            reading.config.core,
+            refusals,
+        )
 
 
-def _observations(reader: BagReader, rover: Rover, reading: Reading, refusals: Refusals) -> Iterator[Observation]:
+def _observations(
+    reader: BagReader, rover: Rover, reading: Reading, refusals: Refusals
+) -> Iterator[Observation]:
     """Raises RunError where no messages are of one instant."""
     used = reading.config.core
     converter = Converter(rover, reading.config.conversion, used)
@@ -124,21 +144,32 @@ def _observations(reader: BagReader, rover: Rover, reading: Reading, refusals: R
         if converted.observation is None:
             refusals.add(converted.outcome, converted.detail)
         else:
-            yield converted.observation if used.use_moments else replace(converted.observation, bogie_angle=math.nan)
+            yield (
+                converted.observation
+                if used.use_moments
+                else replace(converted.observation, bogie_angle=math.nan)
+            )
     if none:
         raise RunError(
-            f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance, "
-            f"{reading.config.pairing.tolerance_s:g} s: give the one that the estimator has (-p or --params-file)"
+            f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance,"
+            f" {reading.config.pairing.tolerance_s:g} s: give the one that the estimator has (-p or"
+            " --params-file)"
         )
 
 
 def _paired(reader: BagReader, reading: Reading, converter: Converter) -> Iterator[MessageSet]:
     topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
     pairing = reading.config.pairing
-    synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
+    synchronizer = Synchronizer(
+        topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9)
+    )
     index = {reading.names[name]: (number, name) for number, name in enumerate(INPUT_TYPES)}
     for raw in reader.messages(index):
         (number, name), message = index[raw.topic], reader.decode(raw)
-        if converter.concerns(name, message):  # else a mast or an arm would take the partners of the wheels
-            yield from synchronizer.add(number, stamp_ns(message), message, getattr(message, "sequence", None))
+        if converter.concerns(
+            name, message
+        ):  # else a mast or an arm would take the partners of the wheels
+            yield from synchronizer.add(
+                number, stamp_ns(message), message, getattr(message, "sequence", None)
+            )
     yield from synchronizer.flush()

@@ -46,9 +46,15 @@ def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
 def asked(rover: str, soil: str, seed: int, reading: Reading) -> dict[str, Any]:
     """What the command line said beside the runs; nothing that the answer does not depend on."""
     usual = Reading()
-    topics = {name: reading.names[name] for name in INPUT_TYPES if reading.names[name] != usual.names[name]}
+    topics = {
+        name: reading.names[name]
+        for name in INPUT_TYPES
+        if reading.names[name] != usual.names[name]
+    }
     before = effective(usual.config)
-    parameters = {name: value for name, value in effective(reading.config).items() if value != before[name]}
+    parameters = {
+        name: value for name, value in effective(reading.config).items() if value != before[name]
+    }
     return {"rover": rover, "soil": soil, "seed": seed, "topics": topics, "parameters": parameters}
 
 
@@ -57,11 +63,17 @@ def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]
     thresholds = (files("terrain_estimator.discovery.evidence") / "thresholds.json").read_bytes()
     return {
         "versions": versions(),
-        "sha256": {"rover": _of_record(rover), "soil": _of_record(soil), "thresholds": hashlib.sha256(thresholds).hexdigest()},
+        "sha256": {
+            "rover": _of_record(rover),
+            "soil": _of_record(soil),
+            "thresholds": hashlib.sha256(thresholds).hexdigest(),
+        },
         "runs_sha256": [[bag.name, bag_sha256(bag)] for bag in bags],
     }
 
 
 def _of_record(record: Rover | Soil) -> str:
     """Of the values in force, not of the text of their file."""
-    return hashlib.sha256(json.dumps(dataclasses.asdict(record), sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(dataclasses.asdict(record), sort_keys=True).encode()
+    ).hexdigest()

@@ -26,16 +26,35 @@ ConfigT = TypeVar("ConfigT")
 
 def add_parameters(parser: ArgumentParser) -> None:
     """The options that :func:`parameters_of` looks at."""
-    parser.add_argument("--params-file", type=Path, action="append", default=[], help="parameters as the node takes them; later files win")
-    parser.add_argument("-p", "--param", action="append", default=[], metavar="NAME:=VALUE", help="one parameter; wins over the files")
-    parser.add_argument("--namespace", default="", help="namespace of the topics in the bag, such as /rover1")
+    parser.add_argument(
+        "--params-file",
+        type=Path,
+        action="append",
+        default=[],
+        help="parameters as the node takes them; later files win",
+    )
+    parser.add_argument(
+        "-p",
+        "--param",
+        action="append",
+        default=[],
+        metavar="NAME:=VALUE",
+        help="one parameter; wins over the files",
+    )
+    parser.add_argument(
+        "--namespace", default="", help="namespace of the topics in the bag, such as /rover1"
+    )
 
 
 def add_options(parser: ArgumentParser) -> None:
     """The options that :func:`node_config` and :func:`reading_of` look at."""
     add_parameters(parser)
     parser.add_argument(
-        "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic, such as wheel_slip:=/slip"
+        "--remap",
+        action="append",
+        default=[],
+        metavar="FROM:=TO",
+        help="another name of a topic, such as wheel_slip:=/slip",
     )
 
 

@@ -72,15 +72,21 @@ class Replay:
     wall_s: float = 0.0  # reading, estimating and writing; without loading program, model and message definitions
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     inputs: dict[str, Counters] = field(default_factory=dict)
-    sequences: Sequences = field(default_factory=Sequences)  # of our messages beside the inputs, by topic of the bag
+    sequences: Sequences = field(
+        default_factory=Sequences
+    )  # of our messages beside the inputs, by topic of the bag
     first: Answer | None = None
     last: Answer | None = None
     status: str = ""
-    truths: list[Message] = field(default_factory=list)  # grows with the changes of the simulated ground alone
+    truths: list[Message] = field(
+        default_factory=list
+    )  # grows with the changes of the simulated ground alone
     history: History = field(default_factory=History)
     slip: WheelHistory = field(default_factory=WheelHistory)
     sinkage: WheelHistory = field(default_factory=WheelHistory)
-    differences: dict[str, str] | None = None  # by topic, empty where it is identical to live; None where not compared
+    differences: dict[str, str] | None = (
+        None  # by topic, empty where it is identical to live; None where not compared
+    )
 
     @property
     def name(self) -> str:
@@ -106,7 +112,11 @@ class Replay:
     @property
     def span_s(self) -> float:
         """Time from the first estimate's stamp to the last one's."""
-        return (self.last.update.stamp_ns - self.first.update.stamp_ns) / 1e9 if self.first and self.last else 0.0
+        return (
+            (self.last.update.stamp_ns - self.first.update.stamp_ns) / 1e9
+            if self.first and self.last
+            else 0.0
+        )
 
     @property
     def times_real_time(self) -> float:
@@ -121,33 +131,54 @@ class _Output:
         self._writer, self._pipeline, self._types = writer, pipeline, Types()
         for type_name in OUTPUT_TYPES.values():
             self._types.make(type_name)  # the first of a type takes some ms
-        self._topics = {name: writer.add_topic(names[name], type_name) for name, type_name in OUTPUT_TYPES.items()}
+        self._topics = {
+            name: writer.add_topic(names[name], type_name)
+            for name, type_name in OUTPUT_TYPES.items()
+        }
 
     def write(self, answers: Answered) -> None:
         """Log times are those of the messages that completed the sets, so that both bags play side by side."""
-        made = [(cause, answer.messages(self._types.make, self._pipeline.meta)) for cause, answer in answers]
+        made = [
+            (cause, answer.messages(self._types.make, self._pipeline.meta))
+            for cause, answer in answers
+        ]
         for cause, messages in made:
             for name, message in messages.items():
-                self._writer.write(self._topics[name], self._types.serialize(message), cause.log_time_ns, cause.publish_time_ns)
+                self._writer.write(
+                    self._topics[name],
+                    self._types.serialize(message),
+                    cause.log_time_ns,
+                    cause.publish_time_ns,
+                )
 
 
 def replay(
-    bag: Path, output: Path, model: LoadedModel, config: EstimatorConfig, names: Mapping[str, str], start: Start | None = None
+    bag: Path,
+    output: Path,
+    model: LoadedModel,
+    config: EstimatorConfig,
+    names: Mapping[str, str],
+    start: Start | None = None,
 ) -> Replay:
     """Estimate from the messages of ``bag`` and write the estimates to the new bag ``output``.
 
-    ``names`` are the topics' names in the bag, by the estimator's names. Without ``start`` it starts from the prior.
+    ``names`` are the topics' names in the bag, by the estimator's names. Without ``start`` it
+    starts from the prior.
 
     Raises:
         StateFileError: ``start`` is no state of this model.
-        BagError: the bag cannot be read, a type is another, or the output cannot be written; it is taken back then.
+        BagError: the bag cannot be read, a type is another, or the output cannot be written; it is
+            taken back then.
         TopicError: a required topic is missing.
     """
     result = Replay(bag, output)
     with BagReader(bag) as reader:
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
-        result.missing_s, result.notes = reader.missing_s, reader.notes + _other_model(reader, model, names["terrain_estimate"])
+        result.missing_s, result.notes = (
+            reader.missing_s,
+            reader.notes + _other_model(reader, model, names["terrain_estimate"]),
+        )
         wheels = rover_of(model, config.rover).wheel_names
         result.slip, result.sinkage = WheelHistory(wheels), WheelHistory(wheels)
         pipeline = Pipeline(model, config)
@@ -158,7 +189,10 @@ def replay(
             if name in reader.topics:
                 reader.prepare(name)
         with whole_bag(output) as writer:
-            writer.add_metadata("terrain_estimator", identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {}))
+            writer.add_metadata(
+                "terrain_estimator",
+                identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {}),
+            )
             outgoing = _Output(writer, pipeline, names)
             gc.collect()
             gc.freeze()  # collections over torch's modules would take a tenth of the time
@@ -176,18 +210,27 @@ def _other_model(reader: BagReader, model: LoadedModel, estimates: str) -> list[
     node = reader.metadata.get("terrain_estimator", {})
     ours = node.get("topic", "").rpartition("/")[0] == estimates.rpartition("/")[0]
     live = node.get("model_id", "") if ours else ""
-    words = f"{reader.path}: the node's estimates in it are of model {live}, those of this replay of {model.model_id} (--model)"
+    words = (
+        f"{reader.path}: the node's estimates in it are of model {live}, those of this replay of"
+        f" {model.model_id} (--model)"
+    )
     return [words] if live not in {"", model.model_id} else []
 
 
 def identity(pipeline: Pipeline, config: EstimatorConfig) -> dict[str, str]:
     """What estimates rest on beside the messages: model, and configuration in full."""
     meta = pipeline.meta
-    names = {"model_id": meta.model_id, "model_sha256": meta.model_sha256, "configuration_sha256": meta.configuration_sha256}
+    names = {
+        "model_id": meta.model_id,
+        "model_sha256": meta.model_sha256,
+        "configuration_sha256": meta.configuration_sha256,
+    }
     return names | {"configuration": json.dumps(effective(config))}
 
 
-def _run(reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[str, str], result: Replay) -> None:
+def _run(
+    reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[str, str], result: Replay
+) -> None:
     """Read, pair, convert, estimate and write: each step for a batch of messages, which is faster than for one by one.
 
     The answers are the same: every step keeps the order, and none looks back at another.
@@ -198,7 +241,11 @@ def _run(reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[
 
 
 def _converted(
-    reader: BagReader, pipeline: Pipeline, names: Mapping[str, str], result: Replay, progress: ProgressReport
+    reader: BagReader,
+    pipeline: Pipeline,
+    names: Mapping[str, str],
+    result: Replay,
+    progress: ProgressReport,
 ) -> Iterator[Converted]:
     """The sets of the bag, each with the message that completed it, in batches; what still waits at the end comes last."""
     ours = {names[name]: name for name in (*pipeline.inputs, TRUTH)}
@@ -217,17 +264,29 @@ def _converted(
             if name == TRUTH:
                 result.truths.append(message)
         inputs = [(raw, name, message) for raw, name, message in decoded if name != TRUTH]
-        sets = [(raw, complete) for raw, name, message in inputs for complete in pipeline.pair(name, message)]
+        sets = [
+            (raw, complete)
+            for raw, name, message in inputs
+            for complete in pipeline.pair(name, message)
+        ]
         yield [(raw, convert(complete)) for raw, complete in sets]
         cause = inputs[-1][0] if inputs else cause
     if cause is not None:
         yield [(cause, convert(complete)) for complete in pipeline.rest()]
 
 
-def _counted(reader: BagReader, wanted: Container[str], paired: Container[str], sequences: Sequences) -> Iterator[RawMessage]:
+def _counted(
+    reader: BagReader, wanted: Container[str], paired: Container[str], sequences: Sequences
+) -> Iterator[RawMessage]:
     """The wanted messages. On the way gaps are counted of all our messages, but for those that pairing counts."""
-    counted = {name for name, topic in reader.topics.items() if name not in paired and is_sequenced(topic.definition)}
-    for raw in reader.messages([name for name in reader.topics if name in wanted or name in counted]):
+    counted = {
+        name
+        for name, topic in reader.topics.items()
+        if name not in paired and is_sequenced(topic.definition)
+    }
+    for raw in reader.messages(
+        [name for name in reader.topics if name in wanted or name in counted]
+    ):
         if raw.topic in counted and (sequence := sequence_of(raw.data)) is not None:
             sequences.note(raw.topic, sequence)
         if raw.topic in wanted:
@@ -252,6 +311,14 @@ def compare_with_live(result: Replay, names: Mapping[str, str]) -> None:
     """
     with BagReader(result.bag) as reader:
         if missing := [names[name] for name in OUTPUT_TYPES if names[name] not in reader.topics]:
-            raise BagError(f"{result.bag} has no {missing[0]} to compare with: leave out --compare, or record the live estimator")
-    pairs = {name: compare(result.bag, names[name], result.estimates_bag, names[name]) for name in OUTPUT_TYPES}
-    result.differences = {name: "" if difference is None else str(difference) for name, difference in pairs.items()}
+            raise BagError(
+                f"{result.bag} has no {missing[0]} to compare with: leave out --compare, or record"
+                " the live estimator"
+            )
+    pairs = {
+        name: compare(result.bag, names[name], result.estimates_bag, names[name])
+        for name in OUTPUT_TYPES
+    }
+    result.differences = {
+        name: "" if difference is None else str(difference) for name, difference in pairs.items()
+    }

@@ -19,10 +19,14 @@ from terrain_estimator.pages.run import Origin, Run, Truth, run_page
 from terrain_estimator.ros_types import stamp_ns
 
 
-def write_report(path: Path, replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> None:
+def write_report(
+    path: Path, replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig
+) -> None:
     """Write the page about runs whose history was kept. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(run_page([_run(each, model) for each in replays], _origin(model, config)), encoding="utf-8")
+    path.write_text(
+        run_page([_run(each, model) for each in replays], _origin(model, config)), encoding="utf-8"
+    )
 
 
 def _run(replay: Replay, model: LoadedModel) -> Run:
@@ -34,7 +38,9 @@ def _run(replay: Replay, model: LoadedModel) -> Run:
         state_sha256=replay.state_sha256,
         span_s=replay.span_s,
         status=replay.status.lower().replace("_", " "),
-        status_text=status_text(last.update, Status[replay.status], model.rows, last.notes) if last else "",
+        status_text=(
+            status_text(last.update, Status[replay.status], model.rows, last.notes) if last else ""
+        ),
         remarks=remarks(replay),
         history=replay.history,
         slip=replay.slip,
@@ -46,8 +52,14 @@ def _run(replay: Replay, model: LoadedModel) -> Run:
 
 def _truth(message: Message) -> Truth:
     sizes = zip(message.effect, message.effect_value, message.effect_unit, strict=True)
-    effects = [f"{name} {size:.4g}" + ("" if unit == "1" else f" {unit}") for name, size, unit in sizes]
-    return Truth(stamp_ns(message), (message.cohesion, message.tan_phi), " with ".join([message.soil, *effects]))
+    effects = [
+        f"{name} {size:.4g}" + ("" if unit == "1" else f" {unit}") for name, size, unit in sizes
+    ]
+    return Truth(
+        stamp_ns(message),
+        (message.cohesion, message.tan_phi),
+        " with ".join([message.soil, *effects]),
+    )
 
 
 def _origin(model: LoadedModel, config: EstimatorConfig) -> Origin:
@@ -59,11 +71,25 @@ def _origin(model: LoadedModel, config: EstimatorConfig) -> Origin:
     values = effective(config)
     return Origin(
         rover=rover_of(model, config.rover).name,
-        identity=[*identity, *((f"{name}, version", number) for name, number in versions().items())],
-        parameters=[(each.name, _plain(values[each.name]), _plain(each.default), each.meaning) for each in parameters(EstimatorConfig)],
-        citations=list(citations(model.rows, model.metadata.parameters, [each.name for each in model.effects])),
+        identity=[
+            *identity,
+            *((f"{name}, version", number) for name, number in versions().items()),
+        ],
+        parameters=[
+            (each.name, _plain(values[each.name]), _plain(each.default), each.meaning)
+            for each in parameters(EstimatorConfig)
+        ],
+        citations=list(
+            citations(model.rows, model.metadata.parameters, [each.name for each in model.effects])
+        ),
     )
 
 
 def _plain(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+    return (
+        f"{value:g}"
+        if isinstance(value, float)
+        else str(value).lower()
+        if isinstance(value, bool)
+        else str(value)
+    )

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates in a second process while this one reads, converts and writes, where there are two cores.
 
-The processes take turns: this one prepares a batch while the other estimates from the one before. Only one batch is
-under way, so neither can block the other, and each ends when it finds the other's end of the pipe closed.
+The processes take turns: this one prepares a batch while the other estimates from the one before.
+Only one batch is under way, so neither can block the other, and each ends when it finds the other's
+end of the pipe closed.
 """
 
 import dataclasses
@@ -45,14 +46,17 @@ _Packed: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, dict[int, Conversi
 def answering(pipeline: Pipeline) -> Iterator[Answering]:
     """Answers by ``pipeline``: alongside in a process of its own, in turn where there is one core only.
 
-    Enter it before any thread is started: the process is a fork of this one, which has the model loaded and warm.
+    Enter it before any thread is started: the process is a fork of this one, which has the model
+    loaded and warm.
     """
     if len(os.sched_getaffinity(0)) < 2:
         yield partial(_in_turn, pipeline)
         return
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(there, here, pipeline), name="estimation", daemon=True)
+    process = context.Process(
+        target=_serve, args=(there, here, pipeline), name="estimation", daemon=True
+    )
     process.start()
     there.close()
     try:
@@ -69,7 +73,8 @@ def _by_call(record: Update | Estimate | Prediction | Decision) -> tuple[type, t
 
 
 _VALUES = {
-    kind: operator.attrgetter(*(field.name for field in dataclasses.fields(kind))) for kind in (Update, Estimate, Prediction, Decision)
+    kind: operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
+    for kind in (Update, Estimate, Prediction, Decision)
 }
 for _kind in _VALUES:
     ForkingPickler.register(_kind, _by_call)
@@ -99,7 +104,10 @@ def _decode(batch: Converted, received: bytes) -> Answered:
     updates: list[Update] | Exception = ForkingPickler.loads(received)
     if isinstance(updates, Exception):
         raise updates
-    return [(cause, Answer(update, conversion.notes)) for (cause, conversion), update in zip(batch, updates, strict=True)]
+    return [
+        (cause, Answer(update, conversion.notes))
+        for (cause, conversion), update in zip(batch, updates, strict=True)
+    ]
 
 
 def _send(pipe: Connection, packed: memoryview) -> None:
@@ -116,13 +124,18 @@ def _receive(pipe: Connection) -> bytes:
         raise ChildProcessError(_ENDED) from error
 
 
-_ENDED = "the process that estimates ended unexpectedly: was it killed, or did the memory run out? Replay the bag again"
+_ENDED = (
+    "the process that estimates ended unexpectedly: was it killed, or did the memory run out?"
+    " Replay the bag again"
+)
 
 
 def _serve(pipe: Connection, other_end: Connection, pipeline: Pipeline) -> None:
     """The other process: answer batches until the pipe is closed."""
     other_end.close()  # this process's copy: the end would not be seen while it is open
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both processes; the first one ends this one
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches both processes; the first one ends this one
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a command's own handler is of no use here
     try:
         while True:
@@ -141,11 +154,23 @@ def _updates(pipeline: Pipeline, packed: _Packed) -> list[Update] | Exception:
 
 def _pack(conversions: list[Conversion]) -> _Packed:
     """Few large arrays: objects for each observation would cost as much as the estimate's arithmetic."""
-    without = {at: conversion for at, conversion in enumerate(conversions) if conversion.observation is None}
-    observations = [conversion.observation for conversion in conversions if conversion.observation is not None]
+    without = {
+        at: conversion
+        for at, conversion in enumerate(conversions)
+        if conversion.observation is None
+    }
+    observations = [
+        conversion.observation for conversion in conversions if conversion.observation is not None
+    ]
     stamps = np.array([observation.stamp_ns for observation in observations], dtype=np.int64)
-    axles = np.array([[getattr(observation, name) for name in AXLE_FIELDS] for observation in observations], dtype=np.float64)
-    scalars = np.array([[getattr(observation, name) for name in SCALAR_FIELDS] for observation in observations], dtype=np.float64)
+    axles = np.array(
+        [[getattr(observation, name) for name in AXLE_FIELDS] for observation in observations],
+        dtype=np.float64,
+    )
+    scalars = np.array(
+        [[getattr(observation, name) for name in SCALAR_FIELDS] for observation in observations],
+        dtype=np.float64,
+    )
     return stamps, axles, scalars, without
 
 

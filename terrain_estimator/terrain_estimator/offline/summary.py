@@ -25,13 +25,24 @@ WIDTH = 150
 """[characters] of the table where stdout is no terminal."""
 NARROW = 120
 """[characters] of a terminal: on less an interval takes lines of its own."""
-_HEAD = ("bag", "time", "esti|mates", "re|fused", "c in kPa~(95 %)", "tan phi~(95 %)", "status", "x real~time")
+_HEAD = (
+    "bag",
+    "time",
+    "esti|mates",
+    "re|fused",
+    "c in kPa~(95 %)",
+    "tan phi~(95 %)",
+    "status",
+    "x real~time",
+)
 """With the places where a word and a line may be broken."""
 SUSPICIOUS_SHARE = 0.1
 """[1] of the observations: more that contradict the estimate come from a wrong model rather than from the ground."""
 
 
-def summary(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> dict[str, Any]:
+def summary(
+    replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig
+) -> dict[str, Any]:
     """Everything about the runs: plain types, no NaN (null instead), so that any JSON reader takes it."""
     return {
         "model_id": model.model_id,
@@ -51,14 +62,18 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
         "notes": replay.notes,
         "estimates": replay.estimates,
         "outcomes": {outcome.name: count for outcome, count in sorted(replay.outcomes.items())},
-        "inputs": {topic: dataclasses.asdict(counters) for topic, counters in replay.inputs.items()},
+        "inputs": {
+            topic: dataclasses.asdict(counters) for topic, counters in replay.inputs.items()
+        },
         "lost": dict(sorted((+replay.sequences.lost).items())),
         "late": dict(sorted((+replay.sequences.late).items())),
         "status": replay.status,
         "estimate": estimate_summary(replay),
         "wall_s": replay.wall_s,
         "times_real_time": _finite(replay.times_real_time),
-        "identical_to_live": None if replay.differences is None else not any(replay.differences.values()),
+        "identical_to_live": (
+            None if replay.differences is None else not any(replay.differences.values())
+        ),
         "differences": replay.differences,
     }
 
@@ -69,7 +84,9 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
         return {}
     estimate, truth = replay.last.update.estimate, replay.truth
     result = {}
-    for index, (name, attribute) in enumerate((("cohesion_pa", "cohesion"), ("tan_phi", "tan_phi"))):
+    for index, (name, attribute) in enumerate(
+        (("cohesion_pa", "cohesion"), ("tan_phi", "tan_phi"))
+    ):
         result[name] = {
             "mean": _finite(float(estimate.mean[index])),
             "sd": _finite(math.sqrt(float(estimate.covariance[index, index]))),
@@ -83,9 +100,18 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
 
 def print_table(replays: Sequence[Replay]) -> None:
     """One line a bag, then what a user should know about it."""
-    console = Console(highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH)
+    console = Console(
+        highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH
+    )
     narrow = console.width < NARROW
-    head = [each.replace("|", "-\n").replace("~", "\n") if narrow else each.replace("|", "").replace("~", " ") for each in _HEAD]
+    head = [
+        (
+            each.replace("|", "-\n").replace("~", "\n")
+            if narrow
+            else each.replace("|", "").replace("~", " ")
+        )
+        for each in _HEAD
+    ]
     table = Table(*head)
     if narrow:
         table.box, table.collapse_padding, table.pad_edge = SIMPLE_HEAD, True, False
@@ -133,20 +159,41 @@ def remarks(replay: Replay) -> list[str]:
     if replay.missing_s:
         lines.append(f"{replay.bag}: {replay.missing_s:.1f} s are missing at the end")
     lines += [
-        f"{replay.name}: {count} x {outcome.name}: {outcome.advice}" for outcome, count in sorted(replay.outcomes.items()) if outcome.advice
+        f"{replay.name}: {count} x {outcome.name}: {outcome.advice}"
+        for outcome, count in sorted(replay.outcomes.items())
+        if outcome.advice
     ]
     if (gated := replay.outcomes[Outcome.GATED]) > SUSPICIOUS_SHARE * replay.estimates:
-        lines.append(f"{replay.name}: {gated / replay.estimates:.0%} are GATED: is the model (--model) that of this rover and soil?")
+        lines.append(
+            f"{replay.name}: {gated / replay.estimates:.0%} are GATED: is the model (--model) that"
+            " of this rover and soil?"
+        )
     for topic, counters in replay.inputs.items():
-        troubles = {"unpaired": counters.unpaired, "out of order": counters.out_of_order, "lost": counters.lost}
+        troubles = {
+            "unpaired": counters.unpaired,
+            "out of order": counters.out_of_order,
+            "lost": counters.lost,
+        }
         if any(troubles.values()):
-            lines.append(f"{replay.name}: {topic}: {', '.join(f'{count} {what}' for what, count in troubles.items() if count)}")
+            lines.append(
+                f"{replay.name}: {topic}:"
+                f" {', '.join(f'{count} {what}' for what, count in troubles.items() if count)}"
+            )
     lost, late = +replay.sequences.lost, +replay.sequences.late
     for topic in sorted(lost | late):
-        counts = [f"{count[topic]} {what}" for what, count in (("out of order", late), ("lost", lost)) if count[topic]]
-        lines.append(f"{replay.name}: {topic}: {', '.join(counts)}, by the sequence numbers in the messages")
+        counts = [
+            f"{count[topic]} {what}"
+            for what, count in (("out of order", late), ("lost", lost))
+            if count[topic]
+        ]
+        lines.append(
+            f"{replay.name}: {topic}: {', '.join(counts)}, by the sequence numbers in the messages"
+        )
     for topic, difference in (replay.differences or {}).items():
-        lines.append(f"{replay.name}: {topic} {f'differs from live: {difference}' if difference else 'is identical to live'}")
+        lines.append(
+            f"{replay.name}: {topic}"
+            f" {f'differs from live: {difference}' if difference else 'is identical to live'}"
+        )
     return lines
 
 

@@ -24,8 +24,9 @@ def absolute(name: str, namespace: str = "") -> str:
 def parse_remap(rule: str) -> tuple[str, str]:
     """(our topic, topic in the bag) of ``from:=to``.
 
-    Both orders are in use: nodes take ``wheel_slip:=/rover1/slip``, ``ros2 bag play`` takes ``/rover1/slip:=wheel_slip``.
-    One side has to be a topic that the estimator knows, which tells them apart; where both are, the node's order holds.
+    Both orders are in use: nodes take ``wheel_slip:=/rover1/slip``, ``ros2 bag play`` takes
+    ``/rover1/slip:=wheel_slip``. One side has to be a topic that the estimator knows, which tells
+    them apart; where both are, the node's order holds.
 
     Raises:
         TopicError: another form, or no side is known.
@@ -36,7 +37,9 @@ def parse_remap(rule: str) -> tuple[str, str]:
     for ours, theirs in ((first, second), (second, first)):
         if ours.lstrip("/") in KNOWN:
             return ours.lstrip("/"), theirs
-    raise TopicError(f"remap {rule!r}: neither side is a topic of the estimator ({', '.join(KNOWN)})")
+    raise TopicError(
+        f"remap {rule!r}: neither side is a topic of the estimator ({', '.join(KNOWN)})"
+    )
 
 
 def bag_topics(remap: Iterable[str], namespace: str) -> dict[str, str]:
@@ -50,7 +53,10 @@ def bag_topics(remap: Iterable[str], namespace: str) -> dict[str, str]:
     read_as = {topic: name for name, topic in names.items()}
     for name, topic in names.items():
         if read_as[topic] != name:
-            raise TopicError(f"{topic} would be both {name} and {read_as[topic]}: remap each to a topic of its own")
+            raise TopicError(
+                f"{topic} would be both {name} and {read_as[topic]}: remap each to a topic of"
+                " its own"
+            )
     return names
 
 
@@ -59,8 +65,19 @@ def check_inputs(bag: str, present: Mapping[str, object], names: Mapping[str, st
     missing = [names[name] for name in REQUIRED_INPUTS if names[name] not in present]
     if not missing:
         return
-    similar = [topic for topic in sorted(present) if topic.rsplit("/", 1)[-1] in REQUIRED_INPUTS and topic not in names.values()]
-    hint = f"it has {', '.join(similar)}: give --namespace or --remap" if similar else f"it has {', '.join(sorted(present)) or 'no topics'}"
+    similar = [
+        topic
+        for topic in sorted(present)
+        if topic.rsplit("/", 1)[-1] in REQUIRED_INPUTS and topic not in names.values()
+    ]
+    hint = (
+        f"it has {', '.join(similar)}: give --namespace or --remap"
+        if similar
+        else f"it has {', '.join(sorted(present)) or 'no topics'}"
+    )
     if missing == [names["wheel_slip"]] and names["joint_states"] in present:
-        hint += "; or make it of the wheel rates and a velocity by add_slip (docs/bring_your_own_rover.md)"
+        hint += (
+            "; or make it of the wheel rates and a velocity by add_slip"
+            " (docs/bring_your_own_rover.md)"
+        )
     raise TopicError(f"{bag}: no topic {', '.join(missing)}; {hint}")

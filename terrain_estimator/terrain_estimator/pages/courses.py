@@ -14,7 +14,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, LOOK, QUIET, WIDTH_INCH, Picture, Series, Table, inline
+from terrain_estimator.pages.pictures import (
+    AFTER,
+    BEFORE,
+    INK,
+    LOOK,
+    QUIET,
+    WIDTH_INCH,
+    Picture,
+    Series,
+    Table,
+    inline,
+)
 
 TABLE_ROWS = 24
 """About so many in the table of a picture; between them lie as many points again as the picture has."""
@@ -39,20 +50,34 @@ def bands(name: str, title: str, course: Course, axis: str) -> Picture:
     """The mean in its bands of 68 and 95 %, the truth as a dashed line."""
     known = any(map(math.isfinite, course.truth))
     with _drawn() as (figure, axes):
-        for (low, high), alpha, label in ((course.band_95, 0.22, "95 %"), (course.band_68, 0.35, "68 %")):
-            axes.fill_between(course.time_s, low, high, color=AFTER, alpha=alpha, linewidth=0.0, label=label)
+        for (low, high), alpha, label in (
+            (course.band_95, 0.22, "95 %"),
+            (course.band_68, 0.35, "68 %"),
+        ):
+            axes.fill_between(
+                course.time_s, low, high, color=AFTER, alpha=alpha, linewidth=0.0, label=label
+            )
         axes.plot(course.time_s, course.mean, color=AFTER, label="estimate")
         if known:
-            axes.step(course.time_s, course.truth, color=INK, linestyle="--", linewidth=1.3, where="pre", label="truth")
+            axes.step(
+                course.time_s,
+                course.truth,
+                color=INK,
+                linestyle="--",
+                linewidth=1.3,
+                where="pre",
+                label="truth",
+            )
         axes.set_ylim(*_limits(course))
         _finish(figure, axes, axis, course.time_s)
         svg = inline(figure, name)
     head = (_TIME, "estimate", "68 % from", "to", "95 % from", "to", "truth")
     columns = (course.mean, *course.band_68, *course.band_95, course.truth)
     words = (
-        f"{title} over {course.time_s[-1]:.0f} s: from {course.mean[0]:.3g} to {course.mean[-1]:.3g}, at the end with 95 % between "
-        f"{course.band_95[0][-1]:.3g} and {course.band_95[1][-1]:.3g}"
-        f"{f'; the truth there is {course.truth[-1]:.3g}' if known else ''}. {axis}. The numbers are in the table."
+        f"{title} over {course.time_s[-1]:.0f} s: from {course.mean[0]:.3g} to"
+        f" {course.mean[-1]:.3g}, at the end with 95 % between {course.band_95[0][-1]:.3g} and"
+        f" {course.band_95[1][-1]:.3g}{f'; the truth there is {course.truth[-1]:.3g}' if known else ''}."
+        f" {axis}. The numbers are in the table."
     )
     return Picture(name, title, words, svg, _table(head, course.time_s, columns))
 
@@ -73,20 +98,39 @@ def curves(
     with _drawn() as (figure, axes):
         for each in series:
             heights = [math.nan if value is None else value for value in each.values]
-            look: dict[str, Any] = {"color": each.colour, "linestyle": each.dash, "marker": each.marker, "markevery": 0.13, "markersize": 4}
+            look: dict[str, Any] = {
+                "color": each.colour,
+                "linestyle": each.dash,
+                "marker": each.marker,
+                "markevery": 0.13,
+                "markersize": 4,
+            }
             axes.plot(time_s, heights, label=each.name, **look)
         for k, mark in enumerate(marks_s):
-            axes.axvline(mark, color=INK, linestyle=":", linewidth=1.3, label=None if k else "true change")
+            axes.axvline(
+                mark, color=INK, linestyle=":", linewidth=1.3, label=None if k else "true change"
+            )
         axes.set_ylim(bottom=min(0.0, axes.dataLim.y0), top=top)
         _finish(figure, axes, axis, time_s)
         svg = inline(figure, name)
-    marked = f" The true ground changes at {', '.join(f'{mark:.0f} s' for mark in marks_s)}." if marks_s else ""
-    words = f"{title}: {', '.join(map(_said, series))}. {axis} over {_TIME}.{marked} The numbers are in the table."
-    table = _table((_TIME, *(each.name for each in series)), time_s, [each.values for each in series])
+    marked = (
+        f" The true ground changes at {', '.join(f'{mark:.0f} s' for mark in marks_s)}."
+        if marks_s
+        else ""
+    )
+    words = (
+        f"{title}: {', '.join(map(_said, series))}. {axis} over {_TIME}.{marked} The numbers are in"
+        " the table."
+    )
+    table = _table(
+        (_TIME, *(each.name for each in series)), time_s, [each.values for each in series]
+    )
     return Picture(name, title, words, svg, table)
 
 
-def occurrences(name: str, title: str, ends_s: Sequence[float], counts: Mapping[str, Sequence[int]]) -> Picture:
+def occurrences(
+    name: str, title: str, ends_s: Sequence[float], counts: Mapping[str, Sequence[int]]
+) -> Picture:
     """A row for each thing that happened, with a bar where it did: ``counts`` in the spans that end at ``ends_s``."""
     starts, end = [0.0, *ends_s[:-1]], _end(ends_s)
     stretches = {what: _stretches(starts, ends_s, of_span) for what, of_span in counts.items()}
@@ -96,7 +140,9 @@ def occurrences(name: str, title: str, ends_s: Sequence[float], counts: Mapping[
         axes = figure.subplots()
         for row, what in enumerate(counts):
             places = [(start, max(stop - start, least)) for start, stop in stretches[what]]
-            axes.broken_barh(places, (row - 0.3, 0.6), color=BEFORE if row else AFTER, linewidth=0.0)
+            axes.broken_barh(
+                places, (row - 0.3, 0.6), color=BEFORE if row else AFTER, linewidth=0.0
+            )
         axes.set_yticks(range(len(counts)), list(counts))
         axes.set_ylim(len(counts) - 0.5, -0.5)
         axes.tick_params(axis="y", length=0)
@@ -106,9 +152,16 @@ def occurrences(name: str, title: str, ends_s: Sequence[float], counts: Mapping[
         axes.set_xlabel(_TIME)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         svg = inline(figure, name)
-    rows = tuple((what, sum(counts[what]), each[0][0], each[-1][1]) for what, each in stretches.items())
-    words = f"{title}: {'; '.join(f'{what} {total} times, from {first:.0f} to {last:.0f} s' for what, total, first, last in rows)}."
-    return Picture(name, title, words, svg, Table(("", "observations", "first [s]", "last [s]"), rows))
+    rows = tuple(
+        (what, sum(counts[what]), each[0][0], each[-1][1]) for what, each in stretches.items()
+    )
+    words = (
+        f"{title}:"
+        f" {'; '.join(f'{what} {total} times, from {first:.0f} to {last:.0f} s' for what, total, first, last in rows)}."
+    )
+    return Picture(
+        name, title, words, svg, Table(("", "observations", "first [s]", "last [s]"), rows)
+    )
 
 
 @contextmanager
@@ -149,11 +202,16 @@ def _limits(course: Course) -> tuple[float, float]:
     return max(0.0, low - margin), high + margin
 
 
-def _table(head: tuple[str, ...], time_s: Sequence[float], columns: Sequence[Sequence[float | None]]) -> Table:
+def _table(
+    head: tuple[str, ...], time_s: Sequence[float], columns: Sequence[Sequence[float | None]]
+) -> Table:
     """Every so many points, and the last."""
     every = max(1, len(time_s) // TABLE_ROWS)
     chosen = sorted({*range(0, len(time_s), every), len(time_s) - 1})
-    return Table(head, tuple((f"{time_s[k]:.1f}", *(_known(column[k]) for column in columns)) for k in chosen))
+    return Table(
+        head,
+        tuple((f"{time_s[k]:.1f}", *(_known(column[k]) for column in columns)) for k in chosen),
+    )
 
 
 def _known(value: float | None) -> float | None:
@@ -162,10 +220,16 @@ def _known(value: float | None) -> float | None:
 
 def _said(series: Series) -> str:
     known = [value for value in map(_known, series.values) if value is not None]
-    return f"{series.name} at most {max(known):.3g}, at the end {known[-1]:.3g}" if known else f"{series.name} not known"
+    return (
+        f"{series.name} at most {max(known):.3g}, at the end {known[-1]:.3g}"
+        if known
+        else f"{series.name} not known"
+    )
 
 
-def _stretches(starts: Sequence[float], ends: Sequence[float], counts: Sequence[int]) -> list[tuple[float, float]]:
+def _stretches(
+    starts: Sequence[float], ends: Sequence[float], counts: Sequence[int]
+) -> list[tuple[float, float]]:
     """Where the spans with a count begin and end, neighbours as one."""
     found: list[tuple[float, float]] = []
     for start, end, count in zip(starts, ends, counts, strict=True):

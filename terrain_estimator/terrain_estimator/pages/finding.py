@@ -12,7 +12,17 @@ from typing import Any
 from terrain_estimator.pages import finding_words as say
 from terrain_estimator.pages.numbers import NORMAL_95
 from terrain_estimator.pages.page import page
-from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, Series, Table, bars, lines, points
+from terrain_estimator.pages.pictures import (
+    AFTER,
+    BEFORE,
+    INK,
+    Picture,
+    Series,
+    Table,
+    bars,
+    lines,
+    points,
+)
 
 LISTED = 1e-3
 """Probability from which a candidate has a line of its own."""
@@ -26,9 +36,15 @@ _CLEAR_NATS = 3000.0
 EVERYWHERE = "everywhere"
 """Name of the region that holds all others."""
 STYLES = {"before": (BEFORE, "s"), "after": (AFTER, "o")}
-_STRENGTHS = (("cohesion_pa", "Cohesion c", "c [kPa]", 1e-3), ("tan_phi", "Friction angle, as tan phi", "tan phi [1]", 1.0))
+_STRENGTHS = (
+    ("cohesion_pa", "Cohesion c", "c [kPa]", 1e-3),
+    ("tan_phi", "Friction angle, as tan phi", "tan phi [1]", 1.0),
+)
 """Key, title, axis and factor to the unit of the axis."""
-_KINDS = {"one_step": "Prediction of the next second", "rollout": "Simulation of 5 s from the wheel rates alone"}
+_KINDS = {
+    "one_step": "Prediction of the next second",
+    "rollout": "Simulation of 5 s from the wheel rates alone",
+}
 
 Finding = Mapping[str, Any]
 
@@ -65,19 +81,25 @@ def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
 
 
 _PARAMETERS_WORDS = (
-    "Where something is missing, cohesion and friction angle bend to explain it. These are the estimates of every run without "
-    "what was found and with it."
+    "Where something is missing, cohesion and friction angle bend to explain it. These are the"
+    " estimates of every run without what was found and with it."
 )
 
 
 def effects_title(finding: Finding) -> str:
     """What stands above the sizes."""
     named = finding["verdict"] in {"named", "confusable"}
-    return "Sizes of the effects that are named" if named else "The closest, which do not explain it"
+    return (
+        "Sizes of the effects that are named" if named else "The closest, which do not explain it"
+    )
 
 
 def _asked(finding: Finding) -> dict[str, Any]:
-    library = [name for name in finding["probabilities"] if name not in {"none", "unknown"} and " + " not in name]
+    library = [
+        name
+        for name in finding["probabilities"]
+        if name not in {"none", "unknown"} and " + " not in name
+    ]
     told = {"rover": "", "soil": ""} | dict(finding.get("asked") or {})
     return told | {"runs": finding["runs"], "held_out": finding["held_out"], "library": library}
 
@@ -86,7 +108,12 @@ def candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
     """Candidates worth a line, the most probable first, and the names of the others."""
     ranked = sorted(finding["probabilities"].items(), key=lambda pair: -pair[1])
     listed = [
-        {"name": name, "id": name.replace(" + ", "-"), "probability": value, "sentence": say.what_it_is(name)}
+        {
+            "name": name,
+            "id": name.replace(" + ", "-"),
+            "probability": value,
+            "sentence": say.what_it_is(name),
+        }
         for name, value in ranked
         if value >= LISTED
     ]
@@ -95,19 +122,36 @@ def candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
 
 def _where(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What disagrees, in sentences; a picture for each unit, as lengths of different ones do not compare."""
-    shown = [{**each, "number": k, "sentence": say.disagreement(each)} for k, each in enumerate(entries[:MOST], start=1)]
+    shown = [
+        {**each, "number": k, "sentence": say.disagreement(each)}
+        for k, each in enumerate(entries[:MOST], start=1)
+    ]
     by_unit: dict[str, list[dict[str, Any]]] = {}
     for each in shown:
         by_unit.setdefault(each["unit"], []).append(each)
-    return {"sentences": [each["sentence"] for each in shown], "pictures": [_where_picture(unit, own) for unit, own in by_unit.items()]}
+    return {
+        "sentences": [each["sentence"] for each in shown],
+        "pictures": [_where_picture(unit, own) for unit, own in by_unit.items()],
+    }
 
 
 def _where_picture(unit: str, entries: Sequence[Mapping[str, Any]]) -> Picture:
     labels = [f"{each['number']}. {each['row']}: {_place(each)}" for each in entries]
     name = f"disagreement-{entries[0]['number']}"
-    rows = tuple((label, each["region"], each["strength"], each["p"]) for label, each in zip(labels, entries, strict=True))
-    drawn = bars(name, f"How much they disagree, in {unit}", labels, [each["strength"] for each in entries], f"strength [{unit}]")
-    return dataclasses.replace(drawn, table=Table(("disagreement", "region", f"strength [{unit}]", "p"), rows))
+    rows = tuple(
+        (label, each["region"], each["strength"], each["p"])
+        for label, each in zip(labels, entries, strict=True)
+    )
+    drawn = bars(
+        name,
+        f"How much they disagree, in {unit}",
+        labels,
+        [each["strength"] for each in entries],
+        f"strength [{unit}]",
+    )
+    return dataclasses.replace(
+        drawn, table=Table(("disagreement", "region", f"strength [{unit}]", "p"), rows)
+    )
 
 
 def _place(entry: Mapping[str, Any]) -> str:
@@ -119,14 +163,27 @@ def _proof(finding: Finding) -> dict[str, Any]:
     gap, proof = finding.get("gap") or {}, finding.get("proof") or {}
     scores = proof.get("rows") or ()
     kinds = list(dict.fromkeys(each["kind"] for each in scores))
-    rollouts = {proof[key]["signal"]: proof[key] for key in ("rollout", "velocity_rollout") if proof.get(key)}
-    overall = {kind: [each for each in scores if each["kind"] == kind and each["region"] == EVERYWHERE] for kind in kinds}
+    rollouts = {
+        proof[key]["signal"]: proof[key]
+        for key in ("rollout", "velocity_rollout")
+        if proof.get(key)
+    }
+    overall = {
+        kind: [each for each in scores if each["kind"] == kind and each["region"] == EVERYWHERE]
+        for kind in kinds
+    }
     return {
         "sentence": say.proof_sentence(gap, proof),
         "gap": _gap_table(gap) if gap.get("before") is not None else None,
         "why_not": "the finding has none" if finding["held_out"] else "no run was held out",
         "pictures": [_scores_picture(kind, own) for kind, own in overall.items() if own],
-        "tables": [(_KINDS.get(kind, kind), _score_table([each for each in scores if each["kind"] == kind])) for kind in kinds],
+        "tables": [
+            (
+                _KINDS.get(kind, kind),
+                _score_table([each for each in scores if each["kind"] == kind]),
+            )
+            for kind in kinds
+        ],
         "rollouts": [_rollout(each) for each in rollouts.values()],
         "parameters": _halves(proof.get("parameters") or ()),
     }
@@ -136,7 +193,13 @@ def _rollout(rollout: Mapping[str, Any]) -> Picture:
     series = [Series("measured", rollout["measured"], INK, "^")]
     series += [Series(word, rollout[word], *STYLES[word]) for word in STYLES if rollout[word]]
     title = f"{rollout['signal'].capitalize()} in {rollout['run']}"
-    return lines(f"rollout-{rollout['signal']}", title, rollout["time_s"], series, ("time [s]", f"{rollout['signal']} [{rollout['unit']}]"))
+    return lines(
+        f"rollout-{rollout['signal']}",
+        title,
+        rollout["time_s"],
+        series,
+        ("time [s]", f"{rollout['signal']} [{rollout['unit']}]"),
+    )
 
 
 def _halves(strengths: Sequence[Mapping[str, Any]]) -> list[Picture]:
@@ -147,7 +210,11 @@ def _halves(strengths: Sequence[Mapping[str, Any]]) -> list[Picture]:
             f"held-out-{key}",
             title,
             labels,
-            [_half_series(strengths, key, unit, k) for k in (0, 1) if strengths[0][key][k] is not None],
+            [
+                _half_series(strengths, key, unit, k)
+                for k in (0, 1)
+                if strengths[0][key][k] is not None
+            ],
             axis,
         )
         for key, title, axis, unit in _STRENGTHS
@@ -171,15 +238,29 @@ def _gap_table(gap: Mapping[str, Any]) -> Table:
         ("its 95 % interval, lower end", closed[0]),
         ("its 95 % interval, upper end", closed[1]),
     )
-    return Table(("in standard deviations", "value"), tuple(row for row in rows if row[1] is not None))
+    return Table(
+        ("in standard deviations", "value"), tuple(row for row in rows if row[1] is not None)
+    )
 
 
 def _scores_picture(kind: str, rows: Sequence[Mapping[str, Any]]) -> Picture:
     """Errors in units of the noise floor, so that rows of different units share a picture."""
-    words = [word for k, word in enumerate(STYLES) if any(each["error"][k] is not None for each in rows)]
-    series = [Series(word, [_over(each, k) for each in rows], *STYLES[word]) for k, word in enumerate(words)]
+    words = [
+        word for k, word in enumerate(STYLES) if any(each["error"][k] is not None for each in rows)
+    ]
+    series = [
+        Series(word, [_over(each, k) for each in rows], *STYLES[word])
+        for k, word in enumerate(words)
+    ]
     labels = [each["row"] for each in rows]
-    return points(f"scores-{kind}", _KINDS.get(kind, kind), labels, series, "root mean square error over the noise floor [1]", goal=1.0)
+    return points(
+        f"scores-{kind}",
+        _KINDS.get(kind, kind),
+        labels,
+        series,
+        "root mean square error over the noise floor [1]",
+        goal=1.0,
+    )
 
 
 def _over(row: Mapping[str, Any], k: int) -> float | None:
@@ -188,9 +269,17 @@ def _over(row: Mapping[str, Any], k: int) -> float | None:
 
 
 def _score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    pairs = [f"{what} {when}" for what in ("error", "NLL", "coverage") for when in ("before", "after")]
+    pairs = [
+        f"{what} {when}" for what in ("error", "NLL", "coverage") for when in ("before", "after")
+    ]
     head = ("row and region", "unit", "noise floor", *pairs)
-    return Table(head, tuple((f"{each['row']}, {each['region']}", each["unit"], each["noise_floor"], *_pairs(each)) for each in rows))
+    return Table(
+        head,
+        tuple(
+            (f"{each['row']}, {each['region']}", each["unit"], each["noise_floor"], *_pairs(each))
+            for each in rows
+        ),
+    )
 
 
 def _pairs(score: Mapping[str, Any]) -> Iterator[float | None]:
@@ -200,14 +289,27 @@ def _pairs(score: Mapping[str, Any]) -> Iterator[float | None]:
 
 def _parameters(finding: Finding, unsealed: Unsealed | None) -> list[Picture]:
     """c and tan phi of every run that was searched: before, after where something is named, and the truth where somebody knows it."""
-    found, words = finding["parameters"], tuple(STYLES) if finding["verdict"] in {"named", "confusable"} else ("before",)
+    found, words = (
+        finding["parameters"],
+        tuple(STYLES) if finding["verdict"] in {"named", "confusable"} else ("before",),
+    )
     if len(words) == 1 and unsealed is None:
         return []
     pictures = []
     for key, title, axis, unit in _STRENGTHS:
-        series = [Series(word, [unit * each for each in found[word][key]], *STYLES[word]) for word in words]
+        series = [
+            Series(word, [unit * each for each in found[word][key]], *STYLES[word])
+            for word in words
+        ]
         if unsealed is not None:
-            series.append(Series("truth", [unit * unsealed.strengths[run][key] for run in finding["runs"]], INK, "D"))
+            series.append(
+                Series(
+                    "truth",
+                    [unit * unsealed.strengths[run][key] for run in finding["runs"]],
+                    INK,
+                    "D",
+                )
+            )
         pictures.append(points(key, title, finding["runs"], series, axis))
     return pictures
 
@@ -216,10 +318,21 @@ def _apart(matrix: Mapping[str, Any]) -> dict[str, Any]:
     """The matrix, with what stands on its diagonal (an effect over nothing) as a column of its own."""
     names = matrix.get("names") or []
     rows = [
-        {"name": name, "cells": [_cell(values[i]), *(None if i == j else _cell(value) for j, value in enumerate(values))]}
+        {
+            "name": name,
+            "cells": [
+                _cell(values[i]),
+                *(None if i == j else _cell(value) for j, value in enumerate(values)),
+            ],
+        }
         for i, (name, values) in enumerate(zip(names, matrix.get("nats") or [], strict=True))
     ]
-    return {"names": ["nothing", *names], "rows": rows, "alike": ALIKE_NATS, "not_testable": dict(matrix.get("not_testable") or {})}
+    return {
+        "names": ["nothing", *names],
+        "rows": rows,
+        "alike": ALIKE_NATS,
+        "not_testable": dict(matrix.get("not_testable") or {}),
+    }
 
 
 def _cell(nats: float) -> dict[str, Any]:
@@ -228,15 +341,32 @@ def _cell(nats: float) -> dict[str, Any]:
 
 
 def _next(finding: Finding) -> dict[str, Any]:
-    otherwise = "Nothing has to be told apart." if finding["verdict"] in {"none", "named"} else "No drive was compared."
+    otherwise = (
+        "Nothing has to be told apart."
+        if finding["verdict"] in {"none", "named"}
+        else "No drive was compared."
+    )
     drives = finding.get("next_drives") or ()
-    rows = tuple((each["words"], each["seconds"], " against ".join(each["pair"]), each["nats"]) for each in drives)
-    table = Table(("drive", "length [s]", "evidence for", "expected gain [nat]"), rows) if rows else None
-    return {"separate_by": say.separation(finding.get("separate_by") or ""), "table": table, "otherwise": otherwise}
+    rows = tuple(
+        (each["words"], each["seconds"], " against ".join(each["pair"]), each["nats"])
+        for each in drives
+    )
+    table = (
+        Table(("drive", "length [s]", "evidence for", "expected gain [nat]"), rows)
+        if rows
+        else None
+    )
+    return {
+        "separate_by": say.separation(finding.get("separate_by") or ""),
+        "table": table,
+        "otherwise": otherwise,
+    }
 
 
 def _provenance(told: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What, and its version or SHA-256."""
     pairs = [(f"{name}, version", value) for name, value in (told.get("versions") or {}).items()]
     pairs += [(f"{name}, SHA-256", value) for name, value in (told.get("sha256") or {}).items()]
-    return pairs + [(f"run {name}, SHA-256", value) for name, value in told.get("runs_sha256") or ()]
+    return pairs + [
+        (f"run {name}, SHA-256", value) for name, value in told.get("runs_sha256") or ()
+    ]

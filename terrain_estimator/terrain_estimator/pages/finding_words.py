@@ -28,21 +28,32 @@ _SIGNS = {"none": "✓", "named": "●", "confusable": "≈", "unknown": "?"}
 def verdict(finding: Mapping[str, Any]) -> Verdict:
     """The verdict; a name that is none of the four is an error."""
     name = finding["verdict"]
-    headline, sentence = {"none": _none, "named": _named, "confusable": _confusable, "unknown": _unknown}[name](finding)
+    headline, sentence = {
+        "none": _none,
+        "named": _named,
+        "confusable": _confusable,
+        "unknown": _unknown,
+    }[name](finding)
     return Verdict(name, _SIGNS[name], headline, sentence)
 
 
 def what_it_is(name: str) -> str:
     """The physics of a candidate in a sentence; of several together one after the other."""
-    special = {"none": "Nothing is missing.", "unknown": "Something is missing that is not among the considered effects."}
-    return special.get(name) or " ".join(EFFECTS[part].sentence for part in name.split(" + ") if part in EFFECTS)
+    special = {
+        "none": "Nothing is missing.",
+        "unknown": "Something is missing that is not among the considered effects.",
+    }
+    return special.get(name) or " ".join(
+        EFFECTS[part].sentence for part in name.split(" + ") if part in EFFECTS
+    )
 
 
 def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     sure = probability(finding["probabilities"]["none"])
     sentence = Markup(
-        "No effect explains what was measured better than the model without one, and nothing without a name does (probability {}). "
-        "An effect that is too small to show here is not excluded."
+        "No effect explains what was measured better than the model without one, and nothing"
+        " without a name does (probability {}). An effect that is too small to show here is not"
+        " excluded."
     )
     return "Nothing is missing that these runs show", sentence.format(sure)
 
@@ -62,25 +73,37 @@ def _named(finding: Mapping[str, Any]) -> tuple[str, Markup]:
 def _confusable(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     each_way = alternatives(finding)
     listed = Markup("; ").join(
-        Markup("{} (probability {})").format(Markup(" with ").join(map(_size, effects)), probability(effects[0]["probability"]))
+        Markup("{} (probability {})").format(
+            Markup(" with ").join(map(_size, effects)), probability(effects[0]["probability"])
+        )
         for effects in each_way
     )
-    sentence = Markup("Something is missing, and what was measured cannot tell which of {} it is: {}.")
+    sentence = Markup(
+        "Something is missing, and what was measured cannot tell which of {} it is: {}."
+    )
     names = [" with ".join(each["name"] for each in effects) for effects in each_way]
     return f"The model lacks {words(names, 'or')}", sentence.format(len(names), listed)
 
 
 def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
-    sure, closest = probability(finding["probabilities"]["unknown"]), words([each["name"] for each in finding["effects"]])
-    sentence = Markup("Something is missing that no effect that was considered explains (probability {}).").format(sure)
+    sure, closest = (
+        probability(finding["probabilities"]["unknown"]),
+        words([each["name"] for each in finding["effects"]]),
+    )
+    sentence = Markup(
+        "Something is missing that no effect that was considered explains (probability {})."
+    ).format(sure)
     if (finding.get("proof") or {}).get("effect"):
         sentence += Markup(
-            " In the runs that were searched {} explains it, but it does not help to predict those that were held out."
+            " In the runs that were searched {} explains it, but it does not help to predict those"
+            " that were held out."
         ).format(closest)
     elif closest:
         sentence += Markup(" Closest comes {}.").format(closest)
     for each in (finding.get("left") or ())[:1]:
-        sentence += Markup(" What is left depends most on {} in the {} row.").format(each["signal"], each["row"])
+        sentence += Markup(" What is left depends most on {} in the {} row.").format(
+            each["signal"], each["row"]
+        )
     return "Something is missing, and it has no name here", sentence
 
 
@@ -88,11 +111,15 @@ def alternatives(finding: Mapping[str, Any]) -> list[list[Mapping[str, Any]]]:
     """The effects of each hypothesis that a finding leaves open; several in one where they act together."""
     rest = list(finding["effects"])
     others = [label.count(" + ") + 1 for label in finding["confusable_with"]]
-    return [[rest.pop(0) for _ in range(count)] for count in (len(rest) - sum(others), *others) if count]
+    return [
+        [rest.pop(0) for _ in range(count)] for count in (len(rest) - sum(others), *others) if count
+    ]
 
 
 def _size(effect: Mapping[str, Any]) -> Markup:
-    return Markup("{} {}").format(effect["name"], interval(effect["coefficient"], effect["sd"], effect["unit"]))
+    return Markup("{} {}").format(
+        effect["name"], interval(effect["coefficient"], effect["sd"], effect["unit"])
+    )
 
 
 def disagreement(entry: Mapping[str, Any]) -> str:
@@ -100,7 +127,10 @@ def disagreement(entry: Mapping[str, Any]) -> str:
     if entry.get("sentence"):
         return f"{entry['sentence'][0].upper()}{entry['sentence'][1:]}."
     region = f", {entry['region']}" if entry["region"] else ""
-    return f"{entry['row']} row, {entry['signal']}{region}: {entry['strength']:.2g} {entry['unit']} (p {chance(entry['p']).striptags()})."
+    return (
+        f"{entry['row']} row, {entry['signal']}{region}: {entry['strength']:.2g} {entry['unit']} (p"
+        f" {chance(entry['p']).striptags()})."
+    )
 
 
 def proof_sentence(gap: Mapping[str, Any], proof: Mapping[str, Any]) -> Markup:
@@ -111,7 +141,9 @@ def proof_sentence(gap: Mapping[str, Any], proof: Mapping[str, Any]) -> Markup:
     if gap.get("closed") is not None:
         limits = [_percent(each) for each in gap.get("closed_95") or ()]
         sentence += Markup(" That closes {} of the gap").format(_percent(gap["closed"]))
-        sentence += Markup(" (95&nbsp;% interval {} to {}).").format(*limits) if limits else Markup(".")
+        sentence += (
+            Markup(" (95&nbsp;% interval {} to {}).").format(*limits) if limits else Markup(".")
+        )
     return sentence
 
 

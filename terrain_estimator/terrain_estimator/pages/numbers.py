@@ -19,15 +19,27 @@ def number(value: float | None, unit: str = "", digits: int = DIGITS) -> Markup:
     """A number with its unit; None where it is not known. A count, an int, has all its digits."""
     if value is None or not math.isfinite(value):
         return _ABSENT
-    return _data(value, str(value) if isinstance(value, int) else _shown(value, digits)) + _unit(unit)
+    return _data(value, str(value) if isinstance(value, int) else _shown(value, digits)) + _unit(
+        unit
+    )
 
 
-def interval(mean: float, sd: float, unit: str = "", limits: tuple[float, float] | None = None) -> Markup:
+def interval(
+    mean: float, sd: float, unit: str = "", limits: tuple[float, float] | None = None
+) -> Markup:
     """Mean with the deviation's own number of digits, and the 95 % interval: that of a Gaussian, where no ``limits`` are given."""
     places = _places(sd)
-    low, high = (_fixed(limit, places) for limit in limits or (mean - NORMAL_95 * sd, mean + NORMAL_95 * sd))
-    shown = Markup("{} ± {}").format(_data(mean, _fixed(mean, places)), _data(sd, _fixed(sd, places)))
-    return shown + _unit(unit) + Markup(' <span class="range">(95 % interval {} to {})</span>').format(low, high)
+    low, high = (
+        _fixed(limit, places) for limit in limits or (mean - NORMAL_95 * sd, mean + NORMAL_95 * sd)
+    )
+    shown = Markup("{} ± {}").format(
+        _data(mean, _fixed(mean, places)), _data(sd, _fixed(sd, places))
+    )
+    return (
+        shown
+        + _unit(unit)
+        + Markup(' <span class="range">(95 % interval {} to {})</span>').format(low, high)
+    )
 
 
 def probability(value: float) -> Markup:

@@ -21,7 +21,13 @@ WIDTH_INCH = 4.6
 """About a phone's width at the size of its text; wider screens enlarge it by half at most."""
 _ROW_INCH = 0.27
 _MARGIN_INCH = 0.75
-_COLOURS = {"#010101": "ink", "#020202": "quiet", "#030303": "before", "#040404": "after", "#050505": "accent"}
+_COLOURS = {
+    "#010101": "ink",
+    "#020202": "quiet",
+    "#030303": "before",
+    "#040404": "after",
+    "#050505": "accent",
+}
 """Stand-ins that are drawn with, and the variables of style.css that take their place."""
 INK, QUIET, BEFORE, AFTER, ACCENT = _COLOURS
 LOOK: dict[Any, Any] = {
@@ -74,18 +80,32 @@ class Series:
     dash: str = "-"
 
 
-def bars(name: str, title: str, labels: Sequence[str], values: Sequence[float], axis: str) -> Picture:
+def bars(
+    name: str, title: str, labels: Sequence[str], values: Sequence[float], axis: str
+) -> Picture:
     """A horizontal bar for each label, the first on top."""
     with mpl.rc_context(LOOK):
         figure, axes = _rows(labels, axis)
         axes.barh(range(len(labels)), values, color=ACCENT, height=0.6)
         svg = inline(figure, name)
     largest = labels[max(range(len(values)), key=lambda k: abs(values[k]))]
-    words = f"{title}: {len(labels)} bars, the longest is {largest} with {max(values, key=abs):.3g}. {axis}."
-    return Picture(name, title, words, svg, Table(("", axis), tuple(zip(labels, values, strict=True))))
+    words = (
+        f"{title}: {len(labels)} bars, the longest is {largest} with {max(values, key=abs):.3g}."
+        f" {axis}."
+    )
+    return Picture(
+        name, title, words, svg, Table(("", axis), tuple(zip(labels, values, strict=True)))
+    )
 
 
-def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series], axis: str, goal: float | None = None) -> Picture:
+def points(
+    name: str,
+    title: str,
+    labels: Sequence[str],
+    series: Sequence[Series],
+    axis: str,
+    goal: float | None = None,
+) -> Picture:
     """Points with intervals, one row for each label, the series of a row one below the other; a dashed line stands at ``goal``."""
     with mpl.rc_context(LOOK):
         figure, axes = _rows(labels, axis)
@@ -104,15 +124,33 @@ def points(name: str, title: str, labels: Sequence[str], series: Sequence[Series
             )
         if goal is not None:
             axes.axvline(goal, color=INK, linestyle="--", linewidth=1.0)
-        figure.legend(loc="outside upper right", ncols=len(series), frameon=False, handletextpad=0.2, borderpad=0.0)
+        figure.legend(
+            loc="outside upper right",
+            ncols=len(series),
+            frameon=False,
+            handletextpad=0.2,
+            borderpad=0.0,
+        )
         svg = inline(figure, name)
     head = ("", *(column for each in series for column in _columns(each)))
-    rows = [(label, *(cell for each in series for cell in _cells(each, k))) for k, label in enumerate(labels)]
-    words = f"{title}: {', '.join(each.name for each in series)} for {', '.join(labels)}. {axis}. The numbers are in the table."
+    rows = [
+        (label, *(cell for each in series for cell in _cells(each, k)))
+        for k, label in enumerate(labels)
+    ]
+    words = (
+        f"{title}: {', '.join(each.name for each in series)} for {', '.join(labels)}. {axis}. The"
+        " numbers are in the table."
+    )
     return Picture(name, title, words, svg, Table(head, tuple(rows)))
 
 
-def lines(name: str, title: str, across: Sequence[float], series: Sequence[Series], axes_words: tuple[str, str]) -> Picture:
+def lines(
+    name: str,
+    title: str,
+    across: Sequence[float],
+    series: Sequence[Series],
+    axes_words: tuple[str, str],
+) -> Picture:
     """Curves over ``across``, with a marker every now and then; ``axes_words`` stand below and beside them."""
     with mpl.rc_context(LOOK):
         figure = Figure(figsize=(WIDTH_INCH, 0.6 * WIDTH_INCH), layout="constrained")
@@ -120,17 +158,34 @@ def lines(name: str, title: str, across: Sequence[float], series: Sequence[Serie
         for each in series:
             heights = [float("nan") if value is None else value for value in each.values]
             axes.plot(
-                across, heights, color=each.colour, marker=each.marker, markevery=max(1, len(across) // 8), markersize=4, label=each.name
+                across,
+                heights,
+                color=each.colour,
+                marker=each.marker,
+                markevery=max(1, len(across) // 8),
+                markersize=4,
+                label=each.name,
             )
         axes.set(xlabel=axes_words[0], ylabel=axes_words[1])
         axes.grid(visible=True)
-        figure.legend(loc="outside upper right", ncols=len(series), frameon=False, handletextpad=0.4, borderpad=0.0)
+        figure.legend(
+            loc="outside upper right",
+            ncols=len(series),
+            frameon=False,
+            handletextpad=0.4,
+            borderpad=0.0,
+        )
         svg = inline(figure, name)
     words = (
-        f"{title}: curves of {', '.join(each.name for each in series)}, {axes_words[1]} over {axes_words[0]}. The numbers are in the table."
+        f"{title}: curves of {', '.join(each.name for each in series)}, {axes_words[1]} over"
+        f" {axes_words[0]}. The numbers are in the table."
     )
-    rows = tuple((f"{place:g}", *(each.values[k] for each in series)) for k, place in enumerate(across))
-    return Picture(name, title, words, svg, Table((axes_words[0], *(each.name for each in series)), rows))
+    rows = tuple(
+        (f"{place:g}", *(each.values[k] for each in series)) for k, place in enumerate(across)
+    )
+    return Picture(
+        name, title, words, svg, Table((axes_words[0], *(each.name for each in series)), rows)
+    )
 
 
 def _columns(series: Series) -> tuple[str, ...]:
@@ -143,7 +198,9 @@ def _cells(series: Series, k: int) -> tuple[float | None, ...]:
 
 def _rows(labels: Sequence[str], axis: str) -> tuple[Figure, Axes]:
     """A figure with one row for each label, the first on top."""
-    figure = Figure(figsize=(WIDTH_INCH, _MARGIN_INCH + _ROW_INCH * len(labels)), layout="constrained")
+    figure = Figure(
+        figsize=(WIDTH_INCH, _MARGIN_INCH + _ROW_INCH * len(labels)), layout="constrained"
+    )
     axes = figure.subplots()
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.5, -0.5)
@@ -158,12 +215,22 @@ def _rows(labels: Sequence[str], axis: str) -> tuple[Figure, Axes]:
 def inline(figure: Figure, name: str) -> Markup:
     """The figure as an element of the page: no prologue, no size of its own, names that no other picture has."""
     stream = io.StringIO()
-    figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    figure.savefig(
+        stream,
+        format="svg",
+        transparent=True,
+        metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
+    )
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r' (?:xmlns(?::xlink)?|width|height|version)="[^"]*"', "", text[: text.index(">")]) + text[text.index(">") :]
-    text = re.sub(r'(\bid="|url\(#|xlink:href="#)', rf"\1{name}-", text).replace("xlink:href", "href")
+    text = (
+        re.sub(r' (?:xmlns(?::xlink)?|width|height|version)="[^"]*"', "", text[: text.index(">")])
+        + text[text.index(">") :]
+    )
+    text = re.sub(r'(\bid="|url\(#|xlink:href="#)', rf"\1{name}-", text).replace(
+        "xlink:href", "href"
+    )
     for stand_in, variable in _COLOURS.items():
         text = text.replace(stand_in, f"var(--{variable})")
     text = text.replace("<svg", '<svg aria-hidden="true" focusable="false"', 1)

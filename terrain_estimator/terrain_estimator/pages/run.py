@@ -24,7 +24,10 @@ MARKS = 20
 """Changes of the true ground that are drawn; more would hide the curve."""
 COARSE = 50
 """Most points of the curve of errors."""
-_QUANTITIES = (("Cohesion c", "c [kPa]", "kPa", 1e-3), ("Friction angle, as tan phi", "tan phi [1]", "", 1.0))
+_QUANTITIES = (
+    ("Cohesion c", "c [kPa]", "kPa", 1e-3),
+    ("Friction angle, as tan phi", "tan phi [1]", "", 1.0),
+)
 """Title, axis, unit, and factor to it, in the order of an estimate."""
 _SHORT = ("c", "tan phi")
 _PAIR_COLOURS = (AFTER, BEFORE, INK)
@@ -78,9 +81,20 @@ def run_page(runs: Sequence[Run], origin: Origin) -> str:
 
 def _shown(key: str, run: Run) -> dict[str, Any]:
     spans = run.history.spans
-    told = {"key": key, "run": run, "inputs": _inputs(run.inputs), "remarks": run.remarks, "ground": _ground(run.truths)}
+    told = {
+        "key": key,
+        "run": run,
+        "inputs": _inputs(run.inputs),
+        "remarks": run.remarks,
+        "ground": _ground(run.truths),
+    }
     if not spans:
-        return told | {"sign": "?", "headline": "No estimate came of this bag", "sentence": "", "pictures": []}
+        return told | {
+            "sign": "?",
+            "headline": "No estimate came of this bag",
+            "sentence": "",
+            "pictures": [],
+        }
     last, truths = spans[-1], _truths(run)
     whole = sum(spans[1:], start=spans[0])
     sign, headline = _headline(last.estimate)
@@ -94,7 +108,9 @@ def _shown(key: str, run: Run) -> dict[str, Any]:
         "effects": last.estimate.effects,
         "wheels": [
             _wheels(f"{key}-slip", "Slip of the wheels", run, run.slip, "slip [1]", 1.0),
-            _wheels(f"{key}-sinkage", "Sinkage of the wheels", run, run.sinkage, "sinkage [mm]", 1e3),
+            _wheels(
+                f"{key}-sinkage", "Sinkage of the wheels", run, run.sinkage, "sinkage [mm]", 1e3
+            ),
         ],
         "prediction": _prediction(key, run),
         "errors": _errors(whole),
@@ -108,11 +124,17 @@ def _shown(key: str, run: Run) -> dict[str, Any]:
 
 
 def _headline(estimate: Estimate) -> tuple[str, str]:
-    known = [name for name, identified in zip(_SHORT, estimate.identified, strict=True) if identified]
+    known = [
+        name for name, identified in zip(_SHORT, estimate.identified, strict=True) if identified
+    ]
     unknown = [name for name in _SHORT if name not in known]
     if not known:
         return "?", "Neither c nor tan phi is identified"
-    return ("≈", f"{words(known)} is identified, {words(unknown)} is not") if unknown else ("✓", "c and tan phi are identified")
+    return (
+        ("≈", f"{words(known)} is identified, {words(unknown)} is not")
+        if unknown
+        else ("✓", "c and tan phi are identified")
+    )
 
 
 def _sentence(estimate: Estimate, truth: tuple[float, float]) -> Markup:
@@ -126,11 +148,18 @@ def _sentence(estimate: Estimate, truth: tuple[float, float]) -> Markup:
         for k, (_, _, unit, scale) in enumerate(_QUANTITIES)
     ]
     angle = math.degrees(math.atan(float(estimate.mean[1])))
-    sentence = Markup("At the end c is {} and tan phi {}, a friction angle of {}°.").format(*sizes, number(angle, "", 3))
+    sentence = Markup("At the end c is {} and tan phi {}, a friction angle of {}°.").format(
+        *sizes, number(angle, "", 3)
+    )
     if math.isfinite(truth[0]):
         off = [abs(float(estimate.mean[k]) - truth[k]) / _sd(estimate, k) for k in (0, 1)]
-        sentence += Markup(" The true ground there has {} and {}: the estimates are {} and {} deviations off.").format(
-            number(1e-3 * truth[0], "kPa"), number(truth[1]), number(off[0], "", 2), number(off[1], "", 2)
+        sentence += Markup(
+            " The true ground there has {} and {}: the estimates are {} and {} deviations off."
+        ).format(
+            number(1e-3 * truth[0], "kPa"),
+            number(truth[1]),
+            number(off[0], "", 2),
+            number(off[1], "", 2),
         )
     return sentence
 
@@ -159,41 +188,83 @@ def _strengths(key: str, run: Run, truths: Sequence[tuple[float, float]]) -> lis
     estimates, time_s = [span.estimate for span in run.history.spans], _times(run)
     return [
         bands(
-            f"{key}-{('cohesion', 'tan-phi')[k]}", title, _course(estimates, [scale * true[k] for true in truths], time_s, k, scale), axis
+            f"{key}-{('cohesion', 'tan-phi')[k]}",
+            title,
+            _course(estimates, [scale * true[k] for true in truths], time_s, k, scale),
+            axis,
         )
         for k, (title, axis, _, scale) in enumerate(_QUANTITIES)
     ]
 
 
-def _course(estimates: Sequence[Estimate], truth: list[float], time_s: list[float], k: int, scale: float) -> Course:
-    means, sds = [scale * float(each.mean[k]) for each in estimates], [scale * _sd(each, k) for each in estimates]
+def _course(
+    estimates: Sequence[Estimate], truth: list[float], time_s: list[float], k: int, scale: float
+) -> Course:
+    means, sds = (
+        [scale * float(each.mean[k]) for each in estimates],
+        [scale * _sd(each, k) for each in estimates],
+    )
     low, high = credible_interval(means, sds, OUTSIDE_68)
     return Course(
         time_s,
         means,
         (low.tolist(), high.tolist()),
-        ([scale * float(each.lower_95[k]) for each in estimates], [scale * float(each.upper_95[k]) for each in estimates]),
+        (
+            [scale * float(each.lower_95[k]) for each in estimates],
+            [scale * float(each.upper_95[k]) for each in estimates],
+        ),
         truth,
     )
 
 
 def _estimates(estimate: Estimate, truth: tuple[float, float]) -> Table:
-    head = ("at the end", "estimate", "deviation", "95 % from", "to", "identified", "truth", "error [%]")
+    head = (
+        "at the end",
+        "estimate",
+        "deviation",
+        "95 % from",
+        "to",
+        "identified",
+        "truth",
+        "error [%]",
+    )
     rows = []
     for k, (_, axis, _, scale) in enumerate(_QUANTITIES):
-        mean, low, high = (scale * float(values[k]) for values in (estimate.mean, estimate.lower_95, estimate.upper_95))
+        mean, low, high = (
+            scale * float(values[k])
+            for values in (estimate.mean, estimate.lower_95, estimate.upper_95)
+        )
         true = scale * truth[k] if math.isfinite(truth[k]) else None
         error = None if not true else 100.0 * (mean - true) / true
-        rows.append((axis, mean, scale * _sd(estimate, k), low, high, "yes" if estimate.identified[k] else "no", true, error))
+        rows.append(
+            (
+                axis,
+                mean,
+                scale * _sd(estimate, k),
+                low,
+                high,
+                "yes" if estimate.identified[k] else "no",
+                true,
+                error,
+            )
+        )
     return Table(head, tuple(rows))
 
 
 def _soils(estimate: Estimate) -> Table | None:
-    ranked = sorted(zip(estimate.soils, estimate.soil_probability, strict=True), key=lambda pair: -pair[1])
-    return Table(("soil that the model knows", "probability [1]"), tuple(ranked)) if len(ranked) > 1 else None
+    ranked = sorted(
+        zip(estimate.soils, estimate.soil_probability, strict=True), key=lambda pair: -pair[1]
+    )
+    return (
+        Table(("soil that the model knows", "probability [1]"), tuple(ranked))
+        if len(ranked) > 1
+        else None
+    )
 
 
-def _wheels(name: str, title: str, run: Run, history: WheelHistory, axis: str, scale: float) -> Picture:
+def _wheels(
+    name: str, title: str, run: Run, history: WheelHistory, axis: str, scale: float
+) -> Picture:
     """Means over short times, as on the live page: a colour for each pair of wheels, dashes for the second of a pair."""
     spans = history.spans
     series = [
@@ -216,7 +287,13 @@ def _prediction(key: str, run: Run) -> Picture:
         Series("error", [_millimetres(each.rms) for each in errors], BEFORE, ""),
         Series("predicted", [_millimetres(each.predicted_rms) for each in errors], AFTER, ""),
     ]
-    return curves(f"{key}-prediction", "Error of the velocity's prediction", _times(run, coarse), series, "root mean square [mm/s]")
+    return curves(
+        f"{key}-prediction",
+        "Error of the velocity's prediction",
+        _times(run, coarse),
+        series,
+        "root mean square [mm/s]",
+    )
 
 
 def _coarse(spans: Sequence[Span]) -> list[Span]:
@@ -235,38 +312,62 @@ def _scaled(scale: float, value: float) -> float | None:
 
 def _errors(whole: Span) -> Table:
     errors: Errors = whole.errors
-    share = [count / errors.count if errors.count else None for count in (errors.inside_68, errors.inside_95)]
+    share = [
+        count / errors.count if errors.count else None
+        for count in (errors.inside_68, errors.inside_95)
+    ]
     rows = (
         ("predictions that met a measurement", errors.count),
         ("root mean square error [mm/s]", _millimetres(errors.rms)),
         ("the same as predicted [mm/s]", _millimetres(errors.predicted_rms)),
         ("share inside the 68 % interval [1]", share[0]),
         ("share inside the 95 % interval [1]", share[1]),
-        ("normalised innovation squared, about 1 when honest [1]", whole.nis if math.isfinite(whole.nis) else None),
+        (
+            "normalised innovation squared, about 1 when honest [1]",
+            whole.nis if math.isfinite(whole.nis) else None,
+        ),
     )
     return Table(("one step ahead", "value"), rows)
 
 
 def _change(key: str, run: Run) -> Picture:
-    series = [Series("probability", [span.change_probability for span in run.history.spans], AFTER, "")]
+    series = [
+        Series("probability", [span.change_probability for span in run.history.spans], AFTER, "")
+    ]
     marks = [(truth.stamp_ns - run.history.first_ns) * 1e-9 for truth in run.truths[1:]]
     title = "Probability that the ground changed in the last 3 s"
-    return curves(f"{key}-change", title, _times(run), series, "probability [1]", marks if len(marks) <= MARKS else (), top=1.05)
+    return curves(
+        f"{key}-change",
+        title,
+        _times(run),
+        series,
+        "probability [1]",
+        marks if len(marks) <= MARKS else (),
+        top=1.05,
+    )
 
 
 def _when(key: str, run: Run) -> Picture:
     happened = sorted({outcome for span in run.history.spans for outcome in span.outcomes})
-    counts = {outcome.name: [span.outcomes[outcome] for span in run.history.spans] for outcome in happened}
+    counts = {
+        outcome.name: [span.outcomes[outcome] for span in run.history.spans] for outcome in happened
+    }
     return occurrences(f"{key}-outcomes", "What became of the observations", _times(run), counts)
 
 
 def _outcomes(whole: Span) -> list[dict[str, Any]]:
     total = whole.outcomes.total()
     ranked: list[tuple[Outcome, int]] = sorted(whole.outcomes.items())
-    return [{"name": each.name, "count": count, "share": count / total, "advice": each.advice} for each, count in ranked]
+    return [
+        {"name": each.name, "count": count, "share": count / total, "advice": each.advice}
+        for each, count in ranked
+    ]
 
 
 def _inputs(inputs: Mapping[str, Counters]) -> Table:
     head = ("topic", "received", "without partner", "out of order", "lost")
-    rows = ((topic, *(of.received, of.unpaired, of.out_of_order, of.lost)) for topic, of in inputs.items())
+    rows = (
+        (topic, *(of.received, of.unpaired, of.out_of_order, of.lost))
+        for topic, of in inputs.items()
+    )
     return Table(head, tuple(rows))

@@ -21,7 +21,11 @@ _PROVEN = {
 def wheel_page(finding: Finding) -> str:
     """The page about one finding of ``--wheel-table`` (the content of finding.json)."""
     listed, rest = candidates(finding)
-    library = [name for name in finding["probabilities"] if name not in {"none", "unknown"} and " + " not in name]
+    library = [
+        name
+        for name in finding["probabilities"]
+        if name not in {"none", "unknown"} and " + " not in name
+    ]
     return page(
         "wheel_finding.html",
         verdict=say.verdict(finding),
@@ -41,14 +45,23 @@ def wheel_page(finding: Finding) -> str:
 def _proof(gap: Mapping[str, Any]) -> dict[str, Any]:
     rows = gap["rows"]
     head = ("row", "unit", "before", "after", "noise floor")
-    table = Table(head, tuple((name, each["unit"], each["before"], each["after"], each["noise_floor"]) for name, each in rows.items()))
+    table = Table(
+        head,
+        tuple(
+            (name, each["unit"], each["before"], each["after"], each["noise_floor"])
+            for name, each in rows.items()
+        ),
+    )
     return {"sentence": _sentence(gap), "picture": _picture(rows), "rows": table}
 
 
 def _sentence(gap: Mapping[str, Any]) -> str:
     floor = "of a model that is true: 1"
     if gap["after"] is None:
-        return f"No effect was added; the error on held-out measurements is {gap['before']:.2g} deviations of repeatability ({floor})."
+        return (
+            f"No effect was added; the error on held-out measurements is {gap['before']:.2g}"
+            f" deviations of repeatability ({floor})."
+        )
     words = f"from {gap['before']:.2g} to {gap['after']:.2g} deviations of repeatability ({floor})"
     return f"{_PROVEN[gap['proven']]}: their error goes {words}."
 
@@ -56,6 +69,9 @@ def _sentence(gap: Mapping[str, Any]) -> str:
 def _picture(rows: Mapping[str, Any]) -> Picture:
     """Errors in units of repeatability, so that rows of different units share a picture."""
     words = [word for word in STYLES if any(each[word] is not None for each in rows.values())]
-    series = [Series(word, [each[word] / each["noise_floor"] for each in rows.values()], *STYLES[word]) for word in words]
+    series = [
+        Series(word, [each[word] / each["noise_floor"] for each in rows.values()], *STYLES[word])
+        for word in words
+    ]
     axis = "root mean square error over the noise floor [1]"
     return points("held-out", "Prediction of held-out settings", list(rows), series, axis, goal=1.0)

@@ -36,9 +36,15 @@ class Samples:
 
     def reweighted(self, log_likelihood: tuple[Floats, ...]) -> "Samples":
         """The same after an observation."""
-        possible = [np.where(weight > 0.0, part, -np.inf) for weight, part in zip(self.weight, log_likelihood, strict=True)]
+        possible = [
+            np.where(weight > 0.0, part, -np.inf)
+            for weight, part in zip(self.weight, log_likelihood, strict=True)
+        ]
         highest = max(float(part.max()) for part in possible)
-        raw = [weight * np.exp(part - highest) for weight, part in zip(self.weight, possible, strict=True)]
+        raw = [
+            weight * np.exp(part - highest)
+            for weight, part in zip(self.weight, possible, strict=True)
+        ]
         total = sum(float(part.sum()) for part in raw)
         return Samples(self.strength, tuple(part / total for part in raw), self.spare)
 
@@ -47,7 +53,12 @@ class Samples:
         soils = range(len(self.weight))
         return Samples(
             tuple(np.concatenate([self.strength[s], other.strength[s]]) for s in soils),
-            tuple(np.concatenate([(1.0 - probability) * self.weight[s], probability * other.weight[s]]) for s in soils),
+            tuple(
+                np.concatenate(
+                    [(1.0 - probability) * self.weight[s], probability * other.weight[s]]
+                )
+                for s in soils
+            ),
             tuple(np.concatenate([self.spare[s], other.spare[s]]) for s in soils),
         )
 
@@ -71,11 +82,17 @@ def draw(mean: Floats, covariance: Floats, soil_probability: tuple[float, ...]) 
     tan_phi = mean[1] + slope * _NUMBERS[:, 0] + rest * _NUMBERS[:, 1]
     strength = np.maximum(np.column_stack([cohesion, tan_phi]), 0.0)
     total = sum(soil_probability)
-    weights = tuple(np.full(SAMPLES, probability / total / SAMPLES) for probability in soil_probability)
-    return Samples(tuple(strength for _ in weights), weights, tuple(_NUMBERS[:, 2] for _ in weights))
+    weights = tuple(
+        np.full(SAMPLES, probability / total / SAMPLES) for probability in soil_probability
+    )
+    return Samples(
+        tuple(strength for _ in weights), weights, tuple(_NUMBERS[:, 2] for _ in weights)
+    )
 
 
-def quantiles(values: Floats, weight: Floats, probabilities: tuple[float, ...]) -> tuple[float, ...]:
+def quantiles(
+    values: Floats, weight: Floats, probabilities: tuple[float, ...]
+) -> tuple[float, ...]:
     """Weighted quantiles of ``values`` [n]."""
     order = np.argsort(values)
     below = np.cumsum(weight[order]) - 0.5 * weight[order]

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the torque of the front wheels says about the ground that they are on, before the rest of the rover gets there.
 
-For a ground of given (c, tan phi) the normal stress is scaled so that the wheel carries its load at the measured sinkage and
-slip; so a wrong stiffness does no harm. Its torque then follows, M = r (c INT E + s tan phi INT sigma E), and is compared.
+For a ground of given (c, tan phi) the normal stress is scaled so that the wheel carries its load at
+the measured sinkage and slip; so a wrong stiffness does no harm. Its torque then follows, M = r (c
+INT E + s tan phi INT sigma E), and is compared.
 """
 
 import math
@@ -43,8 +44,14 @@ class Reading:
     @property
     def front_lacks(self) -> str:
         """What of that which the front wheels' ground follows from was not measured; empty: nothing."""
-        needed = {"wheel torque": self.torque, "slip of the front wheels": self.slip[:1], "sinkage of the front wheels": self.sinkage[:1]}
-        return " and no ".join(name for name, values in needed.items() if not np.isfinite(values).all())
+        needed = {
+            "wheel torque": self.torque,
+            "slip of the front wheels": self.slip[:1],
+            "sinkage of the front wheels": self.sinkage[:1],
+        }
+        return " and no ".join(
+            name for name, values in needed.items() if not np.isfinite(values).all()
+        )
 
 
 def front_load(rover: Rover, reading: Reading) -> float:
@@ -55,29 +62,44 @@ def front_load(rover: Rover, reading: Reading) -> float:
     pose = Pose(level.x, level.height, pitch, level.bogie_angle, level.contact, angle, level.axle)
     share = rover.weight * math.sin(reading.pitch) / len(rover.wheels)
     traction = torch.full((1, rover.axles), share, dtype=torch.float64)
-    return float(wheel_loads(rover, pose, traction, torch.from_numpy(reading.torque).unsqueeze(0))[0, 0])
+    return float(
+        wheel_loads(rover, pose, traction, torch.from_numpy(reading.torque).unsqueeze(0))[0, 0]
+    )
 
 
 TORQUE_DEVIATION = 0.08
 """[1] Of the torque, relative: measured slip and sinkage, shear modulus, place of the largest stress."""
 
 
-def log_likelihood(rover: Rover, soil: Soil, samples: Floats, reading: Reading, load: float) -> Floats:
+def log_likelihood(
+    rover: Rover, soil: Soil, samples: Floats, reading: Reading, load: float
+) -> Floats:
     """Of the front wheels' torque under the grounds ``samples`` [n, 2] of ``soil``, [n]; ``load`` from :func:`front_load`."""
-    slip, sinkage = (torch.tensor([value], dtype=torch.float64) for value in (reading.slip[0], reading.sinkage[0]))
+    slip, sinkage = (
+        torch.tensor([value], dtype=torch.float64)
+        for value in (reading.slip[0], reading.sinkage[0])
+    )
     constants = soil.constants().unsqueeze(0)
     if not bool(in_range(slip, sinkage, constants, rover.wheel_radius)):
         return np.zeros(samples.shape[0])
-    normal, _, moment = wheel_forces(slip, sinkage, constants, rover.wheel_radius, rover.wheel_width, _NODES)[0].numpy()
+    normal, _, moment = wheel_forces(
+        slip, sinkage, constants, rover.wheel_radius, rover.wheel_width, _NODES
+    )[0].numpy()
     cohesion, tan_phi = samples[:, 0], samples[:, 1]
     carried = load - cohesion * normal[0]
     stress = np.clip(carried / (tan_phi * normal[1] + normal[2]), 1e-3, 1e3)
     torque = cohesion * moment[0] + stress * tan_phi * moment[1]
-    miss = (reading.torque[0] - torque) / (TORQUE_DEVIATION * abs(reading.torque[0]) + 1e-3 * rover.wheel_radius * rover.weight)
+    miss = (reading.torque[0] - torque) / (
+        TORQUE_DEVIATION * abs(reading.torque[0]) + 1e-3 * rover.wheel_radius * rover.weight
+    )
     return -0.5 * (miss**2 + (np.log(stress) / STIFFNESS_DEVIATION) ** 2)
 
 
-def front_samples(rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: Reading) -> Samples:
+def front_samples(
+    rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: Reading
+) -> Samples:
     """What is believed about the ground of the front wheels after their torque was seen."""
     load, grounds = front_load(rover, reading), zip(soils, prior.strength, strict=True)
-    return prior.reweighted(tuple(log_likelihood(rover, soil, strength, reading, load) for soil, strength in grounds))
+    return prior.reweighted(
+        tuple(log_likelihood(rover, soil, strength, reading, load) for soil, strength in grounds)
+    )

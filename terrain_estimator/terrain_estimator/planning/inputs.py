@@ -15,10 +15,15 @@ class Inputs:
 
     def __init__(self, rover: Rover, config: PlannerConfig) -> None:
         """Any frame is taken: the estimator is the one to refuse a wrong one."""
-        pairing, core = config.pairing, CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu)
+        pairing, core = (
+            config.pairing,
+            CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu),
+        )
         self.topics = paired_inputs(use_imu=config.use_imu)
         topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.topics)
-        self._synchronizer = Synchronizer(topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9))
+        self._synchronizer = Synchronizer(
+            topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9)
+        )
         self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
 
     def add(self, topic: str, message: Message) -> list[Observation | None]:
@@ -26,4 +31,7 @@ class Inputs:
         if not self._converter.concerns(topic, message):
             return []
         sets = self._synchronizer.add(self.topics.index(topic), stamp_ns(message), message)
-        return [self._converter.convert(complete.stamp_ns, complete.messages).observation for complete in sets]
+        return [
+            self._converter.convert(complete.stamp_ns, complete.messages).observation
+            for complete in sets
+        ]

@@ -44,7 +44,9 @@ def unknown_margins(needed: float) -> Margins:
     return Margins(NOTHING, needed, math.nan, NOTHING, NOTHING, NOTHING)
 
 
-def margins(table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float) -> Margins:
+def margins(
+    table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float
+) -> Margins:
     """Margins on ``slope`` [rad], positive uphill; ``pull_deviation`` [weights] is what the model itself may be wrong by."""
     weight_across, need = table.rover.weight * math.cos(slope), math.tan(slope)
     columns: list[Floats] = []
@@ -53,7 +55,9 @@ def margins(table: TractionTable, samples: Samples, slope: float, slip_limit: fl
         pulls = table.at(soil, strength, slope)
         slip, sinkage = slip_for(pulls, need - shift)
         highest = highest_ratio(pulls, slip_limit) + shift
-        columns.append(np.stack([highest, steepest(table, soil, strength, slip_limit, shift), slip, sinkage]))
+        columns.append(
+            np.stack([highest, steepest(table, soil, strength, slip_limit, shift), slip, sinkage])
+        )
     ratio, limit, slip, sinkage = np.concatenate(columns, axis=1)
     weight = np.concatenate(samples.weight)
     return Margins(
@@ -66,11 +70,17 @@ def margins(table: TractionTable, samples: Samples, slope: float, slip_limit: fl
     )
 
 
-def stall_probability(table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float) -> float:
+def stall_probability(
+    table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float
+) -> float:
     """The one number of :func:`margins` alone, at a quarter of its price."""
     probability = 0.0
-    for soil, (strength, weight, spare) in enumerate(zip(samples.strength, samples.weight, samples.spare, strict=True)):
-        highest = highest_ratio(table.at(soil, strength, slope), slip_limit) + pull_deviation * spare
+    for soil, (strength, weight, spare) in enumerate(
+        zip(samples.strength, samples.weight, samples.spare, strict=True)
+    ):
+        highest = (
+            highest_ratio(table.at(soil, strength, slope), slip_limit) + pull_deviation * spare
+        )
         probability += float(weight[highest < math.tan(slope)].sum())
     return probability
 

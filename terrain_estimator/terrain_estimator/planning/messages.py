@@ -24,13 +24,25 @@ _CREEP = "creep: nothing was measured on the move within the last seconds"
 def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
     """What a terrain_estimate says of the ground. Raises ValueError where it is no estimate over these ``soils``."""
     if list(message.soil) != list(soils):
-        raise ValueError(f"it is over the soils {', '.join(message.soil) or 'none'}, this planner's model knows {', '.join(soils)}")
+        raise ValueError(
+            f"it is over the soils {', '.join(message.soil) or 'none'}, this planner's model knows"
+            f" {', '.join(soils)}"
+        )
     probability = list(message.soil_probability)
-    numbers = [message.cohesion, message.tan_phi, *message.covariance, *probability, message.change_probability]
+    numbers = [
+        message.cohesion,
+        message.tan_phi,
+        *message.covariance,
+        *probability,
+        message.change_probability,
+    ]
     if not np.isfinite(numbers).all() or min(message.covariance[0], message.covariance[3]) < 0.0:
         raise ValueError("a number is not finite, or a variance is negative")
     if len(probability) != len(soils) or min(probability) < 0.0 or sum(probability) <= 0.0:
-        raise ValueError(f"soil_probability is {probability}: one for each soil is needed, none negative and not all zero")
+        raise ValueError(
+            f"soil_probability is {probability}: one for each soil is needed, none negative and not"
+            " all zero"
+        )
     return Belief(
         mean=np.array([message.cohesion, message.tan_phi]),
         covariance=np.asarray(message.covariance, dtype=np.float64).reshape(2, 2),

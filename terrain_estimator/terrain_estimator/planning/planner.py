@@ -39,7 +39,9 @@ class Advice:
     known: bool  # whether the margins are: c and tan phi are identified
     moving: bool  # whether wheels turned within the window; else it stands, and only its slope is measured
     margins: Margins  # of the ground under the rover
-    front_stall_probability: float  # [1] that all wheels on the front wheels' ground would be stuck; NaN: not measured
+    front_stall_probability: (
+        float  # [1] that all wheels on the front wheels' ground would be stuck; NaN: not measured
+    )
     front_lacks: str  # what was not measured, so that the ground of the front wheels is not judged; empty: nothing
     slope: float  # [rad] nose up, measured
     rim_speed: float  # [m/s] commanded speed: what the wheels would do without slip
@@ -57,7 +59,13 @@ class Advice:
 class Planner:
     """Keeps the last seconds of measurements and the last estimate. A recommended stop holds until :meth:`resume`."""
 
-    def __init__(self, table: TractionTable, prior_mean: tuple[float, float], prior_sd: tuple[float, float], config: AdviceConfig) -> None:
+    def __init__(
+        self,
+        table: TractionTable,
+        prior_mean: tuple[float, float],
+        prior_sd: tuple[float, float],
+        config: AdviceConfig,
+    ) -> None:
         """``prior_mean`` and ``prior_sd`` of (c [Pa], tan phi): what ground may come that nobody has seen yet."""
         self._table, self._config = table, config
         even = tuple(1.0 for _ in table.soils)
@@ -68,7 +76,10 @@ class Planner:
         self._reason = Reason.NONE
         self._window_ns = round(config.window_s * 1e9)
         if self._speed_limit(known=False) < self._slowest:
-            limit = f"{self._speed_limit(known=False):.2g} m/s on unknown ground, too slow to be told from standing ({self._slowest:g} m/s)"
+            limit = (
+                f"{self._speed_limit(known=False):.2g} m/s on unknown ground, too slow to be told"
+                f" from standing ({self._slowest:g} m/s)"
+            )
             words = "lower the one or raise the other, or lower standstill_speed"
             raise ConfigError(f"parameters reaction_time and deceleration allow {limit}: {words}")
 
@@ -81,7 +92,9 @@ class Planner:
         stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= self._config.standstill_speed)
         complete = abs(observation.pitch) < math.pi / 2.0 and abs(observation.velocity) <= FASTEST
         self._standing = observation if stands and complete else None
-        reverses = not stands and backwards(observation, self._table.rover.wheel_radius, self._config.standstill_speed)
+        reverses = not stands and backwards(
+            observation, self._table.rover.wheel_radius, self._config.standstill_speed
+        )
         if stands or reverses or not complete or not np.isfinite(observation.slip).any():
             return
         self._recent.append(observation)
@@ -101,7 +114,8 @@ class Planner:
     def advise(self, stamp_ns: int) -> Advice | None:
         """Advice at the stamp of the last estimate; None before it, and where nothing was measured within the window of that stamp.
 
-        A rover that stands has nothing but its slope to judge by: it may creep, unless a stop holds.
+        A rover that stands has nothing but its slope to judge by: it may creep, unless a stop
+        holds.
         """
         reading = self._reading(stamp_ns)
         if self._belief is None or reading is None:
@@ -110,7 +124,9 @@ class Planner:
         known = self._belief.identified
         doubts = (self._config.slip_limit, self._config.pull_deviation)
         needed = self._table.rover.weight * math.sin(reading.pitch)
-        under = margins(self._table, here, reading.pitch, *doubts) if known else unknown_margins(needed)
+        under = (
+            margins(self._table, here, reading.pitch, *doubts) if known else unknown_margins(needed)
+        )
         front = self._front(here, reading)
         slip, sinkage = _mean(reading.slip), _mean(reading.sinkage)
         if self._reason is Reason.NONE and reading.moving:
@@ -125,7 +141,13 @@ class Planner:
             rim_speed=reading.rim_speed,
             slip=slip,
             sinkage=sinkage,
-            speed_limit=0.0 if self._reason else self._speed_limit(known=known) if reading.moving else self._creeping,
+            speed_limit=(
+                0.0
+                if self._reason
+                else self._speed_limit(known=known)
+                if reading.moving
+                else self._creeping
+            ),
             reason=self._reason,
         )
 
@@ -137,7 +159,9 @@ class Planner:
         prior = here.or_else(self._elsewhere, min(changed, 1.0 - NEW_GROUND))
         table = self._table
         samples = front_samples(table.rover, table.soils, prior, reading)
-        return stall_probability(table, samples, reading.pitch, self._config.slip_limit, self._config.pull_deviation)
+        return stall_probability(
+            table, samples, reading.pitch, self._config.slip_limit, self._config.pull_deviation
+        )
 
     def _judge(self, under: float, front: float, slip: float, sinkage: float) -> Reason:
         config = self._config
@@ -153,7 +177,9 @@ class Planner:
         """Speed from which the rover stops before its second axle is where new ground was met; half of the way where unsure."""
         config, axle_x = self._config, self._table.rover.axle_x
         way = (axle_x[0] - axle_x[1]) * (1.0 if known else 0.5)
-        return config.deceleration * (math.sqrt(config.reaction_s**2 + 2.0 * way / config.deceleration) - config.reaction_s)
+        return config.deceleration * (
+            math.sqrt(config.reaction_s**2 + 2.0 * way / config.deceleration) - config.reaction_s
+        )
 
     @property
     def _slowest(self) -> float:
@@ -167,7 +193,9 @@ class Planner:
 
     def _reading(self, stamp_ns: int) -> Reading | None:
         """What was measured within the window of a stamp; None where nothing was."""
-        recent = [entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns]
+        recent = [
+            entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns
+        ]
         if recent:
             return self._typical(recent)
         if self._standing is None or abs(stamp_ns - self._standing.stamp_ns) > self._window_ns:
@@ -178,8 +206,12 @@ class Planner:
     def _typical(self, recent: list[Observation]) -> Reading:
         """Means over time without outliers: a stop holds until someone resumes, so a few absurd readings must not be one."""
         names = ("slip", "sinkage", "torque", "contact_angle", "wheel_rate")
-        slip, sinkage, torque, angle, rate = (_means(np.array([getattr(entry, name) for entry in recent])) for name in names)
-        pitch, velocity = _means(np.array([(entry.pitch, entry.velocity) for entry in recent])).tolist()
+        slip, sinkage, torque, angle, rate = (
+            _means(np.array([getattr(entry, name) for entry in recent])) for name in names
+        )
+        pitch, velocity = _means(
+            np.array([(entry.pitch, entry.velocity) for entry in recent])
+        ).tolist()
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
             rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)

@@ -37,8 +37,14 @@ class TractionTable:
     def __init__(self, rover: Rover, soils: Sequence[Soil]) -> None:
         """Solve the statics at every place of the table: some seconds."""
         self.rover, self.soils = rover, tuple(soils)
-        self._lookups = [RegularGridInterpolator((COHESIONS, TAN_PHIS, STEEPNESSES), _solve(rover, soil)) for soil in soils]
-        self._low, self._high = np.array([COHESIONS[0], TAN_PHIS[0], 0.0]), np.array([COHESIONS[-1], TAN_PHIS[-1], STEEPNESSES[-1]])
+        self._lookups = [
+            RegularGridInterpolator((COHESIONS, TAN_PHIS, STEEPNESSES), _solve(rover, soil))
+            for soil in soils
+        ]
+        self._low, self._high = (
+            np.array([COHESIONS[0], TAN_PHIS[0], 0.0]),
+            np.array([COHESIONS[-1], TAN_PHIS[-1], STEEPNESSES[-1]]),
+        )
 
     def at(self, soil: int, strength: Floats, slope: Floats | float) -> Pulls:
         """Grounds ``strength`` [n, 2] (c [Pa], tan phi) of one soil on ``slope`` [n] or [] [rad]; beyond the table its end holds."""
@@ -50,7 +56,10 @@ class TractionTable:
 
 def _solve(rover: Rover, soil: Soil) -> Floats:
     """Ratio and sinkage [cohesions, tan phis, steepnesses, slips, 2]."""
-    axes = [torch.tensor(axis, dtype=torch.float64) for axis in (COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS)]
+    axes = [
+        torch.tensor(axis, dtype=torch.float64)
+        for axis in (COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS)
+    ]
     cohesion, tan_phi, slope, slip = torch.cartesian_prod(*axes).unbind(1)
     constants = soil.constants().expand(slip.shape[0], 6)
     result = climb(rover, constants, torch.stack([cohesion, tan_phi], 1), slope, slip)
@@ -74,12 +83,18 @@ def slip_for(pulls: Pulls, ratio: Floats) -> tuple[Floats, Floats]:
     row = np.arange(count)
     low, high = rising[row, right - 1], rising[row, right]
     share = np.clip((ratio - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
-    slip = np.where(after == len(SLIPS), 1.0, slips[right - 1] + share * (slips[right] - slips[right - 1]))
-    sinkage = pulls.sinkage[row, right - 1] + share * (pulls.sinkage[row, right] - pulls.sinkage[row, right - 1])
+    slip = np.where(
+        after == len(SLIPS), 1.0, slips[right - 1] + share * (slips[right] - slips[right - 1])
+    )
+    sinkage = pulls.sinkage[row, right - 1] + share * (
+        pulls.sinkage[row, right] - pulls.sinkage[row, right - 1]
+    )
     return slip, sinkage
 
 
-def steepest(table: TractionTable, soil: int, strength: Floats, slip_limit: float, shift: Floats) -> Floats:
+def steepest(
+    table: TractionTable, soil: int, strength: Floats, slip_limit: float, shift: Floats
+) -> Floats:
     """Slope [n] [rad] on which the largest ratio, ``shift`` [n] added, just holds the weight; negative: downhill only."""
     slope = np.zeros(strength.shape[0])
     for _ in range(2):  # the ratio changes by a few per cent over the whole range of slopes

@@ -38,14 +38,24 @@ class WheelGround:
     nodes: Tensor  # quadrature(points)
     plant: Plant | None = None  # what acts besides the nominal model
     where: Situation | None = None  # what that depends on; there if a plant is
-    slip_angle: Tensor | None = None  # [...] [rad] see Contact; None: the wheels move along their heading
+    slip_angle: Tensor | None = (
+        None  # [...] [rad] see Contact; None: the wheels move along their heading
+    )
 
     @classmethod
     def of(
-        cls, rover: Rover, constants: Tensor, strength: Tensor, points: int, plant: Plant | None = None, where: Situation | None = None
+        cls,
+        rover: Rover,
+        constants: Tensor,
+        strength: Tensor,
+        points: int,
+        plant: Plant | None = None,
+        where: Situation | None = None,
     ) -> "WheelGround":
         """The wheels of ``rover``, forces by quadrature with ``points`` nodes a side."""
-        return cls(rover.wheel_radius, rover.wheel_width, constants, strength, _nodes(points), plant, where)
+        return cls(
+            rover.wheel_radius, rover.wheel_width, constants, strength, _nodes(points), plant, where
+        )
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
         """N, T [N] and M [N m] of one wheel, shape [..., 3]; at a slip angle [..., 4] with the lateral force [N]."""
@@ -71,19 +81,34 @@ class WheelGround:
         """The same for some of the episodes."""
         where = None if self.where is None else self.where.rows(index)
         angle = None if self.slip_angle is None else self.slip_angle[index]
-        return WheelGround(self.radius, self.width, self.constants[index], self.strength[index], self.nodes, self.plant, where, angle)
+        return WheelGround(
+            self.radius,
+            self.width,
+            self.constants[index],
+            self.strength[index],
+            self.nodes,
+            self.plant,
+            where,
+            angle,
+        )
 
 
-def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: Tensor | None = None) -> Tensor:
+def equilibrium_sinkage(
+    wheel: WheelGround, slip: Tensor, load: Tensor, start: Tensor | None = None
+) -> Tensor:
     """Sinkage [m] at which one wheel carries ``load`` [N] at ``slip``; all of the same shape [...].
 
-    N rises with z nearly like a power of z, so this is Newton in logarithms, kept in a bracket by bisection. A load that
-    is not positive gives the shallowest, one that no depth carries the deepest sinkage of the search. ``start`` [m] is
-    where the search begins.
+    N rises with z nearly like a power of z, so this is Newton in logarithms, kept in a bracket by
+    bisection. A load that is not positive gives the shallowest, one that no depth carries the
+    deepest sinkage of the search. ``start`` [m] is where the search begins.
     """
     low = torch.full_like(load, SHALLOWEST * wheel.radius).log()
     high = torch.full_like(load, DEEPEST * wheel.radius).log()
-    depth = torch.full_like(load, 0.03 * wheel.radius).log() if start is None else start.log().clamp(low, high)
+    depth = (
+        torch.full_like(load, 0.03 * wheel.radius).log()
+        if start is None
+        else start.log().clamp(low, high)
+    )
     ends = wheel.forces(slip.expand(2, *slip.shape), torch.stack([low, high]).exp())[..., 0]
     floats, drowns = load <= ends[0], load >= ends[1]
     depth = torch.where(floats, low, torch.where(drowns, high, depth))
@@ -103,10 +128,13 @@ def equilibrium_sinkage(wheel: WheelGround, slip: Tensor, load: Tensor, start: T
     return depth.exp()
 
 
-def slip_under_torque(wheel: WheelGround, torque: Tensor, load: Tensor, start: Tensor | None = None) -> tuple[Tensor, Tensor]:
+def slip_under_torque(
+    wheel: WheelGround, torque: Tensor, load: Tensor, start: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
     """Slip [1] and sinkage [m] at which one wheel carries ``load`` [N] and takes ``torque`` [N m]; shapes [...].
 
-    M rises with slip at constant load. A torque beyond what the ground can take ends at MAX_SLIP, one below at MIN_SLIP.
+    M rises with slip at constant load. A torque beyond what the ground can take ends at MAX_SLIP,
+    one below at MIN_SLIP.
     """
     return _slip_search(wheel, load, start, lambda forces: forces[..., 2] - torque)
 
@@ -125,7 +153,9 @@ def drawbar_capability(rover: Rover, constants: Tensor, strength: Tensor) -> Ten
     return (forces[..., 1] / forces[..., 0]).amax(-1)
 
 
-def _slip_search(wheel: WheelGround, load: Tensor, start: Tensor | None, excess: Excess) -> tuple[Tensor, Tensor]:
+def _slip_search(
+    wheel: WheelGround, load: Tensor, start: Tensor | None, excess: Excess
+) -> tuple[Tensor, Tensor]:
     """The slip at which ``excess``, which rises with slip, is zero while the wheel carries its load."""
     depth = start
 
@@ -134,5 +164,7 @@ def _slip_search(wheel: WheelGround, load: Tensor, start: Tensor | None, excess:
         depth = equilibrium_sinkage(wheel, slip, load, depth)
         return excess(wheel.forces(slip, depth))
 
-    slip = bracketed_root(trial, torch.full_like(load, MIN_SLIP), torch.full_like(load, MAX_SLIP), tolerance=1e-11)
+    slip = bracketed_root(
+        trial, torch.full_like(load, MIN_SLIP), torch.full_like(load, MAX_SLIP), tolerance=1e-11
+    )
     return slip, equilibrium_sinkage(wheel, slip, load, depth)

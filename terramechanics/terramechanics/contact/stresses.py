@@ -2,25 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forces between a rigid wheel and deformable ground: the Wong-Reece stress integrals.
 
-For given slip, sinkage and soil constants, normal force N, traction T and driving torque M are exactly affine in
-cohesion c and tan(phi) (Wong and Reece 1967, Iagnemma et al. 2004, Banerjee et al. eq. 7 with the integrals kept)::
+For given slip, sinkage and soil constants, normal force N, traction T and driving torque M are
+exactly affine in cohesion c and tan(phi) (Wong and Reece 1967, Iagnemma et al. 2004, Banerjee et
+al. eq. 7 with the integrals kept)::
 
     N = r b { c INT E sin + tan(phi) INT sigma E sin + INT sigma cos }
     T = r b { c INT E cos + tan(phi) INT sigma E cos - INT sigma sin }
     M = r^2 b { c INT E + tan(phi) INT sigma E }
 
-with E = sgn(j) (1 - exp(-|j| / K)). A wheel that moves at a slip angle beta to its heading shears the soil sideways too, by
-j_y = r (1 - i) (theta_1 - theta) tan(beta) (Yoshida and Ishigami 2004, Ishigami et al. 2007). Shear stress is directed along
-the displacement (j, j_y) and limited as a whole, as Mohr and Coulomb have it (Jia, Smith and Peng 2011)::
+with E = sgn(j) (1 - exp(-|j| / K)). A wheel that moves at a slip angle beta to its heading shears
+the soil sideways too, by j_y = r (1 - i) (theta_1 - theta) tan(beta) (Yoshida and Ishigami 2004,
+Ishigami et al. 2007). Shear stress is directed along the displacement (j, j_y) and limited as a
+whole, as Mohr and Coulomb have it (Jia, Smith and Peng 2011)::
 
     E, E_y = (j, j_y) / J (1 - exp(-J / K)), J = hypot(j, j_y)
     Y = r b { c INT E_y + tan(phi) INT sigma E_y }
 
-Ishigami et al. limit each direction by itself, with a shear modulus each that depends on beta: together they then exceed the
-strength of the soil by up to sqrt(2). Both forms are affine in (c, tan(phi)) and the same at beta = 0.
+Ishigami et al. limit each direction by itself, with a shear modulus each that depends on beta:
+together they then exceed the strength of the soil by up to sqrt(2). Both forms are affine in (c,
+tan(phi)) and the same at beta = 0.
 
-Every function here takes and returns tensors, broadcasts over leading dimensions
-and can be compiled by ``torch.jit.script``, so that simulator, regression features and exported model share it.
+Every function here takes and returns tensors, broadcasts over leading dimensions and can be
+compiled by ``torch.jit.script``, so that simulator, regression features and exported model share
+it.
 """
 
 import numpy as np
@@ -41,7 +45,8 @@ MAX_SLIP = 0.95
 def quadrature(points: int = 6) -> Tensor:
     """Gauss-Legendre nodes and weights on [0, 1], shape [2, points], float64.
 
-    6 points keep the error of every force near 1e-6 of the largest force of that wheel for the preset soils, 24 below 1e-8.
+    6 points keep the error of every force near 1e-6 of the largest force of that wheel for the
+    preset soils, 24 below 1e-8.
     """
     nodes, weights = np.polynomial.legendre.leggauss(points)
     return torch.tensor(np.stack([(nodes + 1) / 2, weights / 2]), dtype=torch.float64)
@@ -59,7 +64,12 @@ def stress_ratio(slip: Tensor, constants: Tensor) -> Tensor:
 
 
 def in_range(
-    slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, lowest: float = MIN_SLIP, highest: float = MAX_SLIP
+    slip: Tensor,
+    sinkage: Tensor,
+    constants: Tensor,
+    radius: float,
+    lowest: float = MIN_SLIP,
+    highest: float = MAX_SLIP,
 ) -> Tensor:
     """Where the model holds: lowest <= i <= highest, 0 < z < r and 0 < theta_m < theta_1. NaN is never in range."""
     ratio = stress_ratio(slip, constants)
@@ -70,8 +80,9 @@ def in_range(
 def shear_reversal_angle(slip: Tensor, theta_1: Tensor) -> Tensor:
     """Angle in (0, theta_1) at which the shear displacement j changes its sign, for braked wheels (i < 0) [rad].
 
-    j = 0 where the mean of cos over [theta, theta_1] equals 1 / (1 - i). Newton from the small-angle root; where j
-    keeps its sign the answer is an end of the interval, so that it can always be used to split an integral.
+    j = 0 where the mean of cos over [theta, theta_1] equals 1 / (1 - i). Newton from the
+    small-angle root; where j keeps its sign the answer is an end of the interval, so that it can
+    always be used to split an integral.
     """
     target = 1.0 / (1.0 - slip)
     square = 24.0 * (1.0 - target) - 3.0 * theta_1**2
@@ -85,12 +96,16 @@ def shear_reversal_angle(slip: Tensor, theta_1: Tensor) -> Tensor:
     return torch.minimum(theta, theta_1)
 
 
-def _split_nodes(theta_0: Tensor, theta_1: Tensor, theta_m: Tensor, u: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
+def _split_nodes(
+    theta_0: Tensor, theta_1: Tensor, theta_m: Tensor, u: Tensor, weight: Tensor
+) -> tuple[Tensor, Tensor]:
     """Nodes and weights on [0, u_0] and [u_0, 1], u_0 the substituted place of the kink theta_0; shapes [2 P, ...]."""
     front = torch.sqrt(torch.clamp(theta_1 - theta_0, min=0.0) / (theta_1 - theta_m))
     rear = torch.sqrt(torch.clamp(theta_0, min=0.0) / theta_m)
     kink = torch.where(theta_0 > theta_m, front, rear).clamp(0.0, 1.0)
-    return torch.cat([kink * u, kink + (1.0 - kink) * u]), torch.cat([kink * weight, (1.0 - kink) * weight])
+    return torch.cat([kink * u, kink + (1.0 - kink) * u]), torch.cat(
+        [kink * weight, (1.0 - kink) * weight]
+    )
 
 
 def _shared(lag: Tensor, sideways: Tensor) -> tuple[Tensor, Tensor]:
@@ -112,30 +127,41 @@ def wheel_forces(
 ) -> Tensor:
     """Coefficients of N, T [N] and M [N m] of one wheel, affine in (c [Pa], tan(phi)).
 
-    ``slip`` [...] and ``sinkage`` [...] [m] broadcast with ``constants`` [..., 6] (order CONSTANTS); ``nodes`` comes
-    from :func:`quadrature`. Returns [..., 3, 3]: rows N, T, M; columns c, tan(phi), 1. Outside :func:`in_range` the
-    stresses are evaluated at the edge of the range, never NaN for finite input.
+    ``slip`` [...] and ``sinkage`` [...] [m] broadcast with ``constants`` [..., 6] (order
+    CONSTANTS); ``nodes`` comes from :func:`quadrature`. Returns [..., 3, 3]: rows N, T, M; columns
+    c, tan(phi), 1. Outside :func:`in_range` the stresses are evaluated at the edge of the range,
+    never NaN for finite input.
 
-    On both sides of theta_m the normal stress goes like x^n at its outer end. With theta = theta_1 - L u^2 in front
-    and theta = theta_m u^2 behind the integrand is smooth, and sigma takes the same values on both sides.
+    On both sides of theta_m the normal stress goes like x^n at its outer end. With theta = theta_1
+    - L u^2 in front and theta = theta_m u^2 behind the integrand is smooth, and sigma takes the
+    same values on both sides.
 
-    With an ``exit_angle`` [...] [rad] contact reaches from theta_1 to theta_2 = -exit_angle behind the axle: the rear
-    side is stretched to [theta_2, theta_m], theta_m stays (Ishigami et al. 2007).
+    With an ``exit_angle`` [...] [rad] contact reaches from theta_1 to theta_2 = -exit_angle behind
+    the axle: the rear side is stretched to [theta_2, theta_m], theta_m stays (Ishigami et al.
+    2007).
 
-    With a ``slip_angle`` [rad] that broadcasts to ``slip``, of less than a right angle, there is a fourth row: the lateral force
-    Y [N]. Positive is a wheel that moves to the right of its heading, and the force that then pushes it to the left. ``slip`` is
-    that of the speed along the heading, 1 - V cos(beta) / (r w).
+    With a ``slip_angle`` [rad] that broadcasts to ``slip``, of less than a right angle, there is a
+    fourth row: the lateral force Y [N]. Positive is a wheel that moves to the right of its heading,
+    and the force that then pushes it to the left. ``slip`` is that of the speed along the heading,
+    1 - V cos(beta) / (r w).
     """
     theta_1 = entry_angle(sinkage, radius)
     theta_m = theta_1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)
-    u, weight = nodes.view([2, -1] + [1] * theta_m.dim()).unbind(0)  # nodes first: what is computed of many wheels is contiguous
+    u, weight = nodes.view([2, -1] + [1] * theta_m.dim()).unbind(
+        0
+    )  # nodes first: what is computed of many wheels is contiguous
     braked = any_of(slip < 0.0)
     if braked:
         reach = torch.zeros_like(theta_1) if exit_angle is None else exit_angle
-        u, weight = _split_nodes(shear_reversal_angle(slip, theta_1) + reach, theta_1 + reach, theta_m + reach, u, weight)
+        u, weight = _split_nodes(
+            shear_reversal_angle(slip, theta_1) + reach, theta_1 + reach, theta_m + reach, u, weight
+        )
     square, arc = u * u, (2.0 * radius * width) * u * weight
     length, rear = theta_1 - theta_m, theta_m if exit_angle is None else theta_m + exit_angle
-    front, behind = length * square, rear * square if exit_angle is None else rear * square - exit_angle
+    front, behind = (
+        length * square,
+        rear * square if exit_angle is None else rear * square - exit_angle,
+    )
     half = 0.5 * front
     height = (2.0 * radius) * torch.sin(theta_1 - half) * torch.sin(half)
     n, k_c, k_phi, shear_modulus = constants[..., :4].unbind(-1)
@@ -143,30 +169,48 @@ def wheel_forces(
 
     theta = torch.stack([theta_1 - front, behind])  # [2, P, ...], as all of both sides
     sine, cosine = torch.sin(theta), torch.cos(theta)
-    lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * (radius / shear_modulus)  # -j / K
+    lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * (
+        radius / shear_modulus
+    )  # -j / K
     sideways = lag
     if slip_angle is None:
-        mobilised = -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag)  # this is -E
+        mobilised = (
+            -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag)
+        )  # this is -E
     else:
-        mobilised, sideways = _shared(lag, (theta - theta_1) * ((1.0 - slip) * torch.tan(slip_angle) * (radius / shear_modulus)))
+        mobilised, sideways = _shared(
+            lag,
+            (theta - theta_1) * ((1.0 - slip) * torch.tan(slip_angle) * (radius / shear_modulus)),
+        )
     step = torch.stack([length * arc, rear * arc])
     normal = sigma * step
     stresses = torch.stack([step * mobilised, normal * mobilised, normal])
-    integrals = torch.stack([(stresses * sine).sum([1, 2]), (stresses * cosine).sum([1, 2]), radius * stresses.sum([1, 2])])
+    integrals = torch.stack(
+        [
+            (stresses * sine).sum([1, 2]),
+            (stresses * cosine).sum([1, 2]),
+            radius * stresses.sum([1, 2]),
+        ]
+    )
     by_sine, by_cosine, _ = integrals[:, 2].unbind(0)
     constant = torch.stack([by_cosine, -by_sine, torch.zeros_like(by_sine)])
     rows = torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1)
     if slip_angle is not None:
-        lateral = torch.stack([step * sideways, normal * sideways, torch.zeros_like(sideways)]).sum([1, 2])
+        lateral = torch.stack([step * sideways, normal * sideways, torch.zeros_like(sideways)]).sum(
+            [1, 2]
+        )
         rows = torch.cat([rows, -lateral.unsqueeze(0)])
     return rows.movedim([0, 1], [-2, -1])
 
 
-def wheel_forces_linear_stress(slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float) -> Tensor:
+def wheel_forces_linear_stress(
+    slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float
+) -> Tensor:
     """The same coefficients under linear stresses: the closed form f0 to f4 (Banerjee et al. eqs. 8 to 14).
 
-    sigma and tau rise linearly from 0 at theta_1 to their largest values at theta_m; behind it sigma falls to 0 and
-    tau to c at theta = 0. Shapes and units as in :func:`wheel_forces`. The paper's model, kept as a baseline.
+    sigma and tau rise linearly from 0 at theta_1 to their largest values at theta_m; behind it
+    sigma falls to 0 and tau to c at theta = 0. Shapes and units as in :func:`wheel_forces`. The
+    paper's model, kept as a baseline.
     """
     t1 = entry_angle(sinkage, radius)
     tm = t1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The formulas of the named effects: tensors in, tensors out.
 
-Like terramechanics.contact.stresses they broadcast over leading dimensions and can be compiled by ``torch.jit.script``, so that the
-simulator, the search for a missing effect and an exported model that has the effect call the same functions. Sources and
-physical ranges stand in the registry.
+Like terramechanics.contact.stresses they broadcast over leading dimensions and can be compiled by
+``torch.jit.script``, so that the simulator, the search for a missing effect and an exported model
+that has the effect call the same functions. Sources and physical ranges stand in the registry.
 """
 
 import torch
@@ -32,9 +32,10 @@ def side_resistance(size: Tensor, sinkage: Tensor, radius: float, nodes: Tensor)
 
         INT size h^2 (r - h cos) over 0..theta_1,    h = r (cos - cos(theta_1))
 
-    ``size`` is gamma / 2 D_1 D_2 [N/m^3], of the soil's unit weight gamma and two factors of its friction angle phi:
-    D_1 = cot X + tan(X + phi), D_2 = cot X + cot(X)^2 tan(phi), X = 45 deg - phi / 2; up to 4e5 at phi = 45 deg and 20 kN/m^3.
-    ``nodes`` are those of terramechanics.contact.stresses.quadrature.
+    ``size`` is gamma / 2 D_1 D_2 [N/m^3], of the soil's unit weight gamma and two factors of its
+    friction angle phi: D_1 = cot X + tan(X + phi), D_2 = cot X + cot(X)^2 tan(phi), X = 45 deg -
+    phi / 2; up to 4e5 at phi = 45 deg and 20 kN/m^3. ``nodes`` are those of
+    terramechanics.contact.stresses.quadrature.
     """
     theta_1 = entry_angle(sinkage, radius).unsqueeze(-1)
     theta = theta_1 * nodes[0]

@@ -21,16 +21,22 @@ class Description:
     unit: str
     low: float
     high: float
-    rows: tuple[str, ...]  # velocity, load, torque, acceleration; of single-wheel data drawbar_pull, sinkage, lateral_force
+    rows: tuple[
+        str, ...
+    ]  # velocity, load, torque, acceleration; of single-wheel data drawbar_pull, sinkage, lateral_force
     source: str
-    make: Callable[..., Effect] | None  # of size, and of axle where by_axle; None: a planar rover does not show it
+    make: (
+        Callable[..., Effect] | None
+    )  # of size, and of axle where by_axle; None: a planar rover does not show it
     by_axle: bool = False  # it acts on one axle, which has to be named
 
     def checked(self, size: float) -> float:
         """``size`` where it is in its physical range. Raises ConfigError that gives the range."""
         if not math.isfinite(size) or not self.low <= size <= self.high:
             limits = f"{self.low:g} to {self.high:g} [{self.unit}]"
-            raise ConfigError(f"effect {self.name}: size {size:g} is outside its physical range, {limits}")
+            raise ConfigError(
+                f"effect {self.name}: size {size:g} is outside its physical range, {limits}"
+            )
         return size
 
 
@@ -130,9 +136,14 @@ def describe(name: str) -> Description:
 def make_effect(name: str, size: Size, axle: int | None = None) -> Effect:
     """The named effect as one that acts in the simulation. ``size`` is one number, or a tensor [batch]; 0 has no effect.
 
-    ``axle`` goes to an effect of one axle, 0 is the front. Raises ConfigError for a name that is unknown or not simulated.
+    ``axle`` goes to an effect of one axle, 0 is the front. Raises ConfigError for a name that is
+    unknown or not simulated.
     """
     description = describe(name)
     if description.make is None:
         raise ConfigError(f"effect {name} acts sideways, which a planar rover does not simulate")
-    return description.make(size) if axle is None or not description.by_axle else description.make(size, axle)
+    return (
+        description.make(size)
+        if axle is None or not description.by_axle
+        else description.make(size, axle)
+    )

@@ -39,7 +39,9 @@ class SlopeBias(Effect):
         """See Effect."""
         pitch = sample.pitch + self.size
         # A sample carries dv/dt, a sensor reads dv/dt + g sin ab: what it reads must not change.
-        acceleration = sample.acceleration + self._gravity * (torch.sin(sample.pitch) - torch.sin(pitch))
+        acceleration = sample.acceleration + self._gravity * (
+            torch.sin(sample.pitch) - torch.sin(pitch)
+        )
         return dataclasses.replace(sample, pitch=pitch, acceleration=acceleration)
 
 
@@ -51,7 +53,10 @@ class OdometryScale(Effect):
 
     def sensed(self, sample: Sample) -> Sample:
         """See Effect."""
-        return dataclasses.replace(sample, slip=reported_slip(sample.slip, torch.as_tensor(_wide(self.size), dtype=torch.float64)))
+        return dataclasses.replace(
+            sample,
+            slip=reported_slip(sample.slip, torch.as_tensor(_wide(self.size), dtype=torch.float64)),
+        )
 
 
 @dataclass
@@ -86,8 +91,15 @@ class Latency(Effect):
         self._past.appendleft((sample.slip, sample.sinkage))
         while len(self._past) > LONGEST_DELAY / step + 2.0:
             self._past.pop()
-        delay = torch.as_tensor(self.size, dtype=torch.float64).clamp(0.0, LONGEST_DELAY).expand(sample.velocity.shape) / step
-        slip, sinkage = (self._at(torch.stack(list(past)), delay) for past in zip(*self._past, strict=True))
+        delay = (
+            torch.as_tensor(self.size, dtype=torch.float64)
+            .clamp(0.0, LONGEST_DELAY)
+            .expand(sample.velocity.shape)
+            / step
+        )
+        slip, sinkage = (
+            self._at(torch.stack(list(past)), delay) for past in zip(*self._past, strict=True)
+        )
         return dataclasses.replace(sample, slip=slip, sinkage=sinkage)
 
     @staticmethod
@@ -95,6 +107,9 @@ class Latency(Effect):
         """Values [age, batch, axles] at the age ``delay`` [batch] in samples."""
         oldest, episode = past.shape[0] - 1, torch.arange(delay.shape[0])
         younger = delay.floor().long()
-        first, second = past[younger.clamp(max=oldest), episode], past[(younger + 1).clamp(max=oldest), episode]
+        first, second = (
+            past[younger.clamp(max=oldest), episode],
+            past[(younger + 1).clamp(max=oldest), episode],
+        )
         share = (delay - younger).unsqueeze(-1)
         return torch.where(share > 0.0, torch.lerp(first, second, share), first)

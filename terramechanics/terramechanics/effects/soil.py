@@ -53,7 +53,9 @@ class LateralBulldozing(Effect):
         """See Effect."""
         if contact.slip_angle is None:
             return forces
-        side = side_resistance(where.of(self.size), contact.sinkage, where.rover.wheel_radius, NODES) * torch.sin(contact.slip_angle)
+        side = side_resistance(
+            where.of(self.size), contact.sinkage, where.rover.wheel_radius, NODES
+        ) * torch.sin(contact.slip_angle)
         return torch.cat([forces[..., :3], forces[..., 3:] + side.unsqueeze(-1)], dim=-1)
 
 
@@ -66,7 +68,9 @@ class Grousers(Effect):
 
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
         """See Effect."""
-        thrust = grouser_thrust(where.of(self.size), contact.slip, torch.tensor(self.mobilised, dtype=torch.float64))
+        thrust = grouser_thrust(
+            where.of(self.size), contact.slip, torch.tensor(self.mobilised, dtype=torch.float64)
+        )
         return with_traction(forces, thrust, where.rover.wheel_radius * thrust)
 
 
@@ -78,7 +82,9 @@ class SlipSinkage(Effect):
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         """See Effect."""
-        return contact.with_constants(n=digging_exponent(where.of(self.size), contact.slip, contact.constants[..., 0]))
+        return contact.with_constants(
+            n=digging_exponent(where.of(self.size), contact.slip, contact.constants[..., 0])
+        )
 
 
 @dataclass
@@ -93,7 +99,11 @@ class Multipass(Effect):
 
     def contact(self, where: Situation, contact: Contact) -> Contact:
         """See Effect."""
-        return contact.stiffened(rut_stiffness(where.of(self.size), torch.tensor(self.growth, dtype=torch.float64), where.order))
+        return contact.stiffened(
+            rut_stiffness(
+                where.of(self.size), torch.tensor(self.growth, dtype=torch.float64), where.order
+            )
+        )
 
 
 @dataclass

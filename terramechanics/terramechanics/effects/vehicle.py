@@ -57,21 +57,28 @@ class ExtraMass(Effect):
         """See Effect."""
         mass = where.of(self.size).reshape(-1).expand(where.velocity.shape)
         body = where.rover
-        return Payload(mass, torch.full_like(mass, body.centre_of_mass_x), torch.full_like(mass, body.centre_of_mass_height))
+        return Payload(
+            mass,
+            torch.full_like(mass, body.centre_of_mass_x),
+            torch.full_like(mass, body.centre_of_mass_height),
+        )
 
 
 @dataclass
 class FailedWheel(Effect):
     """The coupling of one axle's motors passes on only (1 - size) of the torque that its encoder's slip calls for. [1].
 
-    With 1 the wheels roll freely while motor and encoder turn as commanded, so that the slip that is reported is not the
-    rim's. The rim's slip is the one at which the ground takes the torque that is left, at the same sinkage. A planar wheel
-    stands for the pair on its axle. A locked wheel is not modelled: it is dragged below MIN_SLIP.
+    With 1 the wheels roll freely while motor and encoder turn as commanded, so that the slip that
+    is reported is not the rim's. The rim's slip is the one at which the ground takes the torque
+    that is left, at the same sinkage. A planar wheel stands for the pair on its axle. A locked
+    wheel is not modelled: it is dragged below MIN_SLIP.
     """
 
     size: Size
     axle: int = REAR
-    _lag: Tensor = field(default_factory=lambda: torch.zeros(0), init=False, repr=False)  # slip lost when last asked for
+    _lag: Tensor = field(
+        default_factory=lambda: torch.zeros(0), init=False, repr=False
+    )  # slip lost when last asked for
 
     def begin(self, rover: Rover, batch: int) -> None:
         """See Effect."""
@@ -82,10 +89,17 @@ class FailedWheel(Effect):
         """See Effect."""
         rover, whole = where.rover, contact.expanded()
         here = torch.arange(rover.axles) == self.axle
-        failing = Contact(whole.slip[..., here], whole.sinkage[..., here], whole.constants[..., here, :], whole.strength[..., here, :])
+        failing = Contact(
+            whole.slip[..., here],
+            whole.sinkage[..., here],
+            whole.constants[..., here, :],
+            whole.strength[..., here, :],
+        )
 
         def torque(slip: Tensor) -> Tensor:
-            return dataclasses.replace(failing, slip=slip).forces(rover.wheel_radius, rover.wheel_width, NODES)[..., 2]
+            return dataclasses.replace(failing, slip=slip).forces(
+                rover.wheel_radius, rover.wheel_width, NODES
+            )[..., 2]
 
         left = (1.0 - where.of(self.size)) * torque(failing.slip)
         lag = self._lag[where.episode] if self._lag.numel() else torch.zeros_like(where.rate[:, :1])
@@ -102,7 +116,9 @@ def _slip_under(torque: Callable[[Tensor], Tensor], wanted: Tensor, start: Tenso
     slip = start.clamp(MIN_SLIP, MAX_SLIP)
     for _ in range(ROUNDS):
         here, there = torque(torch.stack([slip, slip + small]))
-        move = ((wanted - here) * small / (there - here).clamp(min=1e-9)).clamp(-LARGEST_MOVE, LARGEST_MOVE)
+        move = ((wanted - here) * small / (there - here).clamp(min=1e-9)).clamp(
+            -LARGEST_MOVE, LARGEST_MOVE
+        )
         slip = (slip + move).clamp(MIN_SLIP, MAX_SLIP)
         if float(move.abs().max()) < SETTLED:
             break

@@ -19,11 +19,17 @@ Rows = Callable[[Tensor, Tensor], Tensor]
 """Function of unknowns [rows, m] and of the indices [rows] of their episodes."""
 
 
-def bracketed_root(function: Callable[[Tensor], Tensor], low: Tensor, high: Tensor, tolerance: float, evaluations: int = 40) -> Tensor:
+def bracketed_root(
+    function: Callable[[Tensor], Tensor],
+    low: Tensor,
+    high: Tensor,
+    tolerance: float,
+    evaluations: int = 40,
+) -> Tensor:
     """Root of a rising function of one unknown in [low, high], elementwise (regula falsi, Illinois variant).
 
-    Where the function has no root inside, the end nearer to it. Stops when every bracket is narrower than ``tolerance``;
-    every third trial is the middle, so that it always gets there.
+    Where the function has no root inside, the end nearer to it. Stops when every bracket is
+    narrower than ``tolerance``; every third trial is the middle, so that it always gets there.
     """
     below, above = function(low), function(high)
     best = torch.where(below >= 0.0, low, torch.where(above <= 0.0, high, (low + high) / 2.0))
@@ -46,11 +52,14 @@ def bracketed_root(function: Callable[[Tensor], Tensor], low: Tensor, high: Tens
     return best
 
 
-def quasi_newton(residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+def quasi_newton(
+    residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, Tensor]
+) -> tuple[Tensor, Tensor]:
     """Solve residual(u) = 0 for every episode, from ``start`` [batch, m], inside ``limits`` ([m], [m]).
 
-    Newton with Broyden's update of the Jacobian in between; episodes drop out as they converge. Returns the unknowns
-    [batch, m], the last iterate where there is no solution, and where they are solved [batch].
+    Newton with Broyden's update of the Jacobian in between; episodes drop out as they converge.
+    Returns the unknowns [batch, m], the last iterate where there is no solution, and where they are
+    solved [batch].
     """
     answer, solved = start.clamp(*limits), torch.zeros(start.shape[0], dtype=torch.bool)
     index, u = torch.arange(start.shape[0]), answer
@@ -64,7 +73,11 @@ def quasi_newton(residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Te
             return answer, solved
         moved = (u + _move(slope, value)).clamp(*limits)
         after = residual(moved, index)
-        slope = jacobian(moved, index) if iteration % REFRESH == 0 else _broyden(slope, moved - u, after - value)
+        slope = (
+            jacobian(moved, index)
+            if iteration % REFRESH == 0
+            else _broyden(slope, moved - u, after - value)
+        )
         u, value = moved, after
     answer[index] = u
     return answer, solved
@@ -74,7 +87,9 @@ def _move(slope: Tensor, value: Tensor) -> Tensor:
     """Newton's move, bounded; none where the Jacobian is singular."""
     move, broken = torch.linalg.solve_ex(slope, -value.unsqueeze(-1))
     move = move.squeeze(-1)
-    return torch.where((broken != 0).unsqueeze(-1) | ~move.isfinite(), 0.0, move).clamp(-LARGEST_MOVE, LARGEST_MOVE)
+    return torch.where((broken != 0).unsqueeze(-1) | ~move.isfinite(), 0.0, move).clamp(
+        -LARGEST_MOVE, LARGEST_MOVE
+    )
 
 
 def _broyden(slope: Tensor, move: Tensor, change: Tensor) -> Tensor:

@@ -22,7 +22,10 @@ def preset_path(kind: str, name: str | Path) -> Path:
     if path.suffix in (".yaml", ".yml") and path.is_file():
         return path
     known = ", ".join(preset_names(kind))
-    raise ConfigError(f"{name}: neither one of the {kind} that come with the package ({known}) nor a readable .yaml file")
+    raise ConfigError(
+        f"{name}: neither one of the {kind} that come with the package ({known}) nor a readable"
+        " .yaml file"
+    )
 
 
 def preset_names(kind: str) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where an effect that the nominal model lacks can act in the simulation: in the contact, on wheels and body, in drives and sensors.
 
-An :class:`Effect` overrides the methods of the places where it physically acts, the others do nothing. A :class:`Plant`
-is the effects of one simulation, in the order in which they act. Without a plant the simulation is the nominal model.
+An :class:`Effect` overrides the methods of the places where it physically acts, the others do
+nothing. A :class:`Plant` is the effects of one simulation, in the order in which they act. Without
+a plant the simulation is the nominal model.
 """
 
 import dataclasses
@@ -37,7 +38,11 @@ class Situation:
     def rows(self, index: Tensor) -> "Situation":
         """The same for some of the episodes."""
         return dataclasses.replace(
-            self, episode=self.episode[index], place=self.place[index], rate=self.rate[index], velocity=self.velocity[index]
+            self,
+            episode=self.episode[index],
+            place=self.place[index],
+            rate=self.rate[index],
+            velocity=self.velocity[index],
         )
 
     def of(self, size: Size) -> Tensor:
@@ -65,15 +70,20 @@ class Contact:
     sinkage: Tensor  # [m]
     constants: Tensor  # [..., 6] in the order of CONSTANTS
     strength: Tensor  # [..., 2] c [Pa] and tan(phi) [1]
-    exit_angle: Tensor | None = None  # [rad] contact reaches so far behind the axle; None: it ends below the axle
-    slip_angle: Tensor | None = None  # [rad] between heading and way, positive where the wheel moves to the right; None: straight ahead
+    exit_angle: Tensor | None = (
+        None  # [rad] contact reaches so far behind the axle; None: it ends below the axle
+    )
+    slip_angle: Tensor | None = (
+        None  # [rad] between heading and way, positive where the wheel moves to the right; None: straight ahead
+    )
 
     def with_constants(self, **factors: Tensor) -> "Contact":
         """The same with soil constants, by their names, multiplied by ``factors`` [..., rows, axles]."""
         columns = list(self.constants.unbind(-1))
         for name, factor in factors.items():
             columns[CONSTANTS.index(name)] = columns[CONSTANTS.index(name)] * factor
-        return dataclasses.replace(self, constants=torch.stack(torch.broadcast_tensors(*columns), dim=-1))  # type: ignore[no-untyped-call]
+        alike = torch.broadcast_tensors(*columns)  # type: ignore[no-untyped-call]
+        return dataclasses.replace(self, constants=torch.stack(alike, dim=-1))
 
     def stiffened(self, factor: Tensor) -> "Contact":
         """The same with the whole pressure-sinkage law multiplied by ``factor`` [..., rows, axles]."""
@@ -81,20 +91,45 @@ class Contact:
 
     def forces(self, radius: float, width: float, nodes: Tensor) -> Tensor:
         """N, T [N] and M [N m] of one wheel from the stress integrals, [..., rows, axles, 3]; at a slip angle the lateral force [N] too."""
-        coefficients = wheel_forces(self.slip, self.sinkage, self.constants, radius, width, nodes, self.exit_angle, self.slip_angle)
-        return torch.matmul(coefficients[..., :2], self.strength.unsqueeze(-1)).squeeze(-1) + coefficients[..., 2]
+        coefficients = wheel_forces(
+            self.slip,
+            self.sinkage,
+            self.constants,
+            radius,
+            width,
+            nodes,
+            self.exit_angle,
+            self.slip_angle,
+        )
+        return (
+            torch.matmul(coefficients[..., :2], self.strength.unsqueeze(-1)).squeeze(-1)
+            + coefficients[..., 2]
+        )
 
     def expanded(self) -> "Contact":
         """The same with all leading dimensions spelled out."""
         parts = (self.slip, self.sinkage, self.constants[..., 0], self.strength[..., 0])
         slip, sinkage, *_ = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
-        angles = (None if angle is None else angle.expand_as(slip) for angle in (self.exit_angle, self.slip_angle))
-        return Contact(slip, sinkage, self.constants.expand(*slip.shape, 6), self.strength.expand(*slip.shape, 2), *angles)
+        angles = (
+            None if angle is None else angle.expand_as(slip)
+            for angle in (self.exit_angle, self.slip_angle)
+        )
+        return Contact(
+            slip,
+            sinkage,
+            self.constants.expand(*slip.shape, 6),
+            self.strength.expand(*slip.shape, 2),
+            *angles,
+        )
 
     def part(self, mask: Tensor) -> "Contact":
         """The wheels of an expanded contact where ``mask`` is set."""
-        angles = (None if angle is None else angle[mask] for angle in (self.exit_angle, self.slip_angle))
-        return Contact(self.slip[mask], self.sinkage[mask], self.constants[mask], self.strength[mask], *angles)
+        angles = (
+            None if angle is None else angle[mask] for angle in (self.exit_angle, self.slip_angle)
+        )
+        return Contact(
+            self.slip[mask], self.sinkage[mask], self.constants[mask], self.strength[mask], *angles
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +211,9 @@ class Plant:
 
     def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
         """See Effect."""
-        return reduce(lambda before, effect: effect.push(where, contact, before), self.effects, forces)
+        return reduce(
+            lambda before, effect: effect.push(where, contact, before), self.effects, forces
+        )
 
     def body(self, where: Situation) -> Body:
         """Mass, centre of mass and outer forces of every episode."""

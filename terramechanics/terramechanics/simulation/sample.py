@@ -51,7 +51,9 @@ class Drive:
     rover: Rover
     sample: Sample
     start_velocity: Tensor  # [batch] [m/s] v_0, one step before the first sample
-    seen: Sample  # what the sensors are given: the true sample, unless an effect acts between the two
+    seen: (
+        Sample  # what the sensors are given: the true sample, unless an effect acts between the two
+    )
 
     def measurable(self) -> Tensor:
         """[batch, time] bool: the rover moves, is not stuck, and every wheel is in the range of the model."""

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Named drives: what is commanded to the wheels, and on which terrain. Accuracy depends on them more than on the method.
 
-S1 every axle at its own wheel rate, a sum of two slow sines, over random hills
-S2 wheel torques redrawn every step from one band for 20 s, then from one of half the torque, on level ground
-S3 equal constant wheel rates on level ground: tells least, above all by velocity alone
-S4 as S1, with a square wave of +-50 % and a period of 2 s in all wheel rates
+S1 every axle at its own wheel rate, a sum of two slow sines, over random hills S2 wheel torques
+redrawn every step from one band for 20 s, then from one of half the torque, on level ground S3
+equal constant wheel rates on level ground: tells least, above all by velocity alone S4 as S1, with
+a square wave of +-50 % and a period of 2 s in all wheel rates
 """
 
 import math
@@ -16,7 +16,12 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from terramechanics.contact.sinkage import WheelGround, drawbar_capability, equilibrium_sinkage, free_rolling
+from terramechanics.contact.sinkage import (
+    WheelGround,
+    drawbar_capability,
+    equilibrium_sinkage,
+    free_rolling,
+)
 from terramechanics.contact.stresses import quadrature
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Flat, Profile, random_hills
@@ -61,8 +66,11 @@ class SineRates:
     def command(self, time: float) -> Tensor:
         """See Schedule."""
         wave = torch.sin(2.0 * math.pi * self.frequency * time + self.phase)
-        rate = (self.start_velocity / self.radius).unsqueeze(-1) * (1.0 + self.depth * (0.6 * wave[0] + 0.4 * wave[1]))
-        # Samples lie on the flanks: half a microsecond keeps rounding from moving a flank by a step.
+        rate = (self.start_velocity / self.radius).unsqueeze(-1) * (
+            1.0 + self.depth * (0.6 * wave[0] + 0.4 * wave[1])
+        )
+        # Samples lie on the flanks: half a microsecond keeps rounding from moving a flank by a
+        # step.
         high = math.floor(time / (SQUARE_PERIOD / 2.0) - 5e-7) % 2 == 0
         return rate * (1.0 + (self.square if high else -self.square))
 
@@ -81,7 +89,9 @@ class TorqueBands:
     def command(self, time: float) -> Tensor:
         """See Schedule."""
         part = 1.0 if time <= BAND_DURATION + 1e-6 else SECOND_BAND
-        share = torch.rand(self.low.shape[0], self.axles, generator=self.generator, dtype=torch.float64)
+        share = torch.rand(
+            self.low.shape[0], self.axles, generator=self.generator, dtype=torch.float64
+        )
         return part * torch.lerp(self.low.unsqueeze(-1), self.high.unsqueeze(-1), share)
 
 
@@ -103,12 +113,16 @@ HIGHEST_SLIP = 0.6
 """[1] Slip that no torque of S2 exceeds under an even load."""
 
 
-def make_schedule(name: str, rover: Rover, ground: Ground, batch: int, generator: torch.Generator) -> Schedule:
+def make_schedule(
+    name: str, rover: Rover, ground: Ground, batch: int, generator: torch.Generator
+) -> Schedule:
     """The schedule of that name with its random numbers drawn. Raises ValueError that lists the names."""
     if name not in SCHEDULES:
         raise ValueError(f"unknown schedule {name!r}; known schedules are {', '.join(SCHEDULES)}")
     slowest, fastest = rover.cruise_speed
-    cruise = slowest + (fastest - slowest) * torch.rand(batch, generator=generator, dtype=torch.float64)
+    cruise = slowest + (fastest - slowest) * torch.rand(
+        batch, generator=generator, dtype=torch.float64
+    )
     if name == "S2":
         return TorqueBands(cruise, *_first_band(rover, ground, batch), rover.axles, generator)
     unit = torch.rand(2, 2, batch, rover.axles, generator=generator, dtype=torch.float64)
@@ -118,7 +132,9 @@ def make_schedule(name: str, rover: Rover, ground: Ground, batch: int, generator
     return SineRates(cruise, rover.wheel_radius, frequency, 2.0 * math.pi * unit[1], depth, square)
 
 
-def make_profile(name: str, schedule: str, rover: Rover, ground: Ground, batch: int, generator: torch.Generator) -> Profile:
+def make_profile(
+    name: str, schedule: str, rover: Rover, ground: Ground, batch: int, generator: torch.Generator
+) -> Profile:
     """Flat ground or random hills by name; the empty name is the profile that belongs to the schedule. Raises ValueError."""
     name = name or ("hills" if schedule in ("S1", "S4") else "flat")
     if name == "flat":
@@ -128,14 +144,17 @@ def make_profile(name: str, schedule: str, rover: Rover, ground: Ground, batch: 
     capability = torch.full((batch,), math.inf, dtype=torch.float64)
     for patch in ground.patches:
         strength = patch.strength.expand(batch, 2)
-        capability = torch.minimum(capability, drawbar_capability(rover, patch.constants.expand(batch, 6), strength))
+        capability = torch.minimum(
+            capability, drawbar_capability(rover, patch.constants.expand(batch, 6), strength)
+        )
     return random_hills(batch, capability, generator)
 
 
 def _first_band(rover: Rover, ground: Ground, batch: int) -> tuple[Tensor, Tensor]:
     """Ends of the first band of S2 [N m], [batch] each: on the first patch and under an even load every torque in it pulls.
 
-    The upper end is HIGHEST_TORQUE times the free-rolling torque, on weak ground the torque at HIGHEST_SLIP.
+    The upper end is HIGHEST_TORQUE times the free-rolling torque, on weak ground the torque at
+    HIGHEST_SLIP.
     """
     first = ground.patches[0]
     constants, strength = first.constants.expand(batch, 6), first.strength.expand(batch, 2)

@@ -19,7 +19,14 @@ from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Profile
 from terramechanics.vehicle.equilibrium import Contacts, Step, solve_rates, solve_torques
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.suspension import Body, Pose, balance_target, level_pose, solve_pose, wheel_loads
+from terramechanics.vehicle.suspension import (
+    Body,
+    Pose,
+    balance_target,
+    level_pose,
+    solve_pose,
+    wheel_loads,
+)
 
 TIME_STEP = 0.1
 """[s] Step of the simulation, the period of the samples, unless another is asked for."""
@@ -54,24 +61,43 @@ class Simulation:
         ``plant`` holds the effects that act besides the nominal model.
         """
         batch = start_velocity.shape[0]
-        self.rover, self.ground, self.profile, self.time_step, self.plant = rover, ground, profile, time_step, plant
+        self.rover, self.ground, self.profile, self.time_step, self.plant = (
+            rover,
+            ground,
+            profile,
+            time_step,
+            plant,
+        )
         if plant is not None:
             plant.begin(rover, batch)
         self.steps = 0
         self.velocity = start_velocity.clone()
         self.position = torch.zeros(batch, dtype=torch.float64)
-        self.rate = (self.velocity / rover.wheel_radius).unsqueeze(-1).expand(batch, rover.axles).clone()
+        self.rate = (
+            (self.velocity / rover.wheel_radius).unsqueeze(-1).expand(batch, rover.axles).clone()
+        )
         self._pose = solve_pose(rover, profile, self.position, level_pose(rover, self.position))
         self._slip = torch.full_like(self.rate, 0.1)
-        self._sinkage = self._carried(self._pose, self._situation(self._pose, self.rate), self._slip)
+        self._sinkage = self._carried(
+            self._pose, self._situation(self._pose, self.rate), self._slip
+        )
         self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
         self._struggling = torch.zeros(batch, dtype=torch.float64)
         self._stuck = torch.zeros(batch, dtype=torch.bool)
 
     def settle(self, command: Tensor) -> None:
         """Start in the steady state that belongs to the wheel rates ``command`` [batch, axles] [rad/s]."""
-        contacts = self._contacts(self._pose, Command.RATE, command.clamp(min=SLOWEST / self.rover.wheel_radius), LONG_STEP)
-        self.velocity, self._sinkage, self._slip = contacts.velocity.clamp(min=0.0), contacts.sinkage, contacts.slip
+        contacts = self._contacts(
+            self._pose,
+            Command.RATE,
+            command.clamp(min=SLOWEST / self.rover.wheel_radius),
+            LONG_STEP,
+        )
+        self.velocity, self._sinkage, self._slip = (
+            contacts.velocity.clamp(min=0.0),
+            contacts.sinkage,
+            contacts.slip,
+        )
         self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
         self.rate = command.clone()
 
@@ -80,11 +106,18 @@ class Simulation:
         self.position = self.position + self.time_step * self.velocity * torch.cos(self._pose.pitch)
         self._pose = pose = solve_pose(self.rover, self.profile, self.position, self._pose)
         lowest = SLOWEST / self.rover.wheel_radius
-        contacts = self._contacts(pose, kind, command.clamp(min=lowest) if kind is Command.RATE else command, self.time_step)
+        contacts = self._contacts(
+            pose,
+            kind,
+            command.clamp(min=lowest) if kind is Command.RATE else command,
+            self.time_step,
+        )
         velocity = contacts.velocity
         rate = command
         if kind is Command.TORQUE:
-            rate = velocity.clamp(min=0.0).unsqueeze(-1) / (self.rover.wheel_radius * (1.0 - contacts.slip))
+            rate = velocity.clamp(min=0.0).unsqueeze(-1) / (
+                self.rover.wheel_radius * (1.0 - contacts.slip)
+            )
         standing = (rate <= lowest).all(-1)
         where = self._situation(pose, rate)
         contacts = self._standing(pose, where, contacts, standing)
@@ -96,7 +129,12 @@ class Simulation:
             sample = dataclasses.replace(sample, torque=sample.torque + self.plant.friction(where))
             self.plant.remember(sample)
         self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
-        self.velocity, self.rate, self._slip, self._sinkage = velocity, rate, contacts.slip, contacts.sinkage
+        self.velocity, self.rate, self._slip, self._sinkage = (
+            velocity,
+            rate,
+            contacts.slip,
+            contacts.sinkage,
+        )
         return sample
 
     def sensed(self, sample: Sample) -> Sample:
@@ -107,13 +145,17 @@ class Simulation:
         if self.plant is None:
             return None
         time = (self.steps + 1) * self.time_step
-        return Situation(self.rover, time, torch.arange(rate.shape[0]), pose.contact, rate, self.velocity)
+        return Situation(
+            self.rover, time, torch.arange(rate.shape[0]), pose.contact, rate, self.velocity
+        )
 
     def _wheel(self, pose: Pose, where: Situation | None, points: int) -> WheelGround:
         return WheelGround.of(self.rover, *self.ground.at(pose.contact), points, self.plant, where)
 
     def _body(self, where: Situation | None) -> Body:
-        return Body.of(self.rover) if self.plant is None or where is None else self.plant.body(where)
+        return (
+            Body.of(self.rover) if self.plant is None or where is None else self.plant.body(where)
+        )
 
     def _contacts(self, pose: Pose, kind: Command, command: Tensor, duration: float) -> Contacts:
         where = self._situation(pose, command if kind is Command.RATE else self.rate)
@@ -122,7 +164,11 @@ class Simulation:
         # Extrapolated, so that the first imbalance is of the order of the step squared.
         sinkage = self._sinkage * (self._sinkage / self._last_sinkage).clamp(0.5, 2.0)
         if kind is Command.TORQUE:
-            to_ground = command if self.plant is None or where is None else command - self.plant.friction(where)
+            to_ground = (
+                command
+                if self.plant is None or where is None
+                else command - self.plant.friction(where)
+            )
             return solve_torques(step, to_ground, sinkage, self._slip)
         return solve_rates(step, command, sinkage, 2.0 * self.velocity - self._last_velocity)
 
@@ -132,12 +178,16 @@ class Simulation:
         load = wheel_loads(self.rover, pose, zero, zero, self._body(where))
         return equilibrium_sinkage(self._wheel(pose, where, POINTS), slip, load)
 
-    def _standing(self, pose: Pose, where: Situation | None, contacts: Contacts, standing: Tensor) -> Contacts:
+    def _standing(
+        self, pose: Pose, where: Situation | None, contacts: Contacts, standing: Tensor
+    ) -> Contacts:
         """Replace the contacts of rovers that stand: the wheels hold the slope in equal parts, without slip."""
         if not bool(standing.any()):
             return contacts
         body = self._body(where)
-        share = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 0] / len(self.rover.wheels)
+        share = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 0] / len(
+            self.rover.wheels
+        )
         traction = share.unsqueeze(-1).expand_as(contacts.slip)
         torque = self.rover.wheel_radius * traction
         load = wheel_loads(self.rover, pose, traction, torque, body)
@@ -161,7 +211,9 @@ class Simulation:
         self._struggling = torch.where(struggles, self._struggling + self.time_step, 0.0)
         self._stuck = self._stuck | (self._struggling > STUCK_TIME - self.time_step / 2.0)
 
-    def _sample(self, pose: Pose, contacts: Contacts, velocity: Tensor, rate: Tensor, standing: Tensor) -> Sample:
+    def _sample(
+        self, pose: Pose, contacts: Contacts, velocity: Tensor, rate: Tensor, standing: Tensor
+    ) -> Sample:
         self.steps += 1
         wheel_constants, strength = self.ground.at(pose.contact)
         normal, traction, ground_torque = contacts.forces.unbind(-1)
@@ -205,11 +257,14 @@ def start(
 ) -> tuple[Simulation, Schedule]:
     """A simulation that is ready for its first step, and the schedule that drives it.
 
-    ``schedule`` and ``profile`` are names or objects; without a profile the schedule's own is drawn. Named schedules of
-    wheel rates start in their steady state, those of torques with wheels rolling at the start velocity.
+    ``schedule`` and ``profile`` are names or objects; without a profile the schedule's own is
+    drawn. Named schedules of wheel rates start in their steady state, those of torques with wheels
+    rolling at the start velocity.
     """
     if isinstance(profile, str):
-        profile = make_profile(profile, schedule if isinstance(schedule, str) else "", rover, ground, batch, generator)
+        profile = make_profile(
+            profile, schedule if isinstance(schedule, str) else "", rover, ground, batch, generator
+        )
     named = isinstance(schedule, str)
     if isinstance(schedule, str):
         schedule = make_schedule(schedule, rover, ground, batch, generator)
@@ -230,7 +285,9 @@ def simulate(
     plant: Plant | None = None,
 ) -> Drive:
     """A batch of drives of ``duration_s``, begun as by :func:`start`; the same state of the generator gives the same drives."""
-    simulation, schedule = start(rover, ground, schedule, generator, batch, profile, TIME_STEP, plant)
+    simulation, schedule = start(
+        rover, ground, schedule, generator, batch, profile, TIME_STEP, plant
+    )
     start_velocity = simulation.velocity
     samples, seen = [], []
     for j in range(round(duration_s / TIME_STEP)):
@@ -242,4 +299,9 @@ def simulate(
 
 def _series(samples: Sequence[Sample]) -> Sample:
     """Samples in order, with a time axis behind the batch axis."""
-    return Sample(*(torch.stack([getattr(sample, item.name) for sample in samples], dim=1) for item in fields(Sample)))
+    return Sample(
+        *(
+            torch.stack([getattr(sample, item.name) for sample in samples], dim=1)
+            for item in fields(Sample)
+        )
+    )

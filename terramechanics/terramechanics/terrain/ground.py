@@ -16,7 +16,8 @@ from terramechanics.terrain.soil import Soil
 class Patch:
     """Soil from ``start`` [m] along the track on; it is reached gradually over ``transition`` [m], sharply for 0.
 
-    ``constants`` [6] or [batch, 6] in the order of CONSTANTS; ``strength`` [2] or [batch, 2]: c [Pa], tan(phi) [1].
+    ``constants`` [6] or [batch, 6] in the order of CONSTANTS; ``strength`` [2] or [batch, 2]: c
+    [Pa], tan(phi) [1].
     """
 
     constants: Tensor
@@ -40,7 +41,10 @@ class Ground:
             raise ValueError("a ground needs at least one patch of soil")
         for before, after in pairwise(patches):
             if after.start < before.start + before.transition or after.transition < 0.0:
-                raise ValueError(f"the patch at {after.start:g} m must start behind the transition of the patch at {before.start:g} m")
+                raise ValueError(
+                    f"the patch at {after.start:g} m must start behind the transition of the patch"
+                    f" at {before.start:g} m"
+                )
         self.patches = tuple(patches)
 
     @classmethod
@@ -49,10 +53,15 @@ class Ground:
         return cls([Patch.of(soil)])
 
     @classmethod
-    def random_strength(cls, soil: Soil, batch: int, generator: torch.Generator, **ranges: tuple[float, float]) -> "Ground":
+    def random_strength(
+        cls, soil: Soil, batch: int, generator: torch.Generator, **ranges: tuple[float, float]
+    ) -> "Ground":
         """One soil with random c and phi in each episode: uniform in ``cohesion`` [Pa] and ``friction_angle`` [rad]."""
         unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
-        low, high = torch.tensor([ranges.get("cohesion", COHESION), ranges.get("friction_angle", FRICTION_ANGLE)], dtype=torch.float64).T
+        low, high = torch.tensor(
+            [ranges.get("cohesion", COHESION), ranges.get("friction_angle", FRICTION_ANGLE)],
+            dtype=torch.float64,
+        ).T
         drawn = low + (high - low) * unit
         strength = torch.stack([drawn[:, 0], torch.tan(drawn[:, 1])], dim=-1)
         return cls([Patch(soil.constants(), strength, name=soil.name)])

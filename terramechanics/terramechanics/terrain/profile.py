@@ -69,7 +69,8 @@ class Step:
 class Sampled:
     """Slopes at equal distances, joined by cubics; before the first and behind the last the slope stays what it is there.
 
-    ``slope`` [batch, places] [1] and ``curvature`` [batch, places] [1/m], its derivative, at ``start`` [m] + k ``spacing`` [m].
+    ``slope`` [batch, places] [1] and ``curvature`` [batch, places] [1/m], its derivative, at
+    ``start`` [m] + k ``spacing`` [m].
     """
 
     slope: Tensor
@@ -84,14 +85,21 @@ class Sampled:
         index = place.floor().clamp(0.0, last - 1.0).long()
         u = (place - index).clamp(0.0, 1.0)
         first, second = self.slope.gather(1, index), self.slope.gather(1, index + 1)
-        bend, after = self.spacing * self.curvature.gather(1, index), self.spacing * self.curvature.gather(1, index + 1)
+        bend, after = (
+            self.spacing * self.curvature.gather(1, index),
+            self.spacing * self.curvature.gather(1, index + 1),
+        )
         rise = second - first
         square, cube = 3.0 * rise - 2.0 * bend - after, bend + after - 2.0 * rise
         slope = first + u * (bend + u * (square + u * cube))
         curvature = (bend + u * (2.0 * square + 3.0 * u * cube)) / self.spacing
-        whole = 0.5 * (self.slope[:, 1:] + self.slope[:, :-1]) - self.spacing / 12.0 * torch.diff(self.curvature)
+        whole = 0.5 * (self.slope[:, 1:] + self.slope[:, :-1]) - self.spacing / 12.0 * torch.diff(
+            self.curvature
+        )
         below = torch.nn.functional.pad(torch.cumsum(whole, 1), (1, 0)).gather(1, index)
-        height = self.spacing * (below + u * (first + u * (bend / 2.0 + u * (square / 3.0 + u * cube / 4.0))))
+        height = self.spacing * (
+            below + u * (first + u * (bend / 2.0 + u * (square / 3.0 + u * cube / 4.0)))
+        )
         beyond = place - index - u
         height = height + self.spacing * beyond * slope
         curvature = torch.where(beyond == 0.0, curvature, 0.0)
@@ -102,7 +110,8 @@ class Sampled:
 class Hills:
     """A mean slope and a sum of sines: slope(x) = mean + SUM a_j cos(k_j x + p_j).
 
-    ``mean`` [batch, 1] [1]; ``amplitude`` [1], ``wavenumber`` [rad/m] and ``phase`` [rad] are [batch, sines].
+    ``mean`` [batch, 1] [1]; ``amplitude`` [1], ``wavenumber`` [rad/m] and ``phase`` [rad] are
+    [batch, sines].
     """
 
     mean: Tensor
@@ -135,7 +144,8 @@ MEAN_SLOPE = math.radians(2.0)
 def random_hills(batch: int, capability: Tensor, generator: torch.Generator) -> Hills:
     """Hills of four random sines each. No slope exceeds STEEPEST or half of ``capability`` [batch] (drawbar pull / weight).
 
-    The mean slope is uniform in +-MEAN_SLOPE; the sines together take between 40 and 100 % of what is left to STEEPEST.
+    The mean slope is uniform in +-MEAN_SLOPE; the sines together take between 40 and 100 % of what
+    is left to STEEPEST.
     """
 
     def uniform(low: float, high: float, columns: int) -> Tensor:

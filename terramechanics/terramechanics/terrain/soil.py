@@ -23,10 +23,18 @@ class Soil:
     k_c: float = number("cohesive modulus of sinkage", "Pa/m^(n-1)", 0.0)
     k_phi: float = number("frictional modulus of sinkage", "Pa/m^n", 0.0, exclusive=True)
     shear_modulus: float = number("shear deformation modulus K", "m", 0.0, 1.0, exclusive=True)
-    c1: float = number("place of the largest normal stress, theta_m = (c1 + c2 i) theta_1", "1", 0.0, 1.0, exclusive=True)
+    c1: float = number(
+        "place of the largest normal stress, theta_m = (c1 + c2 i) theta_1",
+        "1",
+        0.0,
+        1.0,
+        exclusive=True,
+    )
     c2: float = number("change of that place with slip", "1", -1.0, 1.0)
     cohesion: float = number("cohesion c, a typical value", "Pa", 0.0)
-    tan_phi: float = number("tangent of the internal friction angle, a typical value", "1", 0.0, 2.0)
+    tan_phi: float = number(
+        "tangent of the internal friction angle, a typical value", "1", 0.0, 2.0
+    )
 
     def constants(self) -> Tensor:
         """The soil constants in the order of CONSTANTS, shape [6], float64."""

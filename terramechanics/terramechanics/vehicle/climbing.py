@@ -24,16 +24,26 @@ class Climb:
     sinkage: Tensor  # [m] mean over the axles
 
 
-def climb(rover: Rover, constants: Tensor, strength: Tensor, slope: Tensor, slip: Tensor, points: int = 6) -> Climb:
+def climb(
+    rover: Rover, constants: Tensor, strength: Tensor, slope: Tensor, slip: Tensor, points: int = 6
+) -> Climb:
     """Pull and sinkage on plane slopes ``slope`` [batch] [rad], positive uphill, with all wheels at ``slip`` [batch] [1].
 
-    ``constants`` [batch, 6] in the order of CONSTANTS, ``strength`` [batch, 2]: c [Pa], tan(phi) [1]. Loads follow from the
-    balances of suspension.py; the forces come from the stress integrals with ``points`` nodes a side.
+    ``constants`` [batch, 6] in the order of CONSTANTS, ``strength`` [batch, 2]: c [Pa], tan(phi)
+    [1]. Loads follow from the balances of suspension.py; the forces come from the stress integrals
+    with ``points`` nodes a side.
     """
     pose = replace(level_pose(rover, torch.zeros_like(slope)), pitch=slope)
     axles = (*slope.shape, rover.axles)
-    wheel = WheelGround.of(rover, constants.unsqueeze(-2).expand(*axles, 6), strength.unsqueeze(-2).expand(*axles, 2), points)
+    wheel = WheelGround.of(
+        rover,
+        constants.unsqueeze(-2).expand(*axles, 6),
+        strength.unsqueeze(-2).expand(*axles, 2),
+        points,
+    )
     step = Step.of(rover, pose, wheel, wheel, torch.zeros_like(slope), duration=1.0)
     every = slip.unsqueeze(-1).expand(axles)
-    depth = carried(step, every, torch.full(axles, 0.1 * rover.wheel_radius, dtype=slope.dtype), ROUNDS)
+    depth = carried(
+        step, every, torch.full(axles, 0.1 * rover.wheel_radius, dtype=slope.dtype), ROUNDS
+    )
     return Climb(rover.wheels_per_axle * wheel.forces(every, depth)[..., 1].sum(-1), depth.mean(-1))

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """One implicit time step: the slip and sinkage of every wheel that balance the rover.
 
-Unknown are the sinkages of the axles and, with commanded wheel rates, the velocity at the end of the step; with commanded
-torques the slips. Equations are the balances of suspension.py. Traction changes by its whole range within a few mm/s of
-velocity, so the step is implicit: forces hold over the step and belong to its end velocity.
+Unknown are the sinkages of the axles and, with commanded wheel rates, the velocity at the end of
+the step; with commanded torques the slips. Equations are the balances of suspension.py. Traction
+changes by its whole range within a few mm/s of velocity, so the step is implicit: forces hold over
+the step and belong to its end velocity.
 """
 
 import math
@@ -14,11 +15,23 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terramechanics.contact.sinkage import DEEPEST, SHALLOWEST, WheelGround, equilibrium_sinkage, slip_under_torque
+from terramechanics.contact.sinkage import (
+    DEEPEST,
+    SHALLOWEST,
+    WheelGround,
+    equilibrium_sinkage,
+    slip_under_torque,
+)
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP
 from terramechanics.numerics.roots import Rows, bracketed_root, quasi_newton
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.suspension import Body, Pose, balance_matrix, balance_target, wheel_loads
+from terramechanics.vehicle.suspension import (
+    Body,
+    Pose,
+    balance_matrix,
+    balance_target,
+    wheel_loads,
+)
 
 Search = Callable[[Tensor], Tensor]
 """Unknowns [rows, m] of the episodes with the given indices [rows]."""
@@ -55,21 +68,41 @@ class Step:
 
     @classmethod
     def of(
-        cls, rover: Rover, pose: Pose, wheel: WheelGround, coarse: WheelGround, velocity: Tensor, duration: float, body: Body | None = None
+        cls,
+        rover: Rover,
+        pose: Pose,
+        wheel: WheelGround,
+        coarse: WheelGround,
+        velocity: Tensor,
+        duration: float,
+        body: Body | None = None,
     ) -> "Step":
         """The step from ``velocity`` over ``duration`` in ``pose``; ``body`` is by default that of the rover."""
         body = body or Body.of(rover)
-        return cls(rover, pose, wheel, coarse, body, balance_matrix(rover, pose, body), velocity, duration)
+        return cls(
+            rover, pose, wheel, coarse, body, balance_matrix(rover, pose, body), velocity, duration
+        )
 
     def rows(self, index: Tensor) -> "Step":
         """The same for some of the episodes."""
         pose = Pose(*(getattr(self.pose, name)[index] for name in Pose.__slots__))
         wheel, coarse = self.wheel.rows(index), self.coarse.rows(index)
-        return Step(self.rover, pose, wheel, coarse, self.body.rows(index), self.matrix[index], self.velocity[index], self.duration)
+        return Step(
+            self.rover,
+            pose,
+            wheel,
+            coarse,
+            self.body.rows(index),
+            self.matrix[index],
+            self.velocity[index],
+            self.duration,
+        )
 
     def imbalance(self, forces: Tensor, velocity: Tensor) -> Tensor:
         """Imbalances [batch, 4] in units of the weight and of weight times wheelbase."""
-        target = balance_target(self.body, self.pose.pitch, (velocity - self.velocity) / self.duration)
+        target = balance_target(
+            self.body, self.pose.pitch, (velocity - self.velocity) / self.duration
+        )
         balance = torch.einsum("...raf,...af->...r", self.matrix, forces)
         return (balance - target) / self.scale
 
@@ -116,14 +149,18 @@ def solve_rates(step: Step, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> 
         inertia = part.body.mass / step.duration / step.scale[0] * unit[index]
         moving = torch.where(slip == _clamped(slip), -unit[index].unsqueeze(-1) / speed[index], 0.0)
         by_velocity = (by_slip * moving.unsqueeze(-2)).sum(-1)
-        by_velocity = by_velocity - inertia.unsqueeze(-1) * torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
+        by_velocity = by_velocity - inertia.unsqueeze(-1) * torch.tensor(
+            [1.0, 0.0, 0.0, 0.0], dtype=torch.float64
+        )
         return torch.cat([by_depth, by_velocity.unsqueeze(-1)], dim=-1)
 
     def search(index: Tensor) -> Tensor:
         depth, end = _search_rates(step.rows(index), rate[index], sinkage[index])
         return torch.cat([depth.log(), (end / unit[index]).unsqueeze(-1)], dim=-1)
 
-    unknown, solved = _solve(residual, jacobian, unknown, _depth_limits(step, (-3.0, 3.0), 1), search)
+    unknown, solved = _solve(
+        residual, jacobian, unknown, _depth_limits(step, (-3.0, 3.0), 1), search
+    )
     depth, end = unknown[:, :-1].exp(), unknown[:, -1] * unit
     wanted = slip_at(step.rover, end, rate)
     slip = _clamped(wanted)
@@ -150,24 +187,35 @@ def solve_torques(step: Step, torque: Tensor, sinkage: Tensor, slip: Tensor) -> 
         part, slips, depth = step.rows(index), u[:, axles:], u[:, :axles].exp()
         by_depth, by_slip = part.sensitivities(slips, depth)
         small = 1e-6
-        moved = torch.stack([part.coarse.forces(slips, depth * (1.0 + small)), part.coarse.forces(slips + small, depth)])
+        moved = torch.stack(
+            [
+                part.coarse.forces(slips, depth * (1.0 + small)),
+                part.coarse.forces(slips + small, depth),
+            ]
+        )
         change = (moved - part.coarse.forces(slips, depth))[..., 2] / small / unit
         balance = torch.cat([by_depth, by_slip], dim=-1)[:, 1:]
-        return torch.cat([balance, torch.cat([change[0].diag_embed(), change[1].diag_embed()], dim=-1)], dim=-2)
+        return torch.cat(
+            [balance, torch.cat([change[0].diag_embed(), change[1].diag_embed()], dim=-1)], dim=-2
+        )
 
     def search(index: Tensor) -> Tensor:
         depth, slips = _search_torques(step.rows(index), torque[index], sinkage[index])
         return torch.cat([depth.log(), slips], dim=-1)
 
     start = torch.cat([sinkage.log(), _clamped(slip)], dim=-1)
-    unknown, solved = _solve(residual, jacobian, start, _depth_limits(step, (MIN_SLIP, MAX_SLIP), axles), search)
+    unknown, solved = _solve(
+        residual, jacobian, start, _depth_limits(step, (MIN_SLIP, MAX_SLIP), axles), search
+    )
     depth, slips = unknown[:, :axles].exp(), unknown[:, axles:]
     forces = step.wheel.forces(slips, depth)
     along = torch.einsum("...af,...af->...", step.matrix[:, 0], forces)
     at_rest = balance_target(step.body, step.pose.pitch, torch.zeros_like(step.velocity))[..., 0]
     acceleration = (along - at_rest) / step.body.mass
     obeyed = (forces[..., 2] - torque).abs() < NEARLY * unit
-    return Contacts(slips, depth, forces, step.velocity + step.duration * acceleration, solved, obeyed)
+    return Contacts(
+        slips, depth, forces, step.velocity + step.duration * acceleration, solved, obeyed
+    )
 
 
 def _clamped(slip: Tensor) -> Tensor:
@@ -183,13 +231,20 @@ def _depth_limits(step: Step, others: tuple[float, float], count: int) -> tuple[
     return torch.tensor(low, dtype=torch.float64), torch.tensor(high, dtype=torch.float64)
 
 
-def _solve(residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, Tensor], search: Search) -> tuple[Tensor, Tensor]:
+def _solve(
+    residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, Tensor], search: Search
+) -> tuple[Tensor, Tensor]:
     """quasi_newton, and where it fails once more from what a slow, bracketing ``search`` of those episodes finds."""
     unknown, solved = quasi_newton(residual, jacobian, start, limits)
     left = (~solved).nonzero().squeeze(-1)
     if left.numel() > 0:
         found = search(left)
-        again, solved[left] = quasi_newton(lambda u, rows: residual(u, left[rows]), lambda u, rows: jacobian(u, left[rows]), found, limits)
+        again, solved[left] = quasi_newton(
+            lambda u, rows: residual(u, left[rows]),
+            lambda u, rows: jacobian(u, left[rows]),
+            found,
+            limits,
+        )
         unknown[left] = torch.where(solved[left].unsqueeze(-1), again, found)
     return unknown, solved
 
@@ -197,8 +252,8 @@ def _solve(residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, 
 def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
     """Sinkages and end velocity by a search for the velocity, with the quasi-static sinkages of each trial.
 
-    The net force falls with velocity, the inertial force rises, so there is one root. A wheel that would have to be
-    pulled down has no solution.
+    The net force falls with velocity, the inertial force rises, so there is one root. A wheel that
+    would have to be pulled down has no solution.
     """
     top = step.rover.wheel_radius * rate.amax(-1)
     depth = start
@@ -209,7 +264,10 @@ def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tens
         slip = _clamped(slip_at(step.rover, end, rate))
         return -step.imbalance(step.wheel.forces(slip, depth), end)[:, 0]
 
-    low, high = torch.minimum(step.velocity, torch.zeros_like(top)) - top, torch.maximum(step.velocity, 2.0 * top)
+    low, high = (
+        torch.minimum(step.velocity, torch.zeros_like(top)) - top,
+        torch.maximum(step.velocity, 2.0 * top),
+    )
     end = bracketed_root(braking, low, high, tolerance=1e-9, evaluations=SEARCHES)
     return carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=10), end
 

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planar rocker-bogie: kinematics on a terrain profile, and the force and moment balances of its two bodies.
 
-Frames: x forward, z up, rotations nose-up positive. The body frame has its origin on the ground line below the middle
-of the body. Wheels roll on the undisturbed profile: sinkage is small beside the wheels and does not turn the body.
+Frames: x forward, z up, rotations nose-up positive. The body frame has its origin on the ground
+line below the middle of the body. Wheels roll on the undisturbed profile: sinkage is small beside
+the wheels and does not turn the body.
 """
 
 from dataclasses import dataclass
@@ -50,7 +51,9 @@ class Body:
     mass: float | Tensor  # [kg]
     x: float | Tensor  # [m] centre of mass along the body
     height: float | Tensor  # [m] of the centre of mass
-    outer: Tensor | None = None  # [batch, 4] what outer forces add to the balances of :func:`balance_matrix`
+    outer: Tensor | None = (
+        None  # [batch, 4] what outer forces add to the balances of :func:`balance_matrix`
+    )
 
     @classmethod
     def of(cls, rover: Rover) -> "Body":
@@ -65,22 +68,39 @@ class Body:
     def loaded(self, mass: Tensor, x: Tensor, height: Tensor) -> "Body":
         """The body with ``mass`` [batch] [kg] more at ``x`` and ``height`` [batch] [m]."""
         total = self.mass + mass
-        old = (torch.as_tensor(self.x, dtype=torch.float64), torch.as_tensor(self.height, dtype=torch.float64))
-        centre = [shifted_centre(here, mass * (there - here), total) for here, there in zip(old, (x, height), strict=True)]
+        old = (
+            torch.as_tensor(self.x, dtype=torch.float64),
+            torch.as_tensor(self.height, dtype=torch.float64),
+        )
+        centre = [
+            shifted_centre(here, mass * (there - here), total)
+            for here, there in zip(old, (x, height), strict=True)
+        ]
         return Body(self.gravity, total, centre[0], centre[1], self.outer)
 
     def pulled(self, along: Tensor, up: Tensor, x: float, height: float) -> "Body":
         """The body with a force ``along``, ``up`` [batch] [N] more that acts at ``x``, ``height`` [m]; payload comes first."""
         moment = (x - self.x) * up - (height - self.height) * along
         force = torch.stack([along, up, moment, torch.zeros_like(along)], dim=-1)
-        return Body(self.gravity, self.mass, self.x, self.height, force if self.outer is None else self.outer + force)
+        return Body(
+            self.gravity,
+            self.mass,
+            self.x,
+            self.height,
+            force if self.outer is None else self.outer + force,
+        )
 
     def rows(self, index: Tensor) -> "Body":
         """The same for some of the episodes."""
         if self.outer is None and not isinstance(self.mass, Tensor):
             return self
-        mass, x, height = (value[index] if isinstance(value, Tensor) else value for value in (self.mass, self.x, self.height))
-        return Body(self.gravity, mass, x, height, None if self.outer is None else self.outer[index])
+        mass, x, height = (
+            value[index] if isinstance(value, Tensor) else value
+            for value in (self.mass, self.x, self.height)
+        )
+        return Body(
+            self.gravity, mass, x, height, None if self.outer is None else self.outer[index]
+        )
 
 
 class Geometry(NamedTuple):
@@ -94,9 +114,13 @@ class Geometry(NamedTuple):
 
 def geometry_of(rover: Rover) -> Geometry:
     """The geometry of ``rover``."""
-    centre = torch.tensor((rover.centre_of_mass_x, rover.centre_of_mass_height), dtype=torch.float64)
+    centre = torch.tensor(
+        (rover.centre_of_mass_x, rover.centre_of_mass_height), dtype=torch.float64
+    )
     pivot = torch.tensor((rover.bogie_pivot_x, rover.bogie_pivot_height), dtype=torch.float64)
-    return Geometry(torch.tensor(rover.axle_x, dtype=torch.float64), centre, pivot, rover.wheel_radius)
+    return Geometry(
+        torch.tensor(rover.axle_x, dtype=torch.float64), centre, pivot, rover.wheel_radius
+    )
 
 
 def axle_places(geometry: Geometry, bogie: Tensor) -> Tensor:
@@ -106,12 +130,21 @@ def axle_places(geometry: Geometry, bogie: Tensor) -> Tensor:
     along = geometry.pivot[0] + arm * cosine - drop * sine
     up = geometry.pivot[1] + arm * sine + drop * cosine
     front = torch.zeros_like(sine)
-    return torch.stack([torch.cat([front + geometry.axle_x[0], along], -1), torch.cat([front + geometry.radius, up], -1)], -1)
+    return torch.stack(
+        [
+            torch.cat([front + geometry.axle_x[0], along], -1),
+            torch.cat([front + geometry.radius, up], -1),
+        ],
+        -1,
+    )
 
 
 def along_body(contact_angle: Tensor) -> Tensor:
     """What N, T, M of a wheel do along body x: [..., axles, 3] for angles [..., axles]."""
-    return torch.stack([-torch.sin(contact_angle), torch.cos(contact_angle), torch.zeros_like(contact_angle)], dim=-1)
+    return torch.stack(
+        [-torch.sin(contact_angle), torch.cos(contact_angle), torch.zeros_like(contact_angle)],
+        dim=-1,
+    )
 
 
 def directions(contact_angle: Tensor) -> Tensor:
@@ -125,10 +158,10 @@ def directions(contact_angle: Tensor) -> Tensor:
 def balances(geometry: Geometry, axle: Tensor, action: Tensor) -> Tensor:
     """Force and moment balances as functions of N, T, M of one wheel an axle: shape [..., 4, axles, 3].
 
-    Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre of mass [N m], moment
-    of the bogie about its pivot [N m]. The bogie has no mass, so its row sums to zero; the ground acts on an axle with
-    N, T and, by way of the motor's mount, with the moment M of the shear stresses. ``axle`` from :func:`axle_places`,
-    ``action`` from :func:`directions`.
+    Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre
+    of mass [N m], moment of the bogie about its pivot [N m]. The bogie has no mass, so its row sums
+    to zero; the ground acts on an axle with N, T and, by way of the motor's mount, with the moment
+    M of the shear stresses. ``axle`` from :func:`axle_places`, ``action`` from :func:`directions`.
     """
     along, up, turn = action.unbind(-2)
     ahead, above = (axle - geometry.centre).unsqueeze(-1).unbind(-2)
@@ -143,7 +176,9 @@ def level_pose(rover: Rover, x: Tensor) -> Pose:
     """The pose on level ground at height 0, body origin at ``x`` [batch] [m]: a start for :func:`solve_pose`."""
     zero = torch.zeros_like(x)
     axle_x = torch.tensor(rover.axle_x, dtype=x.dtype)
-    axle = torch.stack([axle_x, torch.full_like(axle_x, rover.wheel_radius)], dim=-1).expand(*x.shape, -1, -1)
+    axle = torch.stack([axle_x, torch.full_like(axle_x, rover.wheel_radius)], dim=-1).expand(
+        *x.shape, -1, -1
+    )
     contact = x.unsqueeze(-1) + axle_x
     return Pose(x, zero, zero, zero, contact, torch.zeros_like(contact), axle)
 
@@ -151,12 +186,17 @@ def level_pose(rover: Rover, x: Tensor) -> Pose:
 def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
     """The pose in which all wheels touch the profile, body origin at ``x`` [batch] [m].
 
-    Newton in height, pitch, bogie angle and the places of contact, from ``start``. A wheel of radius r that touches the
-    ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan h'(s). Raises TerrainError where the profile is
-    curved more sharply than the wheel.
+    Newton in height, pitch, bogie angle and the places of contact, from ``start``. A wheel of
+    radius r that touches the ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan
+    h'(s). Raises TerrainError where the profile is curved more sharply than the wheel.
     """
     geometry = geometry_of(rover)
-    contact, height, pitch, bogie = start.contact + (x - start.x).unsqueeze(-1), start.height, start.pitch, start.bogie_angle
+    contact, height, pitch, bogie = (
+        start.contact + (x - start.x).unsqueeze(-1),
+        start.height,
+        start.pitch,
+        start.bogie_angle,
+    )
     for _ in range(MAX_ITERATIONS):
         axle = axle_places(geometry, bogie)
         x_axle, z_axle = _to_world(axle, x, height, pitch)
@@ -165,26 +205,41 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
         miss = contact - rover.wheel_radius * slope * cosine - x_axle
         stretch = 1.0 - rover.wheel_radius * curvature * cosine**3
         if bool((stretch < 0.1).any()):
-            raise TerrainError(f"the terrain is curved too sharply for wheels of radius {rover.wheel_radius:g} m")
-        # To first order the axle's path has the ground's slope, so a miss along x changes the gap by slope * miss.
+            raise TerrainError(
+                f"the terrain is curved too sharply for wheels of radius {rover.wheel_radius:g} m"
+            )
+        # To first order the axle's path has the ground's slope, so a miss along x changes the gap
+        # by slope * miss.
         gap = z_axle - ground - rover.wheel_radius * cosine + slope * miss
         contact = contact - miss / stretch
-        height, pitch, bogie = _corrected(rover, (x_axle, z_axle), (x, height, pitch, bogie), slope, gap)
+        height, pitch, bogie = _corrected(
+            rover, (x_axle, z_axle), (x, height, pitch, bogie), slope, gap
+        )
         if float(torch.maximum(gap.abs().max(), miss.abs().max())) < TOLERANCE:
             break
-    # One more move of the contacts would change them by less than the tolerance; the angles follow from the last slope.
+    # One more move of the contacts would change them by less than the tolerance; the angles follow
+    # from the last slope.
     angle = torch.atan(profile.shape(contact)[1])
-    return Pose(x, height, pitch, bogie, contact, angle - pitch.unsqueeze(-1), axle_places(geometry, bogie))
+    return Pose(
+        x, height, pitch, bogie, contact, angle - pitch.unsqueeze(-1), axle_places(geometry, bogie)
+    )
 
 
 def _to_world(point: Tensor, x: Tensor, height: Tensor, pitch: Tensor) -> tuple[Tensor, Tensor]:
     sine, cosine = torch.sin(pitch).unsqueeze(-1), torch.cos(pitch).unsqueeze(-1)
     along, up = point[..., 0], point[..., 1]
-    return x.unsqueeze(-1) + along * cosine - up * sine, height.unsqueeze(-1) + along * sine + up * cosine
+    return (
+        x.unsqueeze(-1) + along * cosine - up * sine,
+        height.unsqueeze(-1) + along * sine + up * cosine,
+    )
 
 
 def _corrected(
-    rover: Rover, axle: tuple[Tensor, Tensor], state: tuple[Tensor, Tensor, Tensor, Tensor], slope: Tensor, gap: Tensor
+    rover: Rover,
+    axle: tuple[Tensor, Tensor],
+    state: tuple[Tensor, Tensor, Tensor, Tensor],
+    slope: Tensor,
+    gap: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """One Newton step of height, pitch and bogie angle that closes the ``gap`` of every wheel; ``axle`` are x and z, [batch, 3] [m] all."""
     (x_axle, z_axle), (x, height, pitch, bogie) = axle, state
@@ -205,17 +260,26 @@ def _corrected(
 def balance_matrix(rover: Rover, pose: Pose, body: Body | None = None) -> Tensor:
     """Balances of the rover as functions of the wheels' N, T, M: shape [batch, 4, axles, 3].
 
-    The rows are those of :func:`balances`; all wheels of an axle are counted. ``body`` is by default that of the rover.
+    The rows are those of :func:`balances`; all wheels of an axle are counted. ``body`` is by
+    default that of the rover.
     """
     geometry = geometry_of(rover)
     if body is not None:
-        geometry = geometry._replace(centre=torch.stack([_per_axle(body.x), _per_axle(body.height)], dim=-1))
-    return balances(geometry, pose.axle, directions(pose.contact_angle)) * float(rover.wheels_per_axle)
+        geometry = geometry._replace(
+            centre=torch.stack([_per_axle(body.x), _per_axle(body.height)], dim=-1)
+        )
+    return balances(geometry, pose.axle, directions(pose.contact_angle)) * float(
+        rover.wheels_per_axle
+    )
 
 
 def _per_axle(value: float | Tensor) -> Tensor:
     """A number as it is, [batch] as [batch, 1]."""
-    return value.unsqueeze(-1) if isinstance(value, Tensor) else torch.tensor(value, dtype=torch.float64)
+    return (
+        value.unsqueeze(-1)
+        if isinstance(value, Tensor)
+        else torch.tensor(value, dtype=torch.float64)
+    )
 
 
 def balance_target(body: Body, pitch: Tensor, acceleration: Tensor) -> Tensor:
@@ -226,15 +290,19 @@ def balance_target(body: Body, pitch: Tensor, acceleration: Tensor) -> Tensor:
     return target if body.outer is None else target - body.outer
 
 
-def wheel_loads(rover: Rover, pose: Pose, traction: Tensor, torque: Tensor, body: Body | None = None) -> Tensor:
+def wheel_loads(
+    rover: Rover, pose: Pose, traction: Tensor, torque: Tensor, body: Body | None = None
+) -> Tensor:
     """Normal force N [batch, axles] [N] of one wheel of each axle, for given traction [N] and torque [N m] of one wheel.
 
-    Solves the vertical balance, the moment of the whole rover and the moment of the bogie. A negative load means that
-    the rover would lift that wheel.
+    Solves the vertical balance, the moment of the whole rover and the moment of the bogie. A
+    negative load means that the rover would lift that wheel.
     """
     body = body or Body.of(rover)
     matrix = balance_matrix(rover, pose, body)[..., 1:, :, :]
-    known = (matrix[..., 1] * traction.unsqueeze(-2) + matrix[..., 2] * torque.unsqueeze(-2)).sum(-1)
+    known = (matrix[..., 1] * traction.unsqueeze(-2) + matrix[..., 2] * torque.unsqueeze(-2)).sum(
+        -1
+    )
     target = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 1:]
     loads: Tensor = torch.linalg.solve(matrix[..., 0], target - known)
     return loads

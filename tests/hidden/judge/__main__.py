@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How often verdicts about hidden effects are right: `make hidden`, a stratified sample, or `make hidden-full`.
 
-Every case goes the whole way: drawn, sealed, read back from its bags, investigated. Records go to OUT/cases.jsonl as they come; what is
-there already is not computed again. After the time that is given no more is waited for, and the page says how many cases it rests on.
+Every case goes the whole way: drawn, sealed, read back from its bags, investigated. Records go to
+OUT/cases.jsonl as they come; what is there already is not computed again. After the time that is
+given no more is waited for, and the page says how many cases it rests on.
 """
 
 import argparse
@@ -44,15 +45,33 @@ def main() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="hidden", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--full", action="store_true", help="all cases, not only the sample")
-    parser.add_argument("--minutes", type=float, default=40.0, help="after which to stop, 0: never (default: %(default)s)")
-    parser.add_argument("--workers", type=int, default=2, help="processes of this machine (default: %(default)s)")
-    parser.add_argument(
-        "--scheduler", default="", help="address of a dask.distributed scheduler that takes the work; default: this machine"
+    parser = argparse.ArgumentParser(
+        prog="hidden", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path("out/hidden"), help="folder of the records (default: %(default)s)")
-    parser.add_argument("--page", type=Path, default=PAGE, help="file of the tables (default: docs/hidden.md)")
+    parser.add_argument("--full", action="store_true", help="all cases, not only the sample")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=40.0,
+        help="after which to stop, 0: never (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--workers", type=int, default=2, help="processes of this machine (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--scheduler",
+        default="",
+        help="address of a dask.distributed scheduler that takes the work; default: this machine",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/hidden"),
+        help="folder of the records (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--page", type=Path, default=PAGE, help="file of the tables (default: docs/hidden.md)"
+    )
     return parser
 
 

@@ -34,7 +34,11 @@ class Share:
         """What, bar, found, met."""
         results = [self.holds(each) for each in records if self.among(each)]
         wanted = f"at least {self.least:.0%}" if self.most == 1.0 else f"at most {self.most:.0%}"
-        wanted = wanted if self.least == 0.0 or self.most == 1.0 else f"{self.least:.0%} to {self.most:.0%}"
+        wanted = (
+            wanted
+            if self.least == 0.0 or self.most == 1.0
+            else f"{self.least:.0%} to {self.most:.0%}"
+        )
         if not results:
             return self.what, wanted, "no cases", "not measured"
         count = sum(results)
@@ -112,14 +116,32 @@ SHARES = (
 
 def gap_row(records: Sequence[Record]) -> tuple[str, str, str, str]:
     """Median share of the held-out gap that a right name closes."""
-    what, wanted = "held-out gap closed on the way to the noise floor, when named, median", "at least 80%"
-    closed = [each["gap_closed"] for each in records if _matters(each) and _named(each) and each["gap_closed"] is not None]
+    what, wanted = (
+        "held-out gap closed on the way to the noise floor, when named, median",
+        "at least 80%",
+    )
+    closed = [
+        each["gap_closed"]
+        for each in records
+        if _matters(each) and _named(each) and each["gap_closed"] is not None
+    ]
     if len(closed) < 2:
         return what, wanted, "no cases", "not measured"
-    limits = bootstrap((closed,), np.median, confidence_level=CONFIDENCE, rng=np.random.default_rng(0), method="percentile")
+    limits = bootstrap(
+        (closed,),
+        np.median,
+        confidence_level=CONFIDENCE,
+        rng=np.random.default_rng(0),
+        method="percentile",
+    )
     ends = limits.confidence_interval
     median = statistics.median(closed)
-    return what, wanted, f"{median:.0%} of {len(closed)} ({ends.low:.0%} to {ends.high:.0%})", _met(met=median >= 0.8, cases=len(closed))
+    return (
+        what,
+        wanted,
+        f"{median:.0%} of {len(closed)} ({ends.low:.0%} to {ends.high:.0%})",
+        _met(met=median >= 0.8, cases=len(closed)),
+    )
 
 
 def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
@@ -136,7 +158,14 @@ def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
         drawn = np.random.default_rng(0).integers(len(squares), size=(2000, len(squares)))
         sums = squares[drawn].sum(1)
         low, high = np.quantile(np.sqrt(sums[:, 1] / sums[:, 0]), [0.025, 0.975])
-        rows.append((what, wanted, f"{ratio:.0%} of {len(pairs)} ({low:.0%} to {high:.0%})", _met(met=ratio <= 0.5, cases=len(pairs))))
+        rows.append(
+            (
+                what,
+                wanted,
+                f"{ratio:.0%} of {len(pairs)} ({low:.0%} to {high:.0%})",
+                _met(met=ratio <= 0.5, cases=len(pairs)),
+            )
+        )
     return rows
 
 
@@ -144,7 +173,11 @@ def bars(records: Sequence[Record]) -> str:
     """The table of the bars, as Markdown."""
     rows = [each.row(records) for each in SHARES]
     rows[-1:-1] = [gap_row(records), *bias_rows(records)]
-    lines = ["| what | bar | found (95 % limits) | |", "|---|---|---|---|", *("| " + " | ".join(row) + " |" for row in rows)]
+    lines = [
+        "| what | bar | found (95 % limits) | |",
+        "|---|---|---|---|",
+        *("| " + " | ".join(row) + " |" for row in rows),
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -154,12 +187,19 @@ def outcomes(records: Sequence[Record]) -> str:
     for each in records:
         grouped[each["family"], each["plan"]].append(each)
         grouped[each["family"], "all"].append(each)
-    lines = [f"| family | hidden | cases | {' | '.join(OUTCOMES)} | right (95 % limits) |", "|---|---|---|" + "---|" * (len(OUTCOMES) + 1)]
+    lines = [
+        f"| family | hidden | cases | {' | '.join(OUTCOMES)} | right (95 % limits) |",
+        "|---|---|---|" + "---|" * (len(OUTCOMES) + 1),
+    ]
     for family in dict.fromkeys(each["family"] for each in records):
-        plans = sorted((plan for name, plan in grouped if name == family and plan != "all"))
+        plans = sorted(plan for name, plan in grouped if name == family and plan != "all")
         for plan in [*plans, "all"] if len(plans) > 1 else plans:
             group = grouped[family, plan]
             counts = Counter(each["outcome"] for each in group)
             cells = [family, plan, str(len(group)), *(str(counts[name] or "") for name in OUTCOMES)]
-            lines.append("| " + " | ".join([*cells, proportion(sum(each["right"] for each in group), len(group))]) + " |")
+            lines.append(
+                "| "
+                + " | ".join([*cells, proportion(sum(each["right"] for each in group), len(group))])
+                + " |"
+            )
     return "\n".join(lines) + "\n"

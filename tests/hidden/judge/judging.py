@@ -6,7 +6,8 @@ What counts as right:
 
 - nothing hidden: "none";
 - an effect at the size that matters: its name, or a confusable set with it; so for two at once;
-- an effect at a third or a tenth of that size: the same, or "none": it does not ruin the estimate. "Unknown" is not right;
+- an effect at a third or a tenth of that size: the same, or "none": it does not ruin the estimate.
+  "Unknown" is not right;
 - an effect that the library lacks: "unknown".
 """
 
@@ -17,7 +18,18 @@ from typing import Any
 
 import torch
 
-from terrain_estimator.discovery import Blocks, Finding, Proof, Study, Verdict, investigate, nominal_of, prove, settled, singles
+from terrain_estimator.discovery import (
+    Blocks,
+    Finding,
+    Proof,
+    Study,
+    Verdict,
+    investigate,
+    nominal_of,
+    prove,
+    settled,
+    singles,
+)
 from terrain_estimator.discovery.evidence.thresholds import read_thresholds
 from terrain_estimator.offline.discovery_runs import read_blocks
 from terramechanics.terrain.soil import load_soil
@@ -44,7 +56,10 @@ def examine(batch: Batch) -> list[Record]:
     """Draw some cases, seal each, let the workflow look at its bags, and judge what it says."""
     torch.set_num_threads(1)
     cases = draw_cases(batch.plan, TOGETHER, batch.seed, ROVER, batch.first)
-    return [_examined(case) | {"key": key, "family": batch.family} for key, case in zip(batch.keys, cases, strict=True)]
+    return [
+        _examined(case) | {"key": key, "family": batch.family}
+        for key, case in zip(batch.keys, cases, strict=True)
+    ]
 
 
 def _examined(case: Case) -> Record:
@@ -62,7 +77,10 @@ def investigated(bags: list[Path], soil: str) -> Answer:
     study = Study(nominal, [blocks for blocks in found if isinstance(blocks, Blocks)])
     finding = investigate(study, singles(), read_thresholds(), lambda _share, _label: None)
     proof = None
-    if isinstance(unseen, Blocks) and finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE):
+    if isinstance(unseen, Blocks) and finding.judgement.verdict in (
+        Verdict.NAMED,
+        Verdict.CONFUSABLE,
+    ):
         proof = prove(nominal, finding.best, [unseen])
     return Answer(settled(finding, proof), finding, proof, studied)
 
@@ -115,6 +133,10 @@ def judged(case: Case, answer: Answer) -> Record:
 
 def _strength(finding: Finding, truth: Truth, studied: tuple[int, ...]) -> list[list[float]]:
     """Mean error over the drives of c [kPa] and tan phi, without and with what was found."""
-    true = torch.tensor([[truth.cohesion_pa[k] / 1000.0, truth.tan_phi[k]] for k in studied], dtype=torch.float64)
+    true = torch.tensor(
+        [[truth.cohesion_pa[k] / 1000.0, truth.tan_phi[k]] for k in studied], dtype=torch.float64
+    )
     fits = (finding.nothing.fit, finding.best.fit)
-    return [(torch.stack([run.theta for run in fit.point.runs]) - true).mean(0).tolist() for fit in fits]
+    return [
+        (torch.stack([run.theta for run in fit.point.runs]) - true).mean(0).tolist() for fit in fits
+    ]

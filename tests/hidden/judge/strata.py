@@ -53,9 +53,17 @@ def families() -> dict[str, tuple[list[Plan], int, int]]:
         "outside": ([Plan(((name, 1.0),)) for name in OUTSIDE], 8, 40),
         "two": ([Plan(((first, 1.0), (second, 1.0))) for first, second in PAIRS], 4, 16),
         "none, no torque": ([Plan(torque=False)], 12, 100),
-        "matters, no torque": ([Plan(((name, 1.0),), torque=False) for name in WITHOUT_TORQUE], 4, 16),
+        "matters, no torque": (
+            [Plan(((name, 1.0),), torque=False) for name in WITHOUT_TORQUE],
+            4,
+            16,
+        ),
         "none, correlated noise": ([Plan(noise_time=NOISE_TIME)], 12, 100),
-        "matters, correlated noise": ([Plan(((name, 1.0),), noise_time=NOISE_TIME) for name in KNOWN], 4, 16),
+        "matters, correlated noise": (
+            [Plan(((name, 1.0),), noise_time=NOISE_TIME) for name in KNOWN],
+            4,
+            16,
+        ),
     }
 
 
@@ -64,6 +72,10 @@ def batches(*, whole: bool) -> list[Batch]:
     placed = []
     for family, (plans, few, many) in families().items():
         count = (many if whole else few) // TOGETHER
-        turns = [Batch(family, plan, SEED + batch, TOGETHER * (batch + turn)) for batch in range(count) for turn, plan in enumerate(plans)]
+        turns = [
+            Batch(family, plan, SEED + batch, TOGETHER * (batch + turn))
+            for batch in range(count)
+            for turn, plan in enumerate(plans)
+        ]
         placed += [((place + 0.5) / len(turns), each) for place, each in enumerate(turns)]
     return [each for _, each in sorted(placed, key=lambda each: each[0])]

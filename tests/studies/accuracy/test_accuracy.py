@@ -16,17 +16,27 @@ from terrain_estimator.model.packing import SCALAR_FIELDS
 
 EPISODES, DURATION_S = 100, 40.0
 HALF_NORMAL_MEDIAN = 0.6745  # median of |x| in standard deviations
-ACCELERATION = SCALAR_FIELDS.index("acceleration") - len(SCALAR_FIELDS)  # place in a packed observation
+ACCELERATION = SCALAR_FIELDS.index("acceleration") - len(
+    SCALAR_FIELDS
+)  # place in a packed observation
 
 
 def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent() -> None:
     """100 random S1 episodes of 40 s, every row but the accelerometer's, exact soil constants, noise of the sensors as specified.
 
-    Beside the bars of 10 %: the error is at most 1.5 times the Cramer-Rao bound, and the 95 % intervals cover a share
-    whose 99 % confidence limits do not exclude 95 %.
+    Beside the bars of 10 %: the error is at most 1.5 times the Cramer-Rao bound, and the 95 %
+    intervals cover a share whose 99 % confidence limits do not exclude 95 %.
     """
     model = load_model("paper_rover")
-    tasks = draw_tasks(model.rover, model.metadata.soils[0], "S1", DURATION_S, EPISODES, torch.Generator().manual_seed(20_000), spread=0.0)
+    tasks = draw_tasks(
+        model.rover,
+        model.metadata.soils[0],
+        "S1",
+        DURATION_S,
+        EPISODES,
+        torch.Generator().manual_seed(20_000),
+        spread=0.0,
+    )
     measured = tasks.measured.clone()
     measured[..., ACCELERATION] = torch.nan
     trace = run(restore(model), measured, torch.tensor([measured.shape[1] - 1]))
@@ -41,7 +51,10 @@ def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent
     assert (ratio < 1.5).all(), ratio
 
     deviation = trace.covariance[:, 0].diagonal(dim1=1, dim2=2).sqrt()
-    for name, covered in zip(("c", "tan phi"), (error < 1.96 * deviation).sum(0).tolist(), strict=True):
+    for name, covered in zip(
+        ("c", "tan phi"), (error < 1.96 * deviation).sum(0).tolist(), strict=True
+    ):
         interval = binomtest(covered, EPISODES).proportion_ci(0.99)
         assert interval.low <= 0.95 <= interval.high, (name, covered / EPISODES)
-    print(f"median error {np.round(relative.numpy() * 100, 1)} %, ratio to the bound {np.round(ratio.numpy(), 2)}")  # noqa: T201
+    errors, ratios = np.round(relative.numpy() * 100, 1), np.round(ratio.numpy(), 2)
+    print(f"median error {errors} %, ratio to the bound {ratios}")  # noqa: T201

@@ -36,20 +36,35 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def call(folder: Path, episodes: int, *more: str) -> int:
-    place = ["--out", str(folder / "accuracy.json"), "--table", str(folder / "accuracy.md"), "--records", str(folder)]
+    place = [
+        "--out",
+        str(folder / "accuracy.json"),
+        "--table",
+        str(folder / "accuracy.md"),
+        "--records",
+        str(folder),
+    ]
     return accuracy.main(["--episodes", str(episodes), *CHOICE, *place, *more])
 
 
 @pytest.fixture(scope="module")
 def figures(records: Path) -> dict[str, Any]:
     page = (records / "accuracy.md").read_text()
-    for title in ("Targets", "over hills", "grid reference", "net", f"{EPISODES} of the {EPISODES} drives"):
+    for title in (
+        "Targets",
+        "over hills",
+        "grid reference",
+        "net",
+        f"{EPISODES} of the {EPISODES} drives",
+    ):
         assert title in page
     result: dict[str, Any] = json.loads((records / "accuracy.json").read_text())
     return result
 
 
-def test_a_batch_that_is_kept_is_not_computed_again(records: Path, figures: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_batch_that_is_kept_is_not_computed_again(
+    records: Path, figures: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
     before = {path: path.stat().st_mtime_ns for path in records.rglob("*.npz")}
     assert len(before) == 2
     assert call(records, EPISODES) == 0
@@ -59,7 +74,9 @@ def test_a_batch_that_is_kept_is_not_computed_again(records: Path, figures: dict
     assert "not one batch" in capsys.readouterr().err
 
 
-def test_a_damaged_record_is_named(records: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_record_is_named(
+    records: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     copy = Path(shutil.copytree(records, tmp_path / "copy"))
     record = next(copy.rglob("*-1-*.npz"))
     record.write_bytes(record.read_bytes()[:5000])
@@ -83,7 +100,11 @@ def test_intervals_cover_the_truth_and_errors_are_near_the_bound(figures: dict[s
         for name in ("cohesion", "tan_phi"):
             parameter = cell["score"][name]
             assert parameter["coverage_95"]["share"] * EPISODES >= 34, (cell["rows"], name)
-            assert parameter["coverage_95"]["low"] < parameter["coverage_95"]["share"] <= parameter["coverage_95"]["high"]
+            assert (
+                parameter["coverage_95"]["low"]
+                < parameter["coverage_95"]["share"]
+                <= parameter["coverage_95"]["high"]
+            )
             assert 0.6 < parameter["ratio_to_bound"][-1] < 1.6, (cell["rows"], name)
             assert parameter["narrowest"] > 0.5, (cell["rows"], name)
 
@@ -114,7 +135,9 @@ def test_the_settings_are_all_cells_with_seeds_of_their_own() -> None:
     assert len([setting for setting in every if set(setting.rows) == set(ROWS)]) == 12
     assert {setting.schedule for setting in every} == {"S1", "S2", "S3", "S4"}
     assert any(setting.truth == "paper" for setting in every)
-    assert len({seed_of(setting, 0, batch) for setting in every for batch in range(2)}) == 2 * len(every)
+    assert len({seed_of(setting, 0, batch) for setting in every for batch in range(2)}) == 2 * len(
+        every
+    )
 
 
 def test_the_papers_band_holds_the_truth_and_a_stuck_episode_ends_before_it_struggles() -> None:
@@ -124,7 +147,11 @@ def test_the_papers_band_holds_the_truth_and_a_stuck_episode_ends_before_it_stru
     stuck = drives.ends < 400
     assert stuck.any()
     for episode in torch.nonzero(stuck).squeeze(1).tolist():
-        assert drives.tasks.usable[episode, : max(int(drives.ends[episode]) - 1, 0)].double().mean() > 0.9 or drives.ends[episode] < 20
+        assert (
+            drives.tasks.usable[episode, : max(int(drives.ends[episode]) - 1, 0)].double().mean()
+            > 0.9
+            or drives.ends[episode] < 20
+        )
 
 
 def test_the_limits_of_a_share_are_those_of_clopper_and_pearson() -> None:

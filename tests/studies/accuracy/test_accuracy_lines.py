@@ -20,7 +20,9 @@ def judged(deviation: torch.Tensor, bound: float, off: float, velocity_sd: float
     """Drives with these deviations [N] in shares of the prior's, estimates ``off`` deviations from the truth."""
     at_times = (DRIVES, len(TIMES_S), 2)
     sd = (deviation.unsqueeze(1) * PRIOR_SD).unsqueeze(1).expand(at_times)
-    velocity = torch.tensor([350.0, 335.0, 350.0, 350.0 * velocity_sd**2, 350.0 * velocity_sd**2], dtype=torch.float64)
+    velocity = torch.tensor(
+        [350.0, 335.0, 350.0, 350.0 * velocity_sd**2, 350.0 * velocity_sd**2], dtype=torch.float64
+    )
     return Judged(
         truth=TRUTH,
         mean=TRUTH.unsqueeze(1) + off * sd,
@@ -55,7 +57,9 @@ def test_claims_are_counted_drive_by_drive() -> None:
     assert (claim.covered.share, claim.covered.low) == (0.0, 0.0)
 
 
-def test_what_the_bound_allows_is_no_unfounded_claim_and_what_is_not_claimed_has_no_coverage() -> None:
+def test_what_the_bound_allows_is_no_unfounded_claim_and_what_is_not_claimed_has_no_coverage() -> (
+    None
+):
     deviation = torch.full((DRIVES,), 0.3, dtype=torch.float64)
     assert line("v", judged(deviation, 0.3, 0.0, 0.01)).tan_phi.unfounded == 0.0
     assert line("v", judged(2.0 * deviation, 0.3, 0.0, 0.01)).tan_phi.covered is None
@@ -67,23 +71,37 @@ def test_long_drives_are_judged_after_each_time_and_no_target_is_for_them() -> N
     late[:, -1] += 3.0 * values.covariance[:, -1].diagonal(dim1=1, dim2=2).sqrt()
     parts = [Part({("v+L", "physics"): values._replace(mean=late)}, [], [])]
     found = lines(Setting("paper_rover", "loose_sand", times_s=LONG_TIMES_S), parts)
-    assert [(line.duration_s, line.after_s) for line in found] == [(400.0, time) for time in LONG_TIMES_S]
+    assert [(line.duration_s, line.after_s) for line in found] == [
+        (400.0, time) for time in LONG_TIMES_S
+    ]
     assert [line.score.cohesion.coverage_95.share for line in found] == [1.0, 1.0, 1.0, 0.0]
-    assert [line.tan_phi.covered.share for line in found if line.tan_phi.covered] == [1.0, 1.0, 1.0, 0.0]
+    assert [line.tan_phi.covered.share for line in found if line.tan_phi.covered] == [
+        1.0,
+        1.0,
+        1.0,
+        0.0,
+    ]
     assert verdicts(found, "physics") == []
 
 
 @pytest.mark.parametrize(("ratio", "met"), [(1.1, "yes"), (2.0, "**no**")])
 def test_the_spread_of_the_velocity_is_judged_against_the_sensor(ratio: float, met: str) -> None:
-    values = judged(torch.full((DRIVES,), 0.9, dtype=torch.float64), 0.9, 1.0, ratio * Noise().velocity)
-    *_, said, verdict = found_of([line("v+L+M", values)], "velocity filter, predicted deviation / noise of the sensor")
+    values = judged(
+        torch.full((DRIVES,), 0.9, dtype=torch.float64), 0.9, 1.0, ratio * Noise().velocity
+    )
+    *_, said, verdict = found_of(
+        [line("v+L+M", values)], "velocity filter, predicted deviation / noise of the sensor"
+    )
     assert (said, verdict) == (f"{ratio:.2f} to {ratio:.2f}", met)
 
 
 def test_an_interval_that_one_drive_has_too_narrow_is_a_miss() -> None:
     deviation = torch.full((DRIVES,), 0.9, dtype=torch.float64)
     deviation[7] = 0.6
-    narrow, wide = (line("v+L+M", judged(values, 0.9, 1.0, 0.01)) for values in (deviation, deviation.clamp(min=0.9)))
+    narrow, wide = (
+        line("v+L+M", judged(values, 0.9, 1.0, 0.01))
+        for values in (deviation, deviation.clamp(min=0.9))
+    )
     assert found_of([narrow], "compact sand: least deviation")[-1] == "**no**"
     assert found_of([wide], "compact sand: least deviation")[-1] == "yes"
 
@@ -93,8 +111,16 @@ def test_every_row_set_has_a_verdict_and_a_model_that_ships_has_its_own() -> Non
     honest, narrow = judged(everywhere, 0.2, 0.5, 0.01), judged(everywhere, 0.6, 3.0, 0.01)
     found = [line("v", narrow), line("v+L+M", honest), line("v+L+M+B", narrow, "shipped")]
     assert found_of(found, "coverage of the 95 % interval, v and v+L, exact")[-1] == "**no**"
-    assert "2 of 2 outside: c, paper_rover, compact_sand, exact, v: 0.0" in found_of(found, "coverage of the 95 % interval, v and v+L")[2]
-    assert found_of(found, "coverage of the 95 % interval, exact", "shipped")[2].startswith("0.0 to 0.0 %")
-    assert found_of(found, "coverage of the 95 % interval, exact")[2:] == ("100.0 to 100.0 %", "yes")  # 100 of 100 may be 97 %
+    assert (
+        "2 of 2 outside: c, paper_rover, compact_sand, exact, v: 0.0"
+        in found_of(found, "coverage of the 95 % interval, v and v+L")[2]
+    )
+    assert found_of(found, "coverage of the 95 % interval, exact", "shipped")[2].startswith(
+        "0.0 to 0.0 %"
+    )
+    assert found_of(found, "coverage of the 95 % interval, exact")[2:] == (
+        "100.0 to 100.0 %",
+        "yes",
+    )  # 100 of 100 may be 97 %
     assert found_of(found, "identified, though")[-1] == "yes"
     assert found_of(found, "the same, v and v+L")[-1] == "**no**"

@@ -20,7 +20,9 @@ def drives() -> Drives:
     return draw_drives(model.rover, model.metadata.soils[1], "S1", 2, 0.0, seed=5)
 
 
-def test_the_share_of_the_net_takes_the_soil_that_is_driven_on_and_stops_where_a_drive_ends(drives: Drives) -> None:
+def test_the_share_of_the_net_takes_the_soil_that_is_driven_on_and_stops_where_a_drive_ends(
+    drives: Drives,
+) -> None:
     model = restore(load_model("mars_rover"))
     mean = torch.full((2, model.first_constant + 12), 0.1, dtype=torch.float64)
     mean[:, :2] = drives.tasks.strength

@@ -31,17 +31,23 @@ def test_the_recursion_equals_the_gaussian_over_the_stacked_matrix() -> None:
     posterior = update_all(phi, x, mean, precision)
 
     before = torch.kron(torch.linalg.inv(noise).contiguous(), precision)
-    rows = torch.cat([torch.kron(torch.eye(n_x, dtype=torch.float64), p.unsqueeze(0)) for p in phi[0]])
+    rows = torch.cat(
+        [torch.kron(torch.eye(n_x, dtype=torch.float64), p.unsqueeze(0)) for p in phi[0]]
+    )
     weight = torch.kron(torch.eye(count, dtype=torch.float64), torch.linalg.inv(noise).contiguous())
     after = before + rows.T @ weight @ rows
     stacked = torch.linalg.solve(after, before @ mean.flatten() + rows.T @ weight @ x[0].flatten())
     torch.testing.assert_close(posterior.mean[0, -1].flatten(), stacked)
-    torch.testing.assert_close(torch.kron(noise, posterior.covariance[0, -1].contiguous()), torch.linalg.inv(after))
+    torch.testing.assert_close(
+        torch.kron(noise, posterior.covariance[0, -1].contiguous()), torch.linalg.inv(after)
+    )
 
 
 def test_with_one_output_alpaca_is_p_alpaca_without_nominal_features() -> None:
     plant = Plant.CLOSED_FORM
-    drives = draw_drives(plant, ROVER, SOIL, TESTING, 6.0, 3, torch.Generator().manual_seed(1)).drives
+    drives = draw_drives(
+        plant, ROVER, SOIL, TESTING, 6.0, 3, torch.Generator().manual_seed(1)
+    ).drives
     torch.manual_seed(2)
     model = LearntModel(vehicle(ROVER, plant), SOIL.constants(), None, columns=4, hidden=8)
     model.scale_inputs(drives)
@@ -55,8 +61,12 @@ def test_with_one_output_alpaca_is_p_alpaca_without_nominal_features() -> None:
 
 def test_nominal_features_come_before_the_learnt_ones() -> None:
     plant = Plant.CLOSED_FORM
-    drives = draw_drives(plant, ROVER, SOIL, TESTING, 2.0, 2, torch.Generator().manual_seed(1)).drives
-    model = LearntModel(vehicle(ROVER, plant), SOIL.constants(), closed_form_forces, columns=4, hidden=8)
+    drives = draw_drives(
+        plant, ROVER, SOIL, TESTING, 2.0, 2, torch.Generator().manual_seed(1)
+    ).drives
+    model = LearntModel(
+        vehicle(ROVER, plant), SOIL.constants(), closed_form_forces, columns=4, hidden=8
+    )
     features, constant = model.features(drives)
     assert features.shape == (2, 20, 6)
     torch.testing.assert_close(features[..., :2], model.nominal_features(drives)[..., :2])

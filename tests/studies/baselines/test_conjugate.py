@@ -36,12 +36,18 @@ def test_every_step_equals_a_textbook_kalman_filter() -> None:
 def test_recursive_least_squares_ends_at_the_batch_solution() -> None:
     features, target = randn(3, 30, 2), randn(3, 30)
     batch = torch.linalg.lstsq(features, target.unsqueeze(-1)).solution.squeeze(-1)
-    torch.testing.assert_close(recursive_least_squares(features, target, 1.0)[:, -1], batch, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(
+        recursive_least_squares(features, target, 1.0)[:, -1], batch, rtol=1e-4, atol=1e-5
+    )
 
 
 def test_forgetting_weighs_a_row_by_its_age() -> None:
     features, target, forgetting = randn(1, 25, 2), randn(1, 25), 0.9
     weight = forgetting ** torch.arange(24, -1, -1, dtype=torch.float64)
-    gathered = features[0].T @ (weight.unsqueeze(-1) * features[0]) + forgetting**25 / DIFFUSE * torch.eye(2, dtype=torch.float64)
+    gathered = features[0].T @ (
+        weight.unsqueeze(-1) * features[0]
+    ) + forgetting**25 / DIFFUSE * torch.eye(2, dtype=torch.float64)
     expected = torch.linalg.solve(gathered, features[0].T @ (weight * target[0]))
-    torch.testing.assert_close(recursive_least_squares(features, target, forgetting)[0, -1], expected, rtol=1e-6, atol=1e-8)
+    torch.testing.assert_close(
+        recursive_least_squares(features, target, forgetting)[0, -1], expected, rtol=1e-6, atol=1e-8
+    )

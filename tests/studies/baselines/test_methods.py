@@ -9,7 +9,12 @@ from functools import cache
 import pytest
 import torch
 
-from studies.baselines.drives import Drives, closed_form_forces, quadrature_forces, velocity_features
+from studies.baselines.drives import (
+    Drives,
+    closed_form_forces,
+    quadrature_forces,
+    velocity_features,
+)
 from studies.baselines.iagnemma import Iagnemma
 from studies.baselines.integrated import IntegratedRegression, cramer_rao
 from studies.baselines.interface import Prior
@@ -27,7 +32,9 @@ LOOSE, COMPACT = load_soil("loose_sand"), load_soil("compact_sand")
 
 @cache
 def closed_form_drives(soil: Soil, noise: Noise, count: int) -> Drives:
-    return draw_drives(Plant.CLOSED_FORM, ROVER, soil, NARROW, 40.0, count, torch.Generator().manual_seed(5), noise).drives
+    return draw_drives(
+        Plant.CLOSED_FORM, ROVER, soil, NARROW, 40.0, count, torch.Generator().manual_seed(5), noise
+    ).drives
 
 
 def relative_error(parameters: torch.Tensor | None, drives: Drives) -> torch.Tensor:
@@ -61,7 +68,9 @@ def test_without_noise_iagnemmas_method_recovers_the_ground_of_its_own_stresses(
 def test_on_the_soils_own_stress_ratio_iagnemmas_method_is_far_off() -> None:
     """The paper blames theta_m = theta_1 / 2 for its error; measured in the authors' code: c 41 %, phi 36 % on loose sand."""
     drives = closed_form_drives(LOOSE, SILENT, 4)
-    error = relative_error(Iagnemma(VEHICLE, LOOSE.constants()).estimate(drives).parameters, drives).mean(0)
+    error = relative_error(
+        Iagnemma(VEHICLE, LOOSE.constants()).estimate(drives).parameters, drives
+    ).mean(0)
     assert (error > 20.0).all(), error
 
 
@@ -71,8 +80,12 @@ def test_iagnemmas_method_gives_the_papers_errors_on_the_authors_own_step() -> N
     sinkage = torch.tensor([[0.00979099, 0.01042556, 0.00486403]], dtype=torch.float64)
     affine = closed_form_forces(slip, sinkage, LOOSE.constants(), VEHICLE.radius_m, VEHICLE.width_m)
     forces = affine @ torch.tensor([1000.0, math.tan(math.radians(30.0)), 1.0], dtype=torch.float64)
-    features, target = Iagnemma(VEHICLE, LOOSE.constants()).rows(slip, sinkage, forces[..., 2], forces[..., 0])
-    cohesion_kpa, tan_phi = torch.linalg.lstsq(features[0], target[0].unsqueeze(-1)).solution.squeeze(-1).tolist()
+    features, target = Iagnemma(VEHICLE, LOOSE.constants()).rows(
+        slip, sinkage, forces[..., 2], forces[..., 0]
+    )
+    cohesion_kpa, tan_phi = (
+        torch.linalg.lstsq(features[0], target[0].unsqueeze(-1)).solution.squeeze(-1).tolist()
+    )
     assert abs(cohesion_kpa - 1.0) == pytest.approx(0.25, abs=0.03)
     assert abs(math.degrees(math.atan(tan_phi)) / 30.0 - 1.0) == pytest.approx(0.20, abs=0.03)
 
@@ -85,7 +98,9 @@ def test_velocity_as_a_state_meets_five_and_three_percent_where_increments_are_b
         error = relative_error(integrated.parameters, drives).mean(0)
         assert float(error[0]) < 5.0, (soil.name, error)
         assert float(error[1]) < 3.0, (soil.name, error)
-        increments = relative_error(RecursiveLeastSquares(VEHICLE, soil.constants()).estimate(drives).parameters, drives).mean(0)
+        increments = relative_error(
+            RecursiveLeastSquares(VEHICLE, soil.constants()).estimate(drives).parameters, drives
+        ).mean(0)
         assert (increments > 2.0 * error).all(), (soil.name, increments)
 
 
@@ -97,7 +112,9 @@ def test_the_integrated_regression_stays_near_the_bound_and_covers() -> None:
     assert estimates.velocity_sd is not None
     assert estimates.velocity is not None
     error = (estimates.parameters[:, -1] - drives.strength).abs()
-    ratio = (error / cramer_rao(drives, VEHICLE, PRIOR, closed_form_forces)).median(0).values / 0.6745
+    ratio = (error / cramer_rao(drives, VEHICLE, PRIOR, closed_form_forces)).median(
+        0
+    ).values / 0.6745
     assert (ratio < 1.4).all(), ratio
     assert ((error < 1.96 * estimates.deviation[:, -1]).double().mean(0) > 0.85).all()
     inside = (estimates.velocity - drives.velocity[:, 1:]).abs() < 1.96 * estimates.velocity_sd
@@ -107,7 +124,9 @@ def test_the_integrated_regression_stays_near_the_bound_and_covers() -> None:
 def test_no_method_looks_at_what_is_true() -> None:
     drives = closed_form_drives(LOOSE, Noise(), 60).subset(torch.arange(3))
     names = ("true_velocity", "true_slip", "true_sinkage", "strength", "true_constants")
-    blinded = dataclasses.replace(drives, **{name: torch.full_like(getattr(drives, name), torch.nan) for name in names})
+    blinded = dataclasses.replace(
+        drives, **{name: torch.full_like(getattr(drives, name), torch.nan) for name in names}
+    )
     constants = LOOSE.constants()
     for method in (
         LinearModel(VEHICLE, constants, PRIOR),
@@ -121,14 +140,22 @@ def test_no_method_looks_at_what_is_true() -> None:
         assert torch.equal(seen, unseen), method.name
 
 
-def test_on_the_integrated_plant_the_quadrature_explains_the_velocity_and_the_closed_form_does_not() -> None:
-    drives = draw_drives(Plant.INTEGRATED, ROVER, LOOSE, NARROW, 4.0, 3, torch.Generator().manual_seed(6)).drives
+def test_on_the_integrated_plant_the_quadrature_explains_the_velocity_and_the_closed_form_does_not() -> (
+    None
+):
+    drives = draw_drives(
+        Plant.INTEGRATED, ROVER, LOOSE, NARROW, 4.0, 3, torch.Generator().manual_seed(6)
+    ).drives
     car = vehicle(ROVER, Plant.INTEGRATED)
-    theta = torch.cat([drives.strength / torch.tensor([1000.0, 1.0]), torch.ones(3, 1)], 1).unsqueeze(1)
+    theta = torch.cat(
+        [drives.strength / torch.tensor([1000.0, 1.0]), torch.ones(3, 1)], 1
+    ).unsqueeze(1)
     change = drives.true_velocity.diff(dim=1)
     misses = []
     for forces in (quadrature_forces, closed_form_forces):
-        features = velocity_features(drives.true_slip, drives.true_sinkage, LOOSE.constants(), car, forces)
+        features = velocity_features(
+            drives.true_slip, drives.true_sinkage, LOOSE.constants(), car, forces
+        )
         misses.append(float(((features * theta).sum(-1) - change).abs().max()))
     assert misses[0] < 1e-5
     assert misses[1] > 1e-2

@@ -10,11 +10,20 @@ import pytest
 from studies.calibration.__main__ import main
 
 CASES = [
-    {"truth": "", "seed": 1, "with": {"named": [[[["payload", None]], -4.0]], "nothing_with": -20.0, "best_with": -24.0}, "without": None},
+    {
+        "truth": "",
+        "seed": 1,
+        "with": {"named": [[[["payload", None]], -4.0]], "nothing_with": -20.0, "best_with": -24.0},
+        "without": None,
+    },
     {
         "truth": "payload",
         "seed": 1,
-        "with": {"named": [[[["payload", None]], 90.0], [[["latency", None]], 9.0]], "nothing_with": 80.0, "best_with": 100.0},
+        "with": {
+            "named": [[[["payload", None]], 90.0], [[["latency", None]], 9.0]],
+            "nothing_with": 80.0,
+            "best_with": 100.0,
+        },
         "without": {"named": [[[["latency", None]], 9.0]], "nothing_with": 80.0, "best_with": 88.0},
     },
 ]
@@ -30,7 +39,9 @@ def test_thresholds_follow_from_the_cases_in_the_file_and_name_their_seeds(tmp_p
     assert (found["seeds"], found["nulls"], found["effects"]) == ([1], 1, 1)
 
 
-def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_cannot_be_written_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "samples.jsonl").write_text(json.dumps(CASES[0]) + "\n", encoding="utf-8")
     arguments = ["--nulls", "0", "--cases", "0", "--samples", str(tmp_path / "samples.jsonl")]
     assert main([*arguments, "--out", str(tmp_path / "missing" / "thresholds.json")]) == 2

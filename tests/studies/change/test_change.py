@@ -24,10 +24,15 @@ NONE = np.zeros(2)
 
 def test_another_strength_is_half_a_range_away_and_inside_it() -> None:
     ground = changed_ground(
-        load_rover("mars_rover"), Change("mars_rover", "loose_sand", "loose_sand"), 200, torch.Generator().manual_seed(1)
+        load_rover("mars_rover"),
+        Change("mars_rover", "loose_sand", "loose_sand"),
+        200,
+        torch.Generator().manual_seed(1),
     )
     before, after = (patch.strength for patch in ground.patches)
-    torch.testing.assert_close((after - before)[:, 0].abs(), torch.full((200,), 2250.0, dtype=torch.float64))
+    torch.testing.assert_close(
+        (after - before)[:, 0].abs(), torch.full((200,), 2250.0, dtype=torch.float64)
+    )
     turned = torch.rad2deg(torch.atan(after[:, 1]) - torch.atan(before[:, 1])).abs()
     torch.testing.assert_close(turned, torch.full((200,), 15.0, dtype=torch.float64))
     assert ((after[:, 0] >= 500.0) & (after[:, 0] <= 5000.0)).all()
@@ -36,7 +41,12 @@ def test_another_strength_is_half_a_range_away_and_inside_it() -> None:
 
 def test_a_gradual_change_takes_its_time_at_mean_speed() -> None:
     rover = load_rover("mars_rover")
-    ground = changed_ground(rover, Change("mars_rover", "loose_sand", "loose_sand", 20.0), 1, torch.Generator().manual_seed(1))
+    ground = changed_ground(
+        rover,
+        Change("mars_rover", "loose_sand", "loose_sand", 20.0),
+        1,
+        torch.Generator().manual_seed(1),
+    )
     assert ground.patches[1].transition == pytest.approx(20.0 * 0.5 * sum(rover.cruise_speed))
 
 
@@ -48,7 +58,9 @@ def test_a_gradual_change_takes_its_time_at_mean_speed() -> None:
         ({5, 7, 8, *range(15, 25), 41, 50}, 2.1, 3),
     ],
 )
-def test_an_alarm_has_to_rise_after_the_crossing(above: set[int], delay: float, early: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_alarm_has_to_rise_after_the_crossing(
+    above: set[int], delay: float, early: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The first axle crosses at observation 20; alarms that rise before are false ones."""
 
     class Alarming:
@@ -61,11 +73,17 @@ def test_an_alarm_has_to_rise_after_the_crossing(above: set[int], delay: float, 
 
         def reject(self, count: int, *_: object) -> SimpleNamespace:
             alarm = 1.0 if count in above else 0.0
-            return SimpleNamespace(estimate=SimpleNamespace(change_probability=alarm, mean=NONE, lower_95=NONE, upper_95=NONE))
+            return SimpleNamespace(
+                estimate=SimpleNamespace(
+                    change_probability=alarm, mean=NONE, lower_95=NONE, upper_95=NONE
+                )
+            )
 
     monkeypatch.setattr(change, "Estimator", Alarming)
     observations: list[Any] = [None] * 60
-    followed = change._follow(load_model("mars_rover"), CoreConfig(), observations, np.ones((60, 2)), (20, 30, 55), 45)
+    followed = change._follow(
+        load_model("mars_rover"), CoreConfig(), observations, np.ones((60, 2)), (20, 30, 55), 45
+    )
     assert followed.delay_s == pytest.approx([delay])
     assert followed.early_alarms == [early]
     assert followed.early_s == pytest.approx([2.0])
@@ -79,7 +97,9 @@ def test_a_second_in_which_nobody_drives_is_not_a_good_one() -> None:
     error, covered = np.zeros((10, kind.horizon_s + 1, 2)), np.ones((10, kind.horizon_s + 1, 2))
     error[:, :4] = 1.0
     fresh = np.full_like(error, 0.1)
-    whole = change.Followed(delay, crossing, error, covered, fresh, np.full(10, 1800.0), np.array([3.0, *[0.0] * 9]))
+    whole = change.Followed(
+        delay, crossing, error, covered, fresh, np.full(10, 1800.0), np.array([3.0, *[0.0] * 9])
+    )
     score = score_change(kind, whole)
     assert score.drives == (10, 10, 10)
     assert score.known_s == (9.0, 9.0)

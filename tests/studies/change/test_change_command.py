@@ -14,8 +14,30 @@ from terrain_estimator.learning.tasks import SOILS
 
 
 def call(folder: Path, *more: str) -> int:
-    place = ["--out", str(folder / "change.json"), "--table", str(folder / "change.md"), "--records", str(folder)]
-    return command.main(["--rover", "mars_rover", "--jobs", "1", "--seed", "3", "--drives", "2", "--hours", "0.005", *place, *more])
+    place = [
+        "--out",
+        str(folder / "change.json"),
+        "--table",
+        str(folder / "change.md"),
+        "--records",
+        str(folder),
+    ]
+    return command.main(
+        [
+            "--rover",
+            "mars_rover",
+            "--jobs",
+            "1",
+            "--seed",
+            "3",
+            "--drives",
+            "2",
+            "--hours",
+            "0.005",
+            *place,
+            *more,
+        ]
+    )
 
 
 def test_two_sharp_changes_are_told_and_an_ended_run_goes_on(
@@ -39,7 +61,12 @@ def test_two_sharp_changes_are_told_and_an_ended_run_goes_on(
     assert score["before"]["hours"] * 3600.0 > 10.0
     assert constant["hours"] == pytest.approx(20.0 / 3600.0)
     text = (tmp_path / "change.md").read_text()
-    for words in ("loose to compact", "told, median, mars_rover", "false alarms an hour, mars_rover", "2 / 2 / 2"):
+    for words in (
+        "loose to compact",
+        "told, median, mars_rover",
+        "false alarms an hour, mars_rover",
+        "2 / 2 / 2",
+    ):
         assert words in text
     kept, lost = sorted(tmp_path.rglob("*.npz"), key=lambda path: "compact" not in path.name)
     before = kept.stat().st_mtime_ns

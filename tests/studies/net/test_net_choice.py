@@ -28,11 +28,23 @@ def test_the_net_starts_with_its_prior_probability_and_changes_nothing_of_the_pr
     torch.testing.assert_close(model.estimate(state), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize(("plant", "chosen"), [(None, False), (Plant([make_effect("drive_drag", 0.4)]), True)])
-def test_a_drive_with_a_hidden_drag_turns_to_the_net_and_one_without_does_not(plant: Plant | None, *, chosen: bool) -> None:
+@pytest.mark.parametrize(
+    ("plant", "chosen"), [(None, False), (Plant([make_effect("drive_drag", 0.4)]), True)]
+)
+def test_a_drive_with_a_hidden_drag_turns_to_the_net_and_one_without_does_not(
+    plant: Plant | None, *, chosen: bool
+) -> None:
     """One drive of 10 s each."""
     loaded = load_model("mars_rover")
-    drive = draw_tasks(loaded.rover, loaded.metadata.soils[0], "S1", 10.0, 1, torch.Generator().manual_seed(2), plant=plant).measured[0]
+    drive = draw_tasks(
+        loaded.rover,
+        loaded.metadata.soils[0],
+        "S1",
+        10.0,
+        1,
+        torch.Generator().manual_seed(2),
+        plant=plant,
+    ).measured[0]
     with torch.inference_mode():
         state = loaded.module.initial()
         for observation in drive:

@@ -11,11 +11,19 @@ from studies.paper.__main__ import main
 from studies.paper.published import TRADE_OFF
 
 
-def test_a_quick_run_writes_every_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_quick_run_writes_every_table_and_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["--quick", "--jobs", "2", "--out", str(tmp_path)]) == 0
     written = {Path(line).name for line in capsys.readouterr().out.splitlines()}
     assert written == {path.name for path in tmp_path.iterdir()}
-    assert {"closed_form.json", "integrated.json", "run.json", "tables.md", "trade_off_integrated.png"} <= written
+    assert {
+        "closed_form.json",
+        "integrated.json",
+        "run.json",
+        "tables.md",
+        "trade_off_integrated.png",
+    } <= written
     for plant in ("closed_form", "integrated"):
         cell = json.loads((tmp_path / f"{plant}.json").read_text())["loose_sand"]
         assert set(TRADE_OFF) <= set(cell["testing"])
@@ -26,7 +34,9 @@ def test_a_quick_run_writes_every_table_and_picture(tmp_path: Path, capsys: pyte
         assert "cohesion_error_percent" in cell["exact_constants"]["Cramer-Rao bound"]
 
 
-def test_an_output_folder_that_cannot_be_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_output_folder_that_cannot_be_is_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").write_text("")
     assert main(["--quick", "--out", str(tmp_path / "file")]) == 2
     assert "file" in capsys.readouterr().err

@@ -14,11 +14,15 @@ from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
 ROVER, SOIL, PLANT = load_rover("paper_rover"), load_soil("loose_sand"), Plant.CLOSED_FORM
-DRIVES = draw_drives(PLANT, ROVER, SOIL, TRAINING, 40.0, 12, torch.Generator().manual_seed(7)).drives
+DRIVES = draw_drives(
+    PLANT, ROVER, SOIL, TRAINING, 40.0, 12, torch.Generator().manual_seed(7)
+).drives
 
 
 def small_model(span: Span = Span.FREE) -> LearntModel:
-    return LearntModel(vehicle(ROVER, PLANT), SOIL.constants(), closed_form_forces, columns=4, hidden=16, span=span)
+    return LearntModel(
+        vehicle(ROVER, PLANT), SOIL.constants(), closed_form_forces, columns=4, hidden=16, span=span
+    )
 
 
 def test_the_papers_penalty_is_its_equation_written_out() -> None:
@@ -27,7 +31,13 @@ def test_the_papers_penalty_is_its_equation_written_out() -> None:
     total = 0.0
     for task in features:
         for row in range(2):
-            second = sum((torch.outer(phi, phi) for phi in task[:, row]), torch.zeros(4, 4, dtype=torch.float64)) / 5
+            second = (
+                sum(
+                    (torch.outer(phi, phi) for phi in task[:, row]),
+                    torch.zeros(4, 4, dtype=torch.float64),
+                )
+                / 5
+            )
             total += float(torch.linalg.norm(torch.eye(4, dtype=torch.float64) - second) ** 2)
     torch.testing.assert_close(paper_penalty(features), torch.tensor(total, dtype=torch.float64))
 
@@ -41,8 +51,13 @@ def test_only_negative_parameters_fall_short() -> None:
     """One row a parameter, unit noise, unit precision: the posterior mean is half the target."""
     features = torch.eye(2, dtype=torch.float64).unsqueeze(0)
     zero, one = torch.zeros(2, dtype=torch.float64), torch.ones(2, dtype=torch.float64)
-    assert float(shortfall(features, torch.tensor([[3.0, 5.0]], dtype=torch.float64), zero, one)) == 0.0
-    assert float(shortfall(features, torch.tensor([[3.0, -5.0]], dtype=torch.float64), zero, one)) == pytest.approx(2.5)
+    assert (
+        float(shortfall(features, torch.tensor([[3.0, 5.0]], dtype=torch.float64), zero, one))
+        == 0.0
+    )
+    assert float(
+        shortfall(features, torch.tensor([[3.0, -5.0]], dtype=torch.float64), zero, one)
+    ) == pytest.approx(2.5)
 
 
 def test_the_same_seed_gives_the_same_model_and_training_lowers_the_loss() -> None:
@@ -59,8 +74,12 @@ def test_the_same_seed_gives_the_same_model_and_training_lowers_the_loss() -> No
 def test_the_whitened_penalty_turns_the_learnt_features_away_from_the_nominal_ones() -> None:
     penalties = []
     for strength in (0.0, 30.0):
-        recipe = Recipe(iterations=80, batch=8, strength=strength, orthogonality=Orthogonality.WHITENED)
-        penalties.append([progress.penalty for progress in train(small_model(), DRIVES, recipe)][-1])
+        recipe = Recipe(
+            iterations=80, batch=8, strength=strength, orthogonality=Orthogonality.WHITENED
+        )
+        penalties.append(
+            [progress.penalty for progress in train(small_model(), DRIVES, recipe)][-1]
+        )
     assert penalties[1] < 0.5 * penalties[0], penalties
 
 

@@ -15,8 +15,13 @@ ROVER, SOIL = load_rover("paper_rover"), load_soil("loose_sand")
 
 
 def test_training_grounds_leave_the_test_bands_out() -> None:
-    batch = draw_drives(Plant.CLOSED_FORM, ROVER, SOIL, TRAINING, 1.0, 300, torch.Generator().manual_seed(3))
-    cohesion, angle = batch.drives.strength[:, 0], torch.rad2deg(torch.atan(batch.drives.strength[:, 1]))
+    batch = draw_drives(
+        Plant.CLOSED_FORM, ROVER, SOIL, TRAINING, 1.0, 300, torch.Generator().manual_seed(3)
+    )
+    cohesion, angle = (
+        batch.drives.strength[:, 0],
+        torch.rad2deg(torch.atan(batch.drives.strength[:, 1])),
+    )
     assert not ((cohesion > 700.0) & (cohesion < 1300.0)).any()
     assert not ((angle > 20.0) & (angle < 45.0)).any()
     assert float(cohesion.min()) < 700.0
@@ -30,7 +35,10 @@ def test_training_grounds_leave_the_test_bands_out() -> None:
 
 @pytest.mark.parametrize("plant", list(Plant))
 def test_the_same_seed_gives_the_same_drives(plant: Plant) -> None:
-    one, other = (draw_drives(plant, ROVER, SOIL, TRAINING, 2.0, 3, torch.Generator().manual_seed(4)) for _ in range(2))
+    one, other = (
+        draw_drives(plant, ROVER, SOIL, TRAINING, 2.0, 3, torch.Generator().manual_seed(4))
+        for _ in range(2)
+    )
     assert torch.equal(one.drives.velocity, other.drives.velocity)
     assert torch.equal(one.drives.slip, other.drives.slip)
     assert one.kept == other.kept
@@ -39,7 +47,9 @@ def test_the_same_seed_gives_the_same_drives(plant: Plant) -> None:
 def test_the_closed_form_has_the_loads_and_sinkages_of_the_authors_stored_drive() -> None:
     """c 1 kPa and phi 30 degrees: sinkages 9.8, 10.4 and 4.9 mm, loads that add up to the weight."""
     strength = torch.tensor([[1000.0, math.tan(math.radians(30.0))]], dtype=torch.float64)
-    motion = closed_form_motion(ROVER, SOIL.constants().expand(1, 6), strength, 40.0, torch.Generator().manual_seed(5))
+    motion = closed_form_motion(
+        ROVER, SOIL.constants().expand(1, 6), strength, 40.0, torch.Generator().manual_seed(5)
+    )
     assert motion.good.all()
     stored = torch.tensor([0.0098, 0.0104, 0.0049], dtype=torch.float64)
     assert float((motion.sinkage[0] / stored - 1.0).abs().max()) < 0.06

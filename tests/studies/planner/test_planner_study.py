@@ -17,11 +17,15 @@ from terrain_estimator.planning.planner import Reason
 
 PASSED = Outcome("", 20.0, math.inf, math.inf, math.inf, Reason.NONE, math.nan, 0, holds=True)
 TRAPPED = dataclasses.replace(PASSED, stuck_s=30.0)
-STOPPED = dataclasses.replace(PASSED, stop_s=24.0, rest_s=25.0, reason=Reason.FRONT, slip=0.2, axles=1, holds=False)
+STOPPED = dataclasses.replace(
+    PASSED, stop_s=24.0, rest_s=25.0, reason=Reason.FRONT, slip=0.2, axles=1, holds=False
+)
 SAVED = dataclasses.replace(STOPPED, stuck_s=30.0, effect="grousers")
 
 
-def test_a_small_study_writes_every_drive(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_study_writes_every_drive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(patches, "DURATION_S", 3.0)
     monkeypatch.setattr(patches, "STARTS", (0.75, 0.8))
     out = tmp_path / "study.json"
@@ -31,13 +35,20 @@ def test_a_small_study_writes_every_drive(tmp_path: Path, capsys: pytest.Capture
     assert "| all | 3 |" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("arguments", "words"), [(["--soil", "cheese"], "cheese"), (["--stop-probability", "2"], "stop_probability")])
-def test_a_wrong_argument_is_named(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["--soil", "cheese"], "cheese"), (["--stop-probability", "2"], "stop_probability")],
+)
+def test_a_wrong_argument_is_named(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(arguments) == 2
     assert words in capsys.readouterr().err
 
 
-def test_a_rover_that_rests_before_it_would_be_stuck_is_saved_and_a_stop_where_it_would_pass_is_false() -> None:
+def test_a_rover_that_rests_before_it_would_be_stuck_is_saved_and_a_stop_where_it_would_pass_is_false() -> (
+    None
+):
     too_late = dataclasses.replace(SAVED, rest_s=30.5)
     never_met = dataclasses.replace(TRAPPED, met_s=math.inf)
     result = score([PASSED, PASSED, TRAPPED, STOPPED, SAVED, too_late, never_met])

@@ -25,8 +25,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def call(folder: Path, *more: str) -> int:
-    place = ["--out", str(folder / "figures.json"), "--table", str(folder / "page.md"), "--records", str(folder / "records")]
-    return stream_study.main(["--batches", "1", "--jobs", "1", "--soil", "loose_sand", *place, *more])
+    place = [
+        "--out",
+        str(folder / "figures.json"),
+        "--table",
+        str(folder / "page.md"),
+        "--records",
+        str(folder / "records"),
+    ]
+    return stream_study.main(
+        ["--batches", "1", "--jobs", "1", "--soil", "loose_sand", *place, *more]
+    )
 
 
 def test_forecasts_are_in_their_intervals_as_often_as_these_say(folder: Path) -> None:
@@ -36,16 +45,27 @@ def test_forecasts_are_in_their_intervals_as_often_as_these_say(folder: Path) ->
     count = sum(cell["settled"]["count"] for cell in cells)
     assert count > 8 * 340
     assert binom.cdf(0.93 * count, count, 0.95) + binom.sf(0.97 * count, count, 0.95) < 1e-3
-    assert 0.93 < sum(cell["settled"]["inside_95"] * cell["settled"]["count"] for cell in cells) / count < 0.97
+    assert (
+        0.93
+        < sum(cell["settled"]["inside_95"] * cell["settled"]["count"] for cell in cells) / count
+        < 0.97
+    )
     for cell in cells:
         assert cell["drives"] == DRIVES
         assert 0.85 < cell["settled"]["calibration"] < 1.2, cell["rover"]
         assert 0.8 < cell["early"]["inside_95"] < 1.0, cell["rover"]
 
 
-def test_the_page_names_model_and_drives_and_what_is_kept_is_not_computed_again(folder: Path) -> None:
+def test_the_page_names_model_and_drives_and_what_is_kept_is_not_computed_again(
+    folder: Path,
+) -> None:
     page = (folder / "page.md").read_text()
-    for text in (f"{DRIVES} drives of 40 s", "paper_rover-", "mars_rover-", "| mars | loose | 5 % | 2 |"):
+    for text in (
+        f"{DRIVES} drives of 40 s",
+        "paper_rover-",
+        "mars_rover-",
+        "| mars | loose | 5 % | 2 |",
+    ):
         assert text in page
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")}
     assert len(before) == 4
@@ -54,6 +74,8 @@ def test_the_page_names_model_and_drives_and_what_is_kept_is_not_computed_again(
     assert (folder / "page.md").read_text() == page
 
 
-def test_no_time_for_one_batch_of_each_cell_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_time_for_one_batch_of_each_cell_is_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert call(folder, "--seed", "1", "--minutes", "1e-9") == 1
     assert "goes on where it was" in capsys.readouterr().err

@@ -18,7 +18,10 @@ from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Message, Sc
 from terrain_estimator.bags import BagError, BagReader, recover
 from terrain_estimator.bags.reading.records import HEAD, LARGEST_CONTENTS, LARGEST_RECORD, MAGIC
 
-PACKERS: dict[str, Callable[[bytes], bytes]] = {"zstd": zstandard.compress, "lz4": lambda data: lz4.frame.compress(data, store_size=True)}
+PACKERS: dict[str, Callable[[bytes], bytes]] = {
+    "zstd": zstandard.compress,
+    "lz4": lambda data: lz4.frame.compress(data, store_size=True),
+}
 UNPACKED = 64_000_000
 ALLOWED = 4_000_000
 """[bytes] that the readers themselves may take."""
@@ -33,14 +36,25 @@ def built(*contents: McapRecord) -> bytes:
 
 def chunk(compression: str, data: bytes, claimed: int) -> Chunk:
     packed = PACKERS[compression](data) if compression else data
-    return Chunk(compression, packed, message_end_time=0, message_start_time=0, uncompressed_crc=0, uncompressed_size=claimed)
+    return Chunk(
+        compression,
+        packed,
+        message_end_time=0,
+        message_start_time=0,
+        uncompressed_crc=0,
+        uncompressed_size=claimed,
+    )
 
 
 def topic(data: bytes = b"", log_time: int = 0) -> bytes:
     """The contents of a chunk with one message."""
     schema = Schema(id=1, data=b"uint8 x", encoding="ros2msg", name="x/msg/X")
     channel = Channel(id=1, topic="/x", message_encoding="cdr", metadata={}, schema_id=1)
-    return built(schema, channel, Message(channel_id=1, log_time=log_time, data=data, publish_time=0, sequence=0))
+    return built(
+        schema,
+        channel,
+        Message(channel_id=1, log_time=log_time, data=data, publish_time=0, sequence=0),
+    )
 
 
 def bag(path: Path, *chunks: Chunk) -> Path:
@@ -73,11 +87,16 @@ def spread(path: Path, *parts: tuple[int, bytes]) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("summary_start", "words"), [(30, "its summary begins at byte 30 of 3000000"), (0, "the end of its data is not where")]
+    ("summary_start", "words"),
+    [(30, "its summary begins at byte 30 of 3000000"), (0, "the end of its data is not where")],
 )
-def test_a_summary_that_would_be_the_whole_file_is_refused(summary_start: int, words: str, tmp_path: Path) -> None:
+def test_a_summary_that_would_be_the_whole_file_is_refused(
+    summary_start: int, words: str, tmp_path: Path
+) -> None:
     head = MAGIC + built(Header(profile="ros2", library=""))
-    footer = built(Footer(summary_crc=0, summary_offset_start=0, summary_start=summary_start)) + MAGIC
+    footer = (
+        built(Footer(summary_crc=0, summary_offset_start=0, summary_start=summary_start)) + MAGIC
+    )
     path = spread(tmp_path / "large.mcap", (0, head), (3_000_000_000, footer))
     with little_memory(), pytest.raises(BagError, match=rf"large\.mcap is damaged: {words}"):
         read(path)
@@ -86,7 +105,11 @@ def test_a_summary_that_would_be_the_whole_file_is_refused(summary_start: int, w
 def test_a_record_above_the_limit_is_passed_over(tmp_path: Path) -> None:
     head = MAGIC + built(Header(profile="ros2", library=""))
     length = LARGEST_RECORD + 1
-    path = spread(tmp_path / "large.mcap", (0, head + HEAD.pack(Opcode.ATTACHMENT, length)), (len(head) + HEAD.size + length, topic()))
+    path = spread(
+        tmp_path / "large.mcap",
+        (0, head + HEAD.pack(Opcode.ATTACHMENT, length)),
+        (len(head) + HEAD.size + length, topic()),
+    )
     with little_memory():
         assert read(path) == 1
         recovery = recover(path, tmp_path / "recovered")
@@ -94,14 +117,21 @@ def test_a_record_above_the_limit_is_passed_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", PACKERS)
-def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(compression: str, tmp_path: Path) -> None:
+def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(
+    compression: str, tmp_path: Path
+) -> None:
     bomb = chunk(compression, topic(bytes(UNPACKED)), 1000)
     assert len(bomb.data) < UNPACKED / 200
     whole = bag(tmp_path / "whole.mcap", bomb)
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:-10])
     with little_memory():
-        with pytest.raises(BagError, match=r"whole\.mcap is damaged: chunk at byte .* more than the 1000 bytes that it claims"):
+        with pytest.raises(
+            BagError,
+            match=(
+                r"whole\.mcap is damaged: chunk at byte .* more than the 1000 bytes that it claims"
+            ),
+        ):
             read(whole)
         assert read(cut) == 0
         for path in (whole, cut):
@@ -111,7 +141,9 @@ def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(compression: str
 
 @pytest.mark.parametrize("compression", ["", *PACKERS])
 @pytest.mark.parametrize("wrong", [-1, 1, LARGEST_CONTENTS])
-def test_a_claim_has_to_be_right_and_below_the_limit(compression: str, wrong: int, tmp_path: Path) -> None:
+def test_a_claim_has_to_be_right_and_below_the_limit(
+    compression: str, wrong: int, tmp_path: Path
+) -> None:
     contents = topic(b"1234")
     assert read(bag(tmp_path / "right.mcap", chunk(compression, contents, len(contents)))) == 1
     with pytest.raises(BagError, match=r"bytes that it claims|it claims .* bytes, more than"):
@@ -119,13 +151,20 @@ def test_a_claim_has_to_be_right_and_below_the_limit(compression: str, wrong: in
 
 
 @pytest.mark.parametrize("compression", PACKERS)
-def test_a_chunk_that_the_memory_has_no_room_for_is_an_error_that_names_the_file(compression: str, tmp_path: Path) -> None:
+def test_a_chunk_that_the_memory_has_no_room_for_is_an_error_that_names_the_file(
+    compression: str, tmp_path: Path
+) -> None:
     path = bag(tmp_path / "large.mcap", chunk(compression, topic(), LARGEST_CONTENTS))
-    used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    used = (
+        int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        * resource.getpagesize()
+    )
     limits = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (used + LARGEST_CONTENTS // 8, limits[1]))
     try:
-        with pytest.raises(BagError, match=r"large\.mcap: the memory has no room for the chunk at byte"):
+        with pytest.raises(
+            BagError, match=r"large\.mcap: the memory has no room for the chunk at byte"
+        ):
             read(path)
     finally:
         resource.setrlimit(resource.RLIMIT_AS, limits)
@@ -141,10 +180,15 @@ def test_chunks_in_chunks_are_passed_over(tmp_path: Path) -> None:
     assert read(path) == recover(path, tmp_path / "recovered").span.count == 1
 
 
-def test_chunks_whose_messages_all_wait_for_each_other_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_whose_messages_all_wait_for_each_other_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     contents = topic(bytes(900))
     chunks = [chunk("zstd", contents, len(contents))] * 9
     assert read(bag(tmp_path / "few.mcap", *chunks)) == 9
     monkeypatch.setattr("terrain_estimator.bags.reading.file.LARGEST_RECORD", 9000)
-    with pytest.raises(BagError, match=r"few\.mcap is damaged: more than 9000 bytes of messages are not in the order"):
+    with pytest.raises(
+        BagError,
+        match=r"few\.mcap is damaged: more than 9000 bytes of messages are not in the order",
+    ):
         read(tmp_path / "few.mcap")

@@ -12,7 +12,16 @@ from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from terrain_estimator.bags import BagError, BagReader, BagWriter, Definition, RawMessage
-from tests.terrain_estimator.bags.support import SLIP, STEP_NS, TYPES, corrupt, fill, finished_bag, killed_recording, records
+from tests.terrain_estimator.bags.support import (
+    SLIP,
+    STEP_NS,
+    TYPES,
+    corrupt,
+    fill,
+    finished_bag,
+    killed_recording,
+    records,
+)
 
 
 def read(path: Path) -> list[RawMessage]:
@@ -46,7 +55,11 @@ def test_a_killed_recording_is_read_to_its_end(killed: Path) -> None:
 
 
 def test_a_recording_cut_anywhere_keeps_every_whole_message(killed: Path, tmp_path: Path) -> None:
-    ends = [record.offset + 9 + len(record.payload) for record in records(killed) if record.opcode == Opcode.MESSAGE]
+    ends = [
+        record.offset + 9 + len(record.payload)
+        for record in records(killed)
+        if record.opcode == Opcode.MESSAGE
+    ]
     everything = read(killed)
     first_record_end = records(killed)[0].offset + 9 + len(records(killed)[0].payload)
     size = killed.stat().st_size
@@ -55,7 +68,9 @@ def test_a_recording_cut_anywhere_keeps_every_whole_message(killed: Path, tmp_pa
         assert read(cut(killed, at, tmp_path / "cut.mcap")) == everything[:whole], f"cut at {at}"
 
 
-def test_a_finished_file_cut_anywhere_is_read_as_far_as_it_goes(finished: Path, tmp_path: Path) -> None:
+def test_a_finished_file_cut_anywhere_is_read_as_far_as_it_goes(
+    finished: Path, tmp_path: Path
+) -> None:
     everything = read(finished)
     size = finished.stat().st_size
     chunk = next(record for record in records(finished) if record.opcode == Opcode.CHUNK)
@@ -70,7 +85,9 @@ def test_what_is_left_of_a_cut_chunk_is_read(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run") as writer:
         fill(writer, 1500)
     [chunk, *_] = [record for record in records(writer.path) if record.opcode == Opcode.CHUNK]
-    messages = read(cut(writer.path, chunk.offset + 9 + len(chunk.payload) - 10, tmp_path / "cut.mcap"))
+    messages = read(
+        cut(writer.path, chunk.offset + 9 + len(chunk.payload) - 10, tmp_path / "cut.mcap")
+    )
     assert len(messages) > 300
 
 
@@ -109,8 +126,12 @@ def read_or_error(path: Path) -> tuple[int, str]:
     return count, ""
 
 
-@given(fraction=st.floats(0, 1, exclude_max=True), flip=st.integers(1, 255), recording=st.booleans())
-def test_one_wrong_byte_never_crashes_the_reader(finished: Path, killed: Path, fraction: float, flip: int, *, recording: bool) -> None:
+@given(
+    fraction=st.floats(0, 1, exclude_max=True), flip=st.integers(1, 255), recording=st.booleans()
+)
+def test_one_wrong_byte_never_crashes_the_reader(
+    finished: Path, killed: Path, fraction: float, flip: int, *, recording: bool
+) -> None:
     source = killed if recording else finished
     data = bytearray(source.read_bytes())
     data[int(fraction * len(data))] ^= flip
@@ -131,7 +152,9 @@ def test_one_wrong_byte_never_crashes_the_reader(finished: Path, killed: Path, f
         (Opcode.HEADER, 4, "is damaged .UnicodeDecodeError"),
     ],
 )
-def test_a_damaged_record_is_named(finished: Path, tmp_path: Path, opcode: Opcode, at: int, words: str) -> None:
+def test_a_damaged_record_is_named(
+    finished: Path, tmp_path: Path, opcode: Opcode, at: int, words: str
+) -> None:
     damaged = Path(shutil.copy(finished, tmp_path / "damaged.mcap"))
     corrupt(damaged, opcode, at=at)
     with pytest.raises(BagError, match=words) as caught:
@@ -200,7 +223,9 @@ def test_a_damaged_metadata_yaml_is_named(tmp_path: Path, text: str, words: str)
     assert "delete it to read the .mcap files" in str(caught.value)
 
 
-@pytest.mark.parametrize(("old", "new"), [("mcap\n", "sqlite3\n"), ("compression_mode: ''", "compression_mode: FILE")])
+@pytest.mark.parametrize(
+    ("old", "new"), [("mcap\n", "sqlite3\n"), ("compression_mode: ''", "compression_mode: FILE")]
+)
 def test_another_storage_is_refused(tmp_path: Path, old: str, new: str) -> None:
     folder = finished_bag(tmp_path / "run")
     text = (folder / "metadata.yaml").read_text()
@@ -220,7 +245,10 @@ def test_a_listed_file_that_is_gone_is_named(tmp_path: Path) -> None:
 def test_a_topic_of_another_type_is_named(finished: Path) -> None:
     with BagReader(finished) as reader:
         assert reader.expect({SLIP: TYPES[SLIP], "/missing": "x/msg/Y"}) == {SLIP}
-        with pytest.raises(BagError, match="topic /wheel_slip is a msg_defs/msg/WheelSlip, expected nav_msgs/msg/Odometry"):
+        with pytest.raises(
+            BagError,
+            match="topic /wheel_slip is a msg_defs/msg/WheelSlip, expected nav_msgs/msg/Odometry",
+        ):
             reader.expect({SLIP: "nav_msgs/msg/Odometry"})
 
 
@@ -229,13 +257,20 @@ def test_bytes_that_are_not_the_message_are_named(tmp_path: Path) -> None:
         writer.write(writer.add_topic(SLIP, TYPES[SLIP]), b"\x00\x01\x00\x00short", 5)
     with BagReader(tmp_path / "run") as reader:
         [message] = reader.messages()
-        with pytest.raises(BagError, match="topic /wheel_slip at log time 5 ns: 9 bytes are not a msg_defs/msg/WheelSlip"):
+        with pytest.raises(
+            BagError,
+            match="topic /wheel_slip at log time 5 ns: 9 bytes are not a msg_defs/msg/WheelSlip",
+        ):
             reader.decode(message)
 
 
 def test_a_definition_that_contains_itself_is_named(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run") as writer:
-        writer.write(writer.add_topic("/x", "x/msg/A", definition=Definition("x/msg/A", "A inner\n", "")), b"\x00\x01\x00\x00", 5)
+        writer.write(
+            writer.add_topic("/x", "x/msg/A", definition=Definition("x/msg/A", "A inner\n", "")),
+            b"\x00\x01\x00\x00",
+            5,
+        )
     with BagReader(tmp_path / "run") as reader:
         assert reader.notes == []
         [message] = reader.messages()

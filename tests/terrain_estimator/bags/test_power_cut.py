@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is left of a recording when the power fails: all that is older than the recorder says.
 
-No disk can be cut off here, so one is modelled at its worst: a file holds after the cut what it held when its last fsync began, under
-the names that its folder had when the folder was synced last. What was only written, or only renamed, is gone.
+No disk can be cut off here, so one is modelled at its worst: a file holds after the cut what it
+held when its last fsync began, under the names that its folder had when the folder was synced last.
+What was only written, or only renamed, is gone.
 """
 
 import os
@@ -50,7 +51,9 @@ class Disk:
         """Write what would be left of a folder."""
         left.mkdir()
         with self._lock:
-            assert folder.name in self._folders[folder.parent.stat().st_ino], "the bag itself has no name yet"
+            assert folder.name in self._folders[folder.parent.stat().st_ino], (
+                "the bag itself has no name yet"
+            )
             for name, inode in self._folders.get(folder.stat().st_ino, {}).items():
                 (left / name).write_bytes(self._files.get(inode, b""))
         return left
@@ -75,8 +78,12 @@ def readable(folder: Path) -> set[int]:
         return {message.log_time_ns for message in reader.messages()}
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.1], ids=["a fast disk", "an fsync that takes longer than the interval"])
-def test_a_power_cut_costs_no_more_than_the_recorder_says(tmp_path: Path, disk: Disk, delay_s: float) -> None:
+@pytest.mark.parametrize(
+    "delay_s", [0.0, 0.1], ids=["a fast disk", "an fsync that takes longer than the interval"]
+)
+def test_a_power_cut_costs_no_more_than_the_recorder_says(
+    tmp_path: Path, disk: Disk, delay_s: float
+) -> None:
     disk.delay_s = delay_s
     folder = tmp_path / "run"
     bag = BagWriter(folder, recording=True, sync_interval_s=INTERVAL_S, split=Split(size=20_000))
@@ -91,8 +98,15 @@ def test_a_power_cut_costs_no_more_than_the_recorder_says(tmp_path: Path, disk: 
             late_s.append(bag.late_s)
             sure_ns = now_ns - round((INTERVAL_S + late_s[-1]) * 1e9)
             left = readable(disk.cut(folder, tmp_path / f"cut{cuts}"))
-            lost = [log_time for log_time, at_ns in written_ns.items() if at_ns < sure_ns and log_time not in left]
-            assert not lost, f"{len(lost)} messages, the oldest {(now_ns - lost[0]) * 1e-6:.0f} ms old, {late_s[-1] * 1e3:.0f} ms late"
+            lost = [
+                log_time
+                for log_time, at_ns in written_ns.items()
+                if at_ns < sure_ns and log_time not in left
+            ]
+            assert not lost, (
+                f"{len(lost)} messages, the oldest {(now_ns - lost[0]) * 1e-6:.0f} ms old,"
+                f" {late_s[-1] * 1e3:.0f} ms late"
+            )
             saved, cuts = max(saved, len(left)), cuts + 1
         bag.write(topic, data, now_ns)
         written_ns[now_ns] = time.monotonic_ns()
@@ -100,7 +114,9 @@ def test_a_power_cut_costs_no_more_than_the_recorder_says(tmp_path: Path, disk: 
     assert saved > 0, "something was on the disk"
     assert (max(late_s) > 0.0) or not delay_s, "a slow disk is noticed"
     bag.close()
-    assert readable(disk.cut(folder, tmp_path / "end")) == set(written_ns), "after a clean close nothing can be lost"
+    assert readable(disk.cut(folder, tmp_path / "end")) == set(written_ns), (
+        "after a clean close nothing can be lost"
+    )
     disk.close()
 
 
@@ -117,5 +133,7 @@ def test_a_file_that_is_deleted_while_it_is_recorded_is_an_error(tmp_path: Path)
             return str(error)
         return ""
 
-    assert "the file was deleted while it was written" in wait_until(refused, "the deletion is noticed")
+    assert "the file was deleted while it was written" in wait_until(
+        refused, "the deletion is noticed"
+    )
     bag.abandon()

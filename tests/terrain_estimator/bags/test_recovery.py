@@ -11,10 +11,26 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
-from terrain_estimator.bags import BagError, BagReader, BagWriter, RawMessage, Recovery, Split, recover
+from terrain_estimator.bags import (
+    BagError,
+    BagReader,
+    BagWriter,
+    RawMessage,
+    Recovery,
+    Split,
+    recover,
+)
 from terrain_estimator.bags.reading.records import HEAD
 from terrain_estimator.cli.recover_bag import main, report
-from tests.terrain_estimator.bags.support import SLIP, TYPES, corrupt, fill, finished_bag, killed_recording, records
+from tests.terrain_estimator.bags.support import (
+    SLIP,
+    TYPES,
+    corrupt,
+    fill,
+    finished_bag,
+    killed_recording,
+    records,
+)
 
 STEPS = 40
 TOTAL = 3 * STEPS
@@ -57,19 +73,29 @@ def recovered(file: Path, data: bytes, target: Path) -> tuple[Recovery, list[Raw
 
 def message_records(path: Path) -> list[tuple[int, int]]:
     """First byte and first byte behind every message of a recording."""
-    found = [(each.offset, each.offset + HEAD.size + len(each.payload)) for each in records(path) if each.opcode == Opcode.MESSAGE]
+    found = [
+        (each.offset, each.offset + HEAD.size + len(each.payload))
+        for each in records(path)
+        if each.opcode == Opcode.MESSAGE
+    ]
     assert len(found) == TOTAL
     return found
 
 
-def test_a_recording_cut_anywhere_is_whole_again_up_to_the_cut(killed: Path, everything: list[RawMessage], tmp_path: Path) -> None:
+def test_a_recording_cut_anywhere_is_whole_again_up_to_the_cut(
+    killed: Path, everything: list[RawMessage], tmp_path: Path
+) -> None:
     data, places = killed.read_bytes(), message_records(killed)
-    for index, at in enumerate([*range(places[0][0] - 60, len(data), 997), places[50][1], places[50][1] + 4, len(data)]):
+    for index, at in enumerate(
+        [*range(places[0][0] - 60, len(data), 997), places[50][1], places[50][1] + 4, len(data)]
+    ):
         recovery, messages = recovered(tmp_path / "run.mcap", data[:at], tmp_path / f"cut{index}")
         whole = sum(end <= at for _, end in places)
         assert messages == everything[:whole], f"cut at {at}"
         assert recovery.expected is None
-        assert recovery.lost == (1 if any(start + HEAD.size <= at < end for start, end in places) else 0), f"cut at {at}"
+        assert recovery.lost == (
+            1 if any(start + HEAD.size <= at < end for start, end in places) else 0
+        ), f"cut at {at}"
 
 
 def test_the_new_bag_is_a_bag_for_others(killed: Path, tmp_path: Path) -> None:
@@ -78,14 +104,18 @@ def test_the_new_bag_is_a_bag_for_others(killed: Path, tmp_path: Path) -> None:
     with AnyReader([tmp_path / "new"]) as reader:
         assert reader.message_count == TOTAL
         assert {connection.topic: connection.msgtype for connection in reader.connections} == TYPES
-        assert {connection.ext.offered_qos_profiles[0].depth for connection in reader.connections} == {50}
+        assert {
+            connection.ext.offered_qos_profiles[0].depth for connection in reader.connections
+        } == {50}
     with BagReader(tmp_path / "new") as ours, BagReader(killed) as theirs:
         assert ours.topics == theirs.topics
         assert ours.metadata["recover_bag"]["file"] == "run_0.mcap"
 
 
 @pytest.mark.parametrize("filling", [b"\0", b"\x05\x01"], ids=["zeros", "what looks like records"])
-def test_messages_behind_a_damaged_stretch_are_found(killed: Path, everything: list[RawMessage], tmp_path: Path, filling: bytes) -> None:
+def test_messages_behind_a_damaged_stretch_are_found(
+    killed: Path, everything: list[RawMessage], tmp_path: Path, filling: bytes
+) -> None:
     data, places = bytearray(killed.read_bytes()), message_records(killed)
     start, end = places[30][0], places[49][1]
     data[start:end] = (filling * (end - start))[: end - start]
@@ -94,13 +124,17 @@ def test_messages_behind_a_damaged_stretch_are_found(killed: Path, everything: l
     assert (recovery.gaps, recovery.lost, recovery.damage.passed_over) == (20, 20, end - start)
 
 
-def test_a_damaged_length_costs_one_message(killed: Path, everything: list[RawMessage], tmp_path: Path) -> None:
+def test_a_damaged_length_costs_one_message(
+    killed: Path, everything: list[RawMessage], tmp_path: Path
+) -> None:
     places = message_records(killed)
     for wrong, length in enumerate([5, 500, 10**6, 2**60]):
         data = bytearray(killed.read_bytes())
         data[places[10][0] + 1 : places[10][0] + HEAD.size] = length.to_bytes(8, "little")
         recovery, messages = recovered(tmp_path / "run.mcap", bytes(data), tmp_path / f"new{wrong}")
-        assert [each for each in messages if each in everything] == everything[:10] + everything[11:]
+        assert [each for each in messages if each in everything] == everything[:10] + everything[
+            11:
+        ]
         assert recovery.gaps <= 1
 
 
@@ -111,8 +145,17 @@ def test_a_damaged_chunk_is_left_out_and_its_messages_are_counted(tmp_path: Path
     with pytest.raises(BagError, match="chunk at byte"):
         read(tmp_path / "run")
     recovery = recover(tmp_path / "run", tmp_path / "new")
-    assert (recovery.span.count, recovery.lost, recovery.expected, recovery.damage.chunks) == (TOTAL - 30, 30, TOTAL, 1)
-    assert [file.name for file in sorted((tmp_path / "new").glob("*.mcap"))] == ["run_0.mcap", "run_2.mcap", "run_3.mcap"]
+    assert (recovery.span.count, recovery.lost, recovery.expected, recovery.damage.chunks) == (
+        TOTAL - 30,
+        30,
+        TOTAL,
+        1,
+    )
+    assert [file.name for file in sorted((tmp_path / "new").glob("*.mcap"))] == [
+        "run_0.mcap",
+        "run_2.mcap",
+        "run_3.mcap",
+    ]
     (tmp_path / "run/metadata.yaml").unlink()
     assert recover(tmp_path / "run", tmp_path / "again").lost == 30, "sequence numbers tell it too"
 
@@ -129,8 +172,12 @@ def test_the_parts_of_a_recording_that_a_power_cut_ended_are_recovered(tmp_path:
     assert len(read(tmp_path / "new")) == TOTAL - 1
 
 
-def test_a_cut_file_that_others_follow_is_counted_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("terrain_estimator.bags.writing.writer.compact", lambda *_: None)  # as a power cut before it leaves the file
+def test_a_cut_file_that_others_follow_is_counted_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "terrain_estimator.bags.writing.writer.compact", lambda *_: None
+    )  # as a power cut before it leaves the file
     writer = BagWriter(tmp_path / "run", recording=True, split=Split(duration_s=1.0))
     fill(writer, STEPS)
     writer.abandon()
@@ -138,7 +185,13 @@ def test_a_cut_file_that_others_follow_is_counted_once(tmp_path: Path, monkeypat
     last_message = [record for record in records(first) if record.opcode == Opcode.MESSAGE][-1]
     first.write_bytes(first.read_bytes()[: last_message.offset + 20])
     recovery = recover(tmp_path / "run", tmp_path / "new")
-    assert (recovery.span.count, recovery.damage.torn, recovery.gaps, recovery.lost, recovery.expected) == (TOTAL - 1, 1, 1, 1, None)
+    assert (
+        recovery.span.count,
+        recovery.damage.torn,
+        recovery.gaps,
+        recovery.lost,
+        recovery.expected,
+    ) == (TOTAL - 1, 1, 1, 1, None)
 
 
 def test_garbage_in_a_chunk_is_passed_over(tmp_path: Path) -> None:
@@ -146,20 +199,36 @@ def test_garbage_in_a_chunk_is_passed_over(tmp_path: Path) -> None:
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
         writer.start(profile="ros2")
-        channel = writer.register_channel("/x", "cdr", writer.register_schema("x/msg/X", "ros2msg", b"uint8 x"))
+        channel = writer.register_channel(
+            "/x", "cdr", writer.register_schema("x/msg/X", "ros2msg", b"uint8 x")
+        )
         for number in range(10):
             writer.add_message(channel, number, b"\x07" * 30, number, number)
         writer.finish()
     data = path.read_bytes()
     at = data.index(b"\x07" * 30)
-    recovery = recovered(path, data[: at + 30] + b"\xc8" + data[at + 31 :], tmp_path / "new")[0]  # an opcode that there is not
+    recovery = recovered(path, data[: at + 30] + b"\xc8" + data[at + 31 :], tmp_path / "new")[
+        0
+    ]  # an opcode that there is not
     assert (recovery.span.count, recovery.lost) == (9, 1)
 
 
 @settings(max_examples=50, deadline=None)
-@given(at=st.floats(0, 1, exclude_max=True), length=st.integers(1, 3000), byte=st.integers(0, 255), use_finished=st.booleans())
+@given(
+    at=st.floats(0, 1, exclude_max=True),
+    length=st.integers(1, 3000),
+    byte=st.integers(0, 255),
+    use_finished=st.booleans(),
+)
 def test_no_damage_costs_more_than_what_it_hits(
-    tmp_path_factory: pytest.TempPathFactory, killed: Path, finished: Path, at: float, length: int, byte: int, *, use_finished: bool
+    tmp_path_factory: pytest.TempPathFactory,
+    killed: Path,
+    finished: Path,
+    at: float,
+    length: int,
+    byte: int,
+    *,
+    use_finished: bool,
 ) -> None:
     source = finished if use_finished else killed
     data = bytearray(source.read_bytes())
@@ -168,8 +237,14 @@ def test_no_damage_costs_more_than_what_it_hits(
     folder = tmp_path_factory.mktemp("damaged")
     recovery, messages = recovered(folder / "run.mcap", bytes(data), folder / "new")
     assert len(messages) <= TOTAL
-    if not use_finished and start >= message_records(killed)[0][0]:  # with the descriptions of its topics
-        unhurt = [each for each, place in zip(read(killed), message_records(killed), strict=True) if not hits(place, start, length)]
+    if (
+        not use_finished and start >= message_records(killed)[0][0]
+    ):  # with the descriptions of its topics
+        unhurt = [
+            each
+            for each, place in zip(read(killed), message_records(killed), strict=True)
+            if not hits(place, start, length)
+        ]
         assert [each for each in messages if each in unhurt] == unhurt
     if recovery.expected is not None:
         assert recovery.expected == TOTAL
@@ -179,13 +254,18 @@ def hits(place: tuple[int, int], start: int, length: int) -> bool:
     return start < place[1] and place[0] < start + length
 
 
-def test_it_says_what_was_recovered_and_lost(killed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_says_what_was_recovered_and_lost(
+    killed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = tmp_path / "run"
     bag.mkdir()
     (bag / "run_0.mcap").write_bytes(killed.read_bytes()[:-20])
     assert main([str(bag)]) == 0
     said = capsys.readouterr().out
-    assert f"{tmp_path / 'run_recovered'}: {TOTAL - 1} messages in 3.900 s recovered, 1 lost before the last one; nothing tells" in said
+    assert (
+        f"{tmp_path / 'run_recovered'}: {TOTAL - 1} messages in 3.900 s recovered, 1 lost before"
+        " the last one; nothing tells" in said
+    )
     assert main([str(bag)]) == 2
     assert "run_recovered exists already" in capsys.readouterr().err
     assert main([str(bag), "--replace", "--out", str(tmp_path / "other")]) == 0
@@ -197,7 +277,9 @@ def test_it_says_what_was_recovered_and_lost(killed: Path, tmp_path: Path, capsy
 
 
 @pytest.mark.parametrize("content", [b"", b"not a bag", b"\x89MCAP0\r\n", bytes(1000)])
-def test_where_nothing_is_left_no_bag_is_made(tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+def test_where_nothing_is_left_no_bag_is_made(
+    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "run.mcap").write_bytes(content)
     assert main([str(tmp_path / "run.mcap")]) == 1
     assert "no message is left" in capsys.readouterr().out

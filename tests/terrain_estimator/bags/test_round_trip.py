@@ -14,7 +14,16 @@ from rosbags.highlevel import AnyReader
 
 from terrain_estimator.bags import STATE, BagError, BagReader, BagWriter, Qos
 from terrain_estimator.bags.writing.compaction import TEMPORARY_SUFFIX
-from tests.terrain_estimator.bags.support import ODOM, SINKAGE, SLIP, STEP_NS, TYPES, WHEELS, fill, finished_bag
+from tests.terrain_estimator.bags.support import (
+    ODOM,
+    SINKAGE,
+    SLIP,
+    STEP_NS,
+    TYPES,
+    WHEELS,
+    fill,
+    finished_bag,
+)
 
 # Keys of BagMetadata, TopicMetadata and FileInformation in rosbag2_storage/yaml.hpp of ROS 2 Jazzy.
 BAG_KEYS = {
@@ -31,7 +40,13 @@ BAG_KEYS = {
     "custom_data",
     "ros_distro",
 }
-TOPIC_KEYS = {"name", "type", "serialization_format", "offered_qos_profiles", "type_description_hash"}
+TOPIC_KEYS = {
+    "name",
+    "type",
+    "serialization_format",
+    "offered_qos_profiles",
+    "type_description_hash",
+}
 FILE_KEYS = {"path", "starting_time", "duration", "message_count"}
 QOS_KEYS = {
     "history",
@@ -51,7 +66,9 @@ def metadata_of(folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("recording", [False, True], ids=["offline", "recorded"])
-def test_every_message_comes_back_in_order_with_its_times(tmp_path: Path, *, recording: bool) -> None:
+def test_every_message_comes_back_in_order_with_its_times(
+    tmp_path: Path, *, recording: bool
+) -> None:
     with BagWriter(tmp_path / "run", recording=recording) as writer:
         fill(writer, 30)
     with BagReader(tmp_path / "run") as reader:
@@ -59,7 +76,9 @@ def test_every_message_comes_back_in_order_with_its_times(tmp_path: Path, *, rec
         slips = [reader.decode(message) for message in messages if message.topic == SLIP]
     assert [message.topic for message in messages] == [SLIP, SINKAGE, ODOM] * 30
     assert [message.type_name for message in messages[:3]] == list(TYPES.values())
-    assert [message.log_time_ns for message in messages[::3]] == [(step + 1) * STEP_NS for step in range(30)]
+    assert [message.log_time_ns for message in messages[::3]] == [
+        (step + 1) * STEP_NS for step in range(30)
+    ]
     assert all(message.publish_time_ns == message.log_time_ns - 1000 for message in messages)
     assert [slip.sequence for slip in slips] == list(range(30))
     assert slips[12].wheel == WHEELS
@@ -74,7 +93,11 @@ def test_a_finished_bag_says_what_is_in_it(tmp_path: Path) -> None:
         assert {name: (topic.type_name, topic.count) for name, topic in reader.topics.items()} == {
             name: (kind, 20) for name, kind in TYPES.items()
         }
-        assert (reader.span.first_ns, reader.span.last_ns, reader.span.count) == (STEP_NS, 20 * STEP_NS, 60)
+        assert (reader.span.first_ns, reader.span.last_ns, reader.span.count) == (
+            STEP_NS,
+            20 * STEP_NS,
+            60,
+        )
         assert reader.metadata == {"model": {"sha256": "abc"}}
         assert reader.custom == {"seed": "7"}
 
@@ -99,7 +122,9 @@ def test_a_recording_is_compressed_on_a_clean_close(tmp_path: Path) -> None:
     assert sorted(path.name for path in writer.folder.iterdir()) == ["metadata.yaml", "run_0.mcap"]
 
 
-def test_a_crash_while_compacting_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crash_while_compacting_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class CrashError(BaseException):
         pass
 
@@ -118,7 +143,9 @@ def test_a_crash_while_compacting_loses_nothing(tmp_path: Path, monkeypatch: pyt
         assert sum(1 for _ in reader.messages()) == 90
 
 
-def test_a_full_disk_while_compacting_keeps_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_while_compacting_keeps_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(path: Path, _: object) -> None:
         raise OSError(28, "No space left on device", str(path))
 
@@ -143,7 +170,11 @@ def test_metadata_yaml_has_every_field_of_version_9(tmp_path: Path) -> None:
     topics = fields["topics_with_message_count"]
     assert isinstance(topics, list)
     assert all(set(topic["topic_metadata"]) == TOPIC_KEYS for topic in topics)
-    assert all(set(profile) == QOS_KEYS for topic in topics for profile in topic["topic_metadata"]["offered_qos_profiles"])
+    assert all(
+        set(profile) == QOS_KEYS
+        for topic in topics
+        for profile in topic["topic_metadata"]["offered_qos_profiles"]
+    )
     assert [topic["message_count"] for topic in topics] == [20, 20, 20]
     assert isinstance(fields["files"], list)
     assert all(set(file) == FILE_KEYS for file in fields["files"])
@@ -152,18 +183,24 @@ def test_metadata_yaml_has_every_field_of_version_9(tmp_path: Path) -> None:
 def test_the_file_carries_rosbag2s_own_copy_of_the_metadata(tmp_path: Path) -> None:
     folder = finished_bag(tmp_path / "run")
     with (folder / "run_0.mcap").open("rb") as file:
-        copies = [record.metadata for record in make_reader(file).iter_metadata() if record.name == "rosbag2"]
+        copies = [
+            record.metadata
+            for record in make_reader(file).iter_metadata()
+            if record.name == "rosbag2"
+        ]
     assert [yaml.safe_load(copy["serialized_metadata"]) for copy in copies] == [metadata_of(folder)]
 
 
 def test_type_hashes_are_those_of_the_installed_interfaces(tmp_path: Path) -> None:
-    from ament_index_python.packages import get_package_share_directory  # noqa: PLC0415 (only this test asks ament)
+    from ament_index_python.packages import get_package_share_directory  # noqa: PLC0415
 
     finished_bag(tmp_path / "run")
     with BagReader(tmp_path / "run") as reader:
         for topic in reader.topics.values():
             package, _, name = topic.type_name.split("/")
-            description = Path(get_package_share_directory(package), "msg", f"{name}.json").read_text()
+            description = Path(
+                get_package_share_directory(package), "msg", f"{name}.json"
+            ).read_text()
             assert topic.definition is not None
             assert f'"{topic.definition.type_hash}"' in description
 
@@ -191,7 +228,9 @@ def test_rosbags_opens_the_folder(tmp_path: Path, *, recording: bool) -> None:
 
 
 @pytest.mark.parametrize("recording", [False, True], ids=["offline", "recorded"])
-def test_mcaps_own_reader_and_ros2_decoder_open_the_file(tmp_path: Path, *, recording: bool) -> None:
+def test_mcaps_own_reader_and_ros2_decoder_open_the_file(
+    tmp_path: Path, *, recording: bool
+) -> None:
     with BagWriter(tmp_path / "run", recording=recording) as writer:
         fill(writer, 20)
     with writer.path.open("rb") as file:
@@ -206,7 +245,9 @@ def test_quality_of_service_is_stored_by_its_names(tmp_path: Path) -> None:
         writer.add_topic("/state", TYPES[SLIP], qos=(STATE,))
         writer.add_topic("/sensor", TYPES[SLIP], qos=(Qos(reliability="best_effort"),))
     with BagReader(tmp_path / "run") as reader:
-        state, sensor = (yaml.safe_load(reader.topics[name].qos_text)[0] for name in ("/state", "/sensor"))
+        state, sensor = (
+            yaml.safe_load(reader.topics[name].qos_text)[0] for name in ("/state", "/sensor")
+        )
     assert (state["durability"], state["reliability"]) == ("transient_local", "reliable")
     assert (sensor["durability"], sensor["reliability"]) == ("volatile", "best_effort")
 
@@ -228,7 +269,9 @@ def test_messages_out_of_order_come_back_by_log_time(tmp_path: Path) -> None:
         writer = BagWriter(folder, recording=recording)
         topic = writer.add_topic("/wheel_slip", TYPES[SLIP])
         data = writer.types.serialize(writer.types.make(TYPES[SLIP], wheel=["x" * 400]))
-        times = np.arange(8000) + rng.integers(0, 300, 8000)  # several chunks, each overlapping the next
+        times = np.arange(8000) + rng.integers(
+            0, 300, 8000
+        )  # several chunks, each overlapping the next
         for time in times:
             writer.write(topic, data, int(time))
         if recording:
@@ -261,7 +304,9 @@ def test_old_messages_are_read_by_the_definition_in_the_bag(tmp_path: Path) -> N
     with BagWriter(tmp_path / "run") as writer:
         topic = writer.add_topic("/wheel_slip", old.type_name, definition=old)
         writer.types.add(old)
-        writer.write_message(topic, writer.types.make(old.type_name, slip=[math.nan, 0.25], note="before"), 1)
+        writer.write_message(
+            topic, writer.types.make(old.type_name, slip=[math.nan, 0.25], note="before"), 1
+        )
     with BagReader(tmp_path / "run") as reader:
         [message] = [reader.decode(raw) for raw in reader.messages()]
         assert (message.slip[1], message.note) == (0.25, "before")

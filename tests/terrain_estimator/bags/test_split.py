@@ -33,7 +33,9 @@ def steps_of(folder: Path) -> list[int]:
         return [reader.decode(message).sequence for message in reader.messages([SLIP])]
 
 
-@pytest.mark.parametrize("split", [Split(duration_s=1.2), Split(size=15_000)], ids=["duration", "size"])
+@pytest.mark.parametrize(
+    "split", [Split(duration_s=1.2), Split(size=15_000)], ids=["duration", "size"]
+)
 def test_the_files_are_one_run_for_every_reader(tmp_path: Path, split: Split) -> None:
     folder = tmp_path / "run"
     split_recording(folder, split).close()
@@ -43,19 +45,30 @@ def test_the_files_are_one_run_for_every_reader(tmp_path: Path, split: Split) ->
     assert steps_of(folder) == list(range(STEPS))
     fields = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert fields["relative_file_paths"] == [file["path"] for file in fields["files"]] == names
-    assert sum(file["message_count"] for file in fields["files"]) == fields["message_count"] == 3 * STEPS
+    assert (
+        sum(file["message_count"] for file in fields["files"])
+        == fields["message_count"]
+        == 3 * STEPS
+    )
     starts = [file["starting_time"]["nanoseconds_since_epoch"] for file in fields["files"]]
     assert starts == sorted(starts)
     assert fields["duration"]["nanoseconds"] == (STEPS - 1) * STEP_NS
     with AnyReader([folder]) as others:
         assert others.message_count == 3 * STEPS
-        assert [time for connection, time, _ in others.messages() if connection.topic == ODOM] == [(k + 1) * STEP_NS for k in range(STEPS)]
+        assert [time for connection, time, _ in others.messages() if connection.topic == ODOM] == [
+            (k + 1) * STEP_NS for k in range(STEPS)
+        ]
     decoded = []
     for file in files(folder):
         with file.open("rb") as stream:
             reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-            decoded += [entry.decoded_message.sequence for entry in reader.iter_decoded_messages(topics=[SLIP])]
-            own = [record.metadata for record in reader.iter_metadata() if record.name == "recorder"]
+            decoded += [
+                entry.decoded_message.sequence
+                for entry in reader.iter_decoded_messages(topics=[SLIP])
+            ]
+            own = [
+                record.metadata for record in reader.iter_metadata() if record.name == "recorder"
+            ]
         assert own == [{"seed": "7"}]
     assert decoded == list(range(STEPS))
 
@@ -78,7 +91,10 @@ def test_a_topic_that_appears_late_is_in_the_files_from_then_on(tmp_path: Path) 
         for step in range(10, 20):
             bag.write(late, data, step * STEP_NS)
     with BagReader(tmp_path / "run") as reader:
-        assert {name: topic.count for name, topic in reader.topics.items()} == {"/early": 10, "/late": 10}
+        assert {name: topic.count for name, topic in reader.topics.items()} == {
+            "/early": 10,
+            "/late": 10,
+        }
 
 
 def test_a_kill_leaves_whole_files_and_one_without_a_footer(tmp_path: Path) -> None:
@@ -90,7 +106,9 @@ def test_a_kill_leaves_whole_files_and_one_without_a_footer(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("content", [b"", bytes(4096)], ids=["empty", "zeros"])
-def test_a_last_file_that_a_power_cut_left_empty_does_not_hide_the_others(tmp_path: Path, content: bytes) -> None:
+def test_a_last_file_that_a_power_cut_left_empty_does_not_hide_the_others(
+    tmp_path: Path, content: bytes
+) -> None:
     split_recording(tmp_path / "run", Split(duration_s=1.2)).abandon()
     (tmp_path / "run/run_5.mcap").write_bytes(content)
     assert steps_of(tmp_path / "run") == list(range(STEPS))
@@ -99,7 +117,9 @@ def test_a_last_file_that_a_power_cut_left_empty_does_not_hide_the_others(tmp_pa
         assert "this last file of an unfinished bag is left out" in reader.notes[1]
 
 
-def test_a_disk_that_is_full_at_a_split_keeps_all_files_and_leaves_no_empty_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_full_at_a_split_keeps_all_files_and_leaves_no_empty_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bag = BagWriter(tmp_path / "run", recording=True, split=Split(duration_s=0.5))
     topic = bag.add_topic("/slip", TYPES[SLIP])
     data = bag.types.serialize(bag.types.make(TYPES[SLIP]))
@@ -118,7 +138,9 @@ def test_a_disk_that_is_full_at_a_split_keeps_all_files_and_leaves_no_empty_one(
         assert (reader.finished, reader.span.count) == (True, 5)
 
 
-def test_compressing_a_file_does_not_hold_up_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compressing_a_file_does_not_hold_up_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     go_on = threading.Event()
 
     def slow(path: Path, _: object) -> None:
@@ -126,7 +148,9 @@ def test_compressing_a_file_does_not_hold_up_the_recording(tmp_path: Path, monke
         raise ValueError(f"whatever happens to {path}")
 
     monkeypatch.setattr(writer, "compact", slow)
-    bag = split_recording(tmp_path / "run", Split(duration_s=1.2))  # returns although nothing can be compressed yet
+    bag = split_recording(
+        tmp_path / "run", Split(duration_s=1.2)
+    )  # returns although nothing can be compressed yet
     assert bag.span.count == 3 * STEPS
     go_on.set()
     bag.close()
@@ -140,7 +164,9 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
         BagWriter(tmp_path / "file/run")
 
 
-def test_a_bag_that_cannot_be_begun_leaves_nothing_in_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bag_that_cannot_be_begun_leaves_nothing_in_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 

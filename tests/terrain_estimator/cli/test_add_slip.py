@@ -21,14 +21,21 @@ VISUAL = "visual_odometry"
 STEPS = 80
 
 
-def bag_without_slip(folder: Path, namespace: str = "", more: tuple[str, ...] = (), frame: str = "base_link") -> Path:
+def bag_without_slip(
+    folder: Path, namespace: str = "", more: tuple[str, ...] = (), frame: str = "base_link"
+) -> Path:
     """A drive whose velocity comes twice, as of two sensors."""
     types = Types()
-    kinds = {name: kind for name, kind in INPUT_TYPES.items() if name != "wheel_slip" or name in more} | {VISUAL: INPUT_TYPES["odom"]}
+    kinds = {
+        name: kind for name, kind in INPUT_TYPES.items() if name != "wheel_slip" or name in more
+    } | {VISUAL: INPUT_TYPES["odom"]}
     with BagWriter(folder) as writer:
         writer.add_metadata("field", {"day": "monday"})
         topics = {
-            name: writer.add_topic(f"{namespace}/{name}", kind, qos=(STATE,) if name == "imu" else (Qos(),)) for name, kind in kinds.items()
+            name: writer.add_topic(
+                f"{namespace}/{name}", kind, qos=(STATE,) if name == "imu" else (Qos(),)
+            )
+            for name, kind in kinds.items()
         }
         for name, stamp, message in drive_messages(types.make, 0.1 * STEPS):
             if name == "odom":
@@ -47,7 +54,11 @@ def run(bag: Path, *arguments: str) -> int:
 def contents(folder: Path, topic: str = "") -> list[Any]:
     """Topic, time and bytes of all messages but one topic's."""
     with BagReader(folder) as reader:
-        return [(raw.topic, raw.log_time_ns, raw.data) for raw in reader.messages() if raw.topic != topic]
+        return [
+            (raw.topic, raw.log_time_ns, raw.data)
+            for raw in reader.messages()
+            if raw.topic != topic
+        ]
 
 
 def test_the_slip_is_that_of_slip_source_the_rest_is_copied_and_the_new_bag_replays(
@@ -63,17 +74,30 @@ def test_the_slip_is_that_of_slip_source_the_rest_is_copied_and_the_new_bag_repl
     assert contents(out, "/wheel_slip") == contents(bag)
     source, types = SlipSource(load_rover("mars_rover"), SlipSourceConfig()), Types()
     names = {JOINTS: JOINTS, "odom": VELOCITY}
-    events = [(names[name], message) for name, _, message in drive_messages(types.make, 0.1 * STEPS) if name in names]
-    expected = [source.slip_message(pair, types.make) for event in events for pair in source.pair(*event)]
+    events = [
+        (names[name], message)
+        for name, _, message in drive_messages(types.make, 0.1 * STEPS)
+        if name in names
+    ]
+    expected = [
+        source.slip_message(pair, types.make) for event in events for pair in source.pair(*event)
+    ]
     with BagReader(out) as reader:
         found = [reader.decode(raw) for raw in reader.messages(["/wheel_slip"])]
         assert reader.metadata["field"] == {"day": "monday"}
-        assert json.loads(reader.metadata["add_slip"]["configuration"])["velocity_type"] == "odometry"
+        assert (
+            json.loads(reader.metadata["add_slip"]["configuration"])["velocity_type"] == "odometry"
+        )
         assert parse_qos(reader.topics["/imu"].qos_text) == (STATE,)
     assert [each.sequence for each in found] == list(range(STEPS))
     for each, wanted in zip(found, expected, strict=True):
-        assert (each.header.stamp.sec, each.header.stamp.nanosec) == (wanted.header.stamp.sec, wanted.header.stamp.nanosec)
-        np.testing.assert_array_equal([each.slip, each.slip_stddev], [wanted.slip, wanted.slip_stddev])
+        assert (each.header.stamp.sec, each.header.stamp.nanosec) == (
+            wanted.header.stamp.sec,
+            wanted.header.stamp.nanosec,
+        )
+        np.testing.assert_array_equal(
+            [each.slip, each.slip_stddev], [wanted.slip, wanted.slip_stddev]
+        )
     assert replay.main([str(out), "--out", str(tmp_path / "estimates")]) == 0
     summary = json.loads((tmp_path / "estimates/summary.json").read_text())["bags"][0]
     assert summary["estimates"] == STEPS
@@ -83,9 +107,27 @@ def test_the_slip_is_that_of_slip_source_the_rest_is_copied_and_the_new_bag_repl
 def test_a_namespace_and_the_parameters_of_the_node_are_taken(tmp_path: Path) -> None:
     bag = bag_without_slip(tmp_path / "drive", "/rover1")
     file = tmp_path / "slip.yaml"
-    file.write_text("/rover1/slip_source:\n  ros__parameters:\n    radius_deviation: 0.2\n", encoding="utf-8")
-    for name, parameters in {"plain": [], "file": ["--params-file", str(file)], "option": ["-p", "radius_deviation:=0.2"]}.items():
-        assert run(bag, "--velocity", VISUAL, "--namespace", "rover1", "--out", str(tmp_path / name), *parameters) == 0
+    file.write_text(
+        "/rover1/slip_source:\n  ros__parameters:\n    radius_deviation: 0.2\n", encoding="utf-8"
+    )
+    for name, parameters in {
+        "plain": [],
+        "file": ["--params-file", str(file)],
+        "option": ["-p", "radius_deviation:=0.2"],
+    }.items():
+        assert (
+            run(
+                bag,
+                "--velocity",
+                VISUAL,
+                "--namespace",
+                "rover1",
+                "--out",
+                str(tmp_path / name),
+                *parameters,
+            )
+            == 0
+        )
     plain, by_file, by_option = (contents(tmp_path / name) for name in ("plain", "file", "option"))
     assert plain != by_file == by_option
     assert {topic for topic, *_ in plain} >= {"/rover1/wheel_slip"}
@@ -95,21 +137,39 @@ def test_a_namespace_and_the_parameters_of_the_node_are_taken(tmp_path: Path) ->
     ("more", "frame", "arguments", "words"),
     [
         ((), "base_link", ["--velocity", "radar"], "has no topic /radar; it has /imu"),
-        ((), "base_link", ["--velocity", "imu"], "topic /imu is a sensor_msgs/msg/Imu, and no velocity: give one of nav_msgs"),
-        ((), "base_link", ["--velocity", VISUAL, "--joint-states", "odom"], "topic /odom is a nav_msgs/msg/Odometry, expected sensor_msgs"),
+        (
+            (),
+            "base_link",
+            ["--velocity", "imu"],
+            "topic /imu is a sensor_msgs/msg/Imu, and no velocity: give one of nav_msgs",
+        ),
+        (
+            (),
+            "base_link",
+            ["--velocity", VISUAL, "--joint-states", "odom"],
+            "topic /odom is a nav_msgs/msg/Odometry, expected sensor_msgs",
+        ),
         (("wheel_slip",), "base_link", ["--velocity", VISUAL], "has a topic /wheel_slip already"),
         (
             (),
             "camera",
             ["--velocity", VISUAL],
-            "0 slips of 80 joint_states, 80 pairs refused: velocity (child_frame_id) is in frame 'camera'",
+            (
+                "0 slips of 80 joint_states, 80 pairs refused: velocity (child_frame_id) is in"
+                " frame 'camera'"
+            ),
         ),
         ((), "base_link", ["--velocity", VISUAL, "-p", "rover:=none"], "none"),
         ((), "base_link", ["--velocity", VISUAL, "-p", "radius:=1"], "radius"),
     ],
 )
 def test_what_is_wrong_is_named_and_no_bag_is_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], frame: str, arguments: list[str], words: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    more: tuple[str, ...],
+    frame: str,
+    arguments: list[str],
+    words: str,
 ) -> None:
     bag = bag_without_slip(tmp_path / "drive", more=more, frame=frame)
     assert run(bag, *arguments) == 2
@@ -117,7 +177,9 @@ def test_what_is_wrong_is_named_and_no_bag_is_left(
     assert [each.name for each in tmp_path.iterdir()] == ["drive"]
 
 
-def test_a_velocity_that_is_also_the_estimators_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_velocity_that_is_also_the_estimators_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = bag_without_slip(tmp_path / "drive")
     assert run(bag, "--velocity", "odom") == 0
     assert "warning: velocity comes from the estimator's own input odom" in capsys.readouterr().err

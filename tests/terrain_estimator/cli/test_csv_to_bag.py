@@ -43,7 +43,12 @@ def mapping(**changes: Any) -> dict[str, Any]:
         "wheel_rate": {"unit": "rpm"},
         "torque": {"unit": "N cm", "noise": {"relative": 0.03, "absolute": 10.0}},
         "velocity": {"column": "v", "unit": "mm/s", "noise": {"absolute": 2.0}},
-        "pitch": {"column": "p", "unit": "deg", "positive": "nose_down", "noise": {"absolute": 0.5}},
+        "pitch": {
+            "column": "p",
+            "unit": "deg",
+            "positive": "nose_down",
+            "noise": {"absolute": 0.5},
+        },
         "acceleration": {"column": "a", "unit": "g", "noise": {"absolute": 0.01}},
     }
     return {key: value for key, value in {**whole, **changes}.items() if value is not None}
@@ -52,8 +57,18 @@ def mapping(**changes: Any) -> dict[str, Any]:
 def run(folder: Path, content: dict[str, Any], lines: list[str] | None = None) -> int:
     """Run csv_to_bag on files in a folder; the bag is folder/bag."""
     (folder / "map.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
-    (folder / "data.csv").write_text("\n".join([HEADER, *ROWS] if lines is None else lines), encoding="utf-8")
-    return main([str(folder / "data.csv"), "--mapping", str(folder / "map.yaml"), "--out", str(folder / "bag")])
+    (folder / "data.csv").write_text(
+        "\n".join([HEADER, *ROWS] if lines is None else lines), encoding="utf-8"
+    )
+    return main(
+        [
+            str(folder / "data.csv"),
+            "--mapping",
+            str(folder / "map.yaml"),
+            "--out",
+            str(folder / "bag"),
+        ]
+    )
 
 
 def messages(folder: Path, topic: str) -> list[Any]:
@@ -65,14 +80,23 @@ def test_every_signal_arrives_in_si_units(tmp_path: Path) -> None:
     assert run(tmp_path, mapping()) == 0
     bag = tmp_path / "bag"
     slip, sinkage, odom, joints, imu = (
-        messages(bag, f"/{name}")[0] for name in ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
+        messages(bag, f"/{name}")[0]
+        for name in ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
     )
-    assert (slip.header.stamp.sec, slip.header.stamp.nanosec, slip.header.frame_id) == (0, 500_000_000, "base_link")
+    assert (slip.header.stamp.sec, slip.header.stamp.nanosec, slip.header.frame_id) == (
+        0,
+        500_000_000,
+        "base_link",
+    )
     assert slip.wheel == ["front", "rear"]
     np.testing.assert_allclose(slip.slip, [0.1, -0.25])  # driving as it is, braking -0.2 / 0.8
-    np.testing.assert_allclose(slip.slip_stddev, [math.hypot(0.005, 0.01), math.hypot(0.01, 0.01) / 0.8**2])
+    np.testing.assert_allclose(
+        slip.slip_stddev, [math.hypot(0.005, 0.01), math.hypot(0.01, 0.01) / 0.8**2]
+    )
     np.testing.assert_allclose(sinkage.sinkage, [0.012, 0.011])
-    np.testing.assert_allclose(sinkage.sinkage_stddev, [math.hypot(0.0012, 0.0005), math.hypot(0.0011, 0.0005)])
+    np.testing.assert_allclose(
+        sinkage.sinkage_stddev, [math.hypot(0.0012, 0.0005), math.hypot(0.0011, 0.0005)]
+    )
     np.testing.assert_allclose(sinkage.contact_angle, [math.radians(1.0)] * 2)
     np.testing.assert_allclose(joints.velocity, [2 * math.pi] * 2)
     np.testing.assert_allclose(joints.effort, [0.05, 0.06])
@@ -94,9 +118,13 @@ def test_an_empty_cell_is_a_value_that_was_not_measured(tmp_path: Path) -> None:
     assert sinkage.sinkage[1] == 0.01
 
 
-def test_a_signal_that_was_not_measured_is_absent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_signal_that_was_not_measured_is_absent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     wheels = [{"name": "front", "slip": "s1", "sinkage": "z1"}, {"name": "rear", "slip": "s2"}]
-    absent = dict.fromkeys(("torque", "wheel_rate", "pitch", "acceleration", "constant_contact_angle"))
+    absent = dict.fromkeys(
+        ("torque", "wheel_rate", "pitch", "acceleration", "constant_contact_angle")
+    )
     assert run(tmp_path, mapping(wheels=wheels, **absent)) == 0
     with BagReader(tmp_path / "bag") as reader:
         assert set(reader.topics) == {"/wheel_slip", "/wheel_sinkage", "/odom"}
@@ -109,7 +137,10 @@ def test_a_signal_that_was_not_measured_is_absent(tmp_path: Path, capsys: pytest
 
 def test_a_bogie_angle_arrives_as_a_joint_nose_up(tmp_path: Path) -> None:
     """The column of the pitch serves for it: 2 deg nose down."""
-    assert run(tmp_path, mapping(bogie_angle={"column": "p", "unit": "deg", "positive": "nose_down"})) == 0
+    assert (
+        run(tmp_path, mapping(bogie_angle={"column": "p", "unit": "deg", "positive": "nose_down"}))
+        == 0
+    )
     [first, *_] = messages(tmp_path / "bag", "/joint_states")
     assert first.name == ["front", "rear", "bogie"]
     assert first.position[2] == pytest.approx(-math.radians(2.0))
@@ -133,9 +164,22 @@ def test_the_bag_says_where_it_comes_from(tmp_path: Path) -> None:
     assert yaml.safe_load(record["mapping"])["slip_definition"] == "max_normalised"
 
 
-def test_the_example_of_the_documentation_converts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example_of_the_documentation_converts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = tmp_path / "bag"
-    assert main([str(EXAMPLES / "field_run.csv"), "--mapping", str(EXAMPLES / "field_run.yaml"), "--out", str(bag)]) == 0
+    assert (
+        main(
+            [
+                str(EXAMPLES / "field_run.csv"),
+                "--mapping",
+                str(EXAMPLES / "field_run.yaml"),
+                "--out",
+                str(bag),
+            ]
+        )
+        == 0
+    )
     with BagReader(bag) as reader:
         assert {topic.count for topic in reader.topics.values()} == {12}
         assert len(reader.topics) == 5
@@ -149,24 +193,53 @@ def test_the_example_of_the_documentation_converts(tmp_path: Path, capsys: pytes
         ({"slip": {"unit": "%", "noize": {}}}, "slip: unknown key 'noize'"),
         ({"slip": {"unit": "%", "noise": {"relativ": 0.1}}}, "slip: noise: unknown key 'relativ'"),
         ({"wheels": [{"name": "front", "slipp": "s1"}]}, r"wheels\[0\]: unknown key 'slipp'"),
-        ({"slip": {"unit": "percent", "noise": {"absolute": 1}}}, "slip: unknown unit 'percent' of ratio: give one of 1, %"),
+        (
+            {"slip": {"unit": "percent", "noise": {"absolute": 1}}},
+            "slip: unknown unit 'percent' of ratio: give one of 1, %",
+        ),
         ({"time": {"column": "t", "unit": "min"}}, "unknown unit 'min' of time"),
         ({"time": None}, "missing key 'time'"),
         ({"slip": {"unit": "%"}}, "slip: its noise is missing"),
         ({"slip": None}, "slip: the wheels have columns, but their unit is missing"),
-        ({"sinkage": {"unit": "mm", "noise": {"absolute": -1.0}}}, "sinkage: noise: absolute: -1 is outside its range"),
-        ({"contact_angle": {"unit": "deg", "noise": {"absolute": 1}}}, "contact_angle: no wheel has a column of it"),
-        ({"constant_pitch": {"value": 0.0, "unit": "deg", "noise": {"absolute": 1}}}, "constant_pitch: there are columns of it too"),
-        ({"constant_contact_angle": {"value": 0.0, "unit": "deg"}}, "constant_contact_angle: its noise is missing"),
-        ({"pitch": {"column": "p", "unit": "deg", "noise": {"absolute": 1}}}, "pitch: positive: '', expected nose_up or nose_down"),
-        ({"slip_definition": "wong"}, "slip_definition: 'wong' is unknown: give one of one_minus_v_over_rw, max_normalised"),
-        ({"wheels": [{"name": "front", "slip": "s1"}, {"name": "front"}]}, "wheels: a name is given twice"),
+        (
+            {"sinkage": {"unit": "mm", "noise": {"absolute": -1.0}}},
+            "sinkage: noise: absolute: -1 is outside its range",
+        ),
+        (
+            {"contact_angle": {"unit": "deg", "noise": {"absolute": 1}}},
+            "contact_angle: no wheel has a column of it",
+        ),
+        (
+            {"constant_pitch": {"value": 0.0, "unit": "deg", "noise": {"absolute": 1}}},
+            "constant_pitch: there are columns of it too",
+        ),
+        (
+            {"constant_contact_angle": {"value": 0.0, "unit": "deg"}},
+            "constant_contact_angle: its noise is missing",
+        ),
+        (
+            {"pitch": {"column": "p", "unit": "deg", "noise": {"absolute": 1}}},
+            "pitch: positive: '', expected nose_up or nose_down",
+        ),
+        (
+            {"slip_definition": "wong"},
+            "slip_definition: 'wong' is unknown: give one of one_minus_v_over_rw, max_normalised",
+        ),
+        (
+            {"wheels": [{"name": "front", "slip": "s1"}, {"name": "front"}]},
+            "wheels: a name is given twice",
+        ),
         ({"delimiter": ";;"}, "delimiter: ';;' is not one character"),
-        ({"velocity": {"column": "p", "unit": "mm/s", "noise": {"absolute": 2.0}}}, "column 'p' is named for velocity and for pitch"),
+        (
+            {"velocity": {"column": "p", "unit": "mm/s", "noise": {"absolute": 2.0}}},
+            "column 'p' is named for velocity and for pitch",
+        ),
         ({"time": {"column": "w1"}}, "column 'w1' is named for time and for wheel_rate"),
     ],
 )
-def test_a_wrong_mapping_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], words: str) -> None:
+def test_a_wrong_mapping_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], words: str
+) -> None:
     assert run(tmp_path, mapping(**changes)) == 2
     error = capsys.readouterr().err
     assert str(tmp_path / "map.yaml") in error
@@ -182,18 +255,38 @@ def test_a_wrong_mapping_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
         ([HEADER.replace("s1", "slip"), *ROWS], "row 1: no column 's1'; the file has t, v, p"),
         ([HEADER + ",t", *(row + ",1" for row in ROWS)], "row 1: column 't' is there twice"),
         ([HEADER, ROWS[0] + ",7"], "row 2: 13 cells, but 12 columns are named"),
-        ([HEADER, ROWS[0].replace("10,-20", "ten,-20")], "row 2, column 's1': 'ten' is not a number"),
-        ([HEADER, ROWS[0].replace("10,-20", "nan,-20")], "row 2, column 's1': 'nan' is not finite: leave the cell empty"),
-        ([HEADER, ROWS[0], ROWS[1].replace("101", "-inf")], "row 3, column 'v': '-inf' is not finite"),
+        (
+            [HEADER, ROWS[0].replace("10,-20", "ten,-20")],
+            "row 2, column 's1': 'ten' is not a number",
+        ),
+        (
+            [HEADER, ROWS[0].replace("10,-20", "nan,-20")],
+            "row 2, column 's1': 'nan' is not finite: leave the cell empty",
+        ),
+        (
+            [HEADER, ROWS[0], ROWS[1].replace("101", "-inf")],
+            "row 3, column 'v': '-inf' is not finite",
+        ),
         ([HEADER, ROWS[0], ROWS[0]], "row 3, column 't': '0.5' is not later than the row before"),
         ([HEADER, ROWS[1], ROWS[0]], "row 3, column 't': '0.5' is not later than the row before"),
-        ([HEADER, ROWS[0].replace("0.5", "", 1)], "row 2, column 't': '' is empty: every row needs its time"),
-        ([HEADER, ROWS[0].replace("0.5", "-1", 1)], "row 2, column 't': '-1' with offset 0 s is outside 0 to"),
-        ([HEADER, ROWS[0].replace("10,-20", "10,-120")], "row 2, column 's2': '-120' is outside -1 to 1"),
+        (
+            [HEADER, ROWS[0].replace("0.5", "", 1)],
+            "row 2, column 't': '' is empty: every row needs its time",
+        ),
+        (
+            [HEADER, ROWS[0].replace("0.5", "-1", 1)],
+            "row 2, column 't': '-1' with offset 0 s is outside 0 to",
+        ),
+        (
+            [HEADER, ROWS[0].replace("10,-20", "10,-120")],
+            "row 2, column 's2': '-120' is outside -1 to 1",
+        ),
         ([HEADER, '0.5,"100'], "is not a CSV file"),
     ],
 )
-def test_a_wrong_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], lines: list[str], words: str) -> None:
+def test_a_wrong_file_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], lines: list[str], words: str
+) -> None:
     assert run(tmp_path, mapping(), lines) == 2
     error = capsys.readouterr().err
     assert str(tmp_path / "data.csv") in error
@@ -201,20 +294,37 @@ def test_a_wrong_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert not (tmp_path / "bag").exists()
 
 
-def test_an_existing_bag_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_existing_bag_is_never_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "bag").mkdir()
     assert run(tmp_path, mapping()) == 2
     assert "exists already" in capsys.readouterr().err
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_not_there_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping()))
-    assert main([str(tmp_path / "no.csv"), "--mapping", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "bag")]) == 2
+    assert (
+        main(
+            [
+                str(tmp_path / "no.csv"),
+                "--mapping",
+                str(tmp_path / "map.yaml"),
+                "--out",
+                str(tmp_path / "bag"),
+            ]
+        )
+        == 2
+    )
     assert "no.csv cannot be read: No such file" in capsys.readouterr().err
 
 
 @given(rim_speed=st.floats(1e-3, 10.0), velocity=st.floats(1e-3, 10.0))
-def test_slip_of_either_definition_is_one_minus_v_over_rw(rim_speed: float, velocity: float) -> None:
+def test_slip_of_either_definition_is_one_minus_v_over_rw(
+    rim_speed: float, velocity: float
+) -> None:
     normalised = (rim_speed - velocity) / max(rim_speed, velocity)
     converted = slip_from_max_normalised(Measured(normalised, 0.01))
     assert converted.value == pytest.approx(1.0 - velocity / rim_speed, rel=1e-9, abs=1e-12)
@@ -223,7 +333,9 @@ def test_slip_of_either_definition_is_one_minus_v_over_rw(rim_speed: float, velo
 @given(slip=st.floats(-0.95, -1e-3) | st.floats(1e-3, 0.95))
 def test_the_deviation_of_slip_follows_its_derivative(slip: float) -> None:
     step = 1e-6
-    above, below = (slip_from_max_normalised(Measured(slip + sign * step, 0.0)).value for sign in (1, -1))
+    above, below = (
+        slip_from_max_normalised(Measured(slip + sign * step, 0.0)).value for sign in (1, -1)
+    )
     converted = slip_from_max_normalised(Measured(slip, 0.01))
     assert converted.deviation == pytest.approx(0.01 * (above - below) / (2 * step), rel=1e-4)
 
@@ -232,9 +344,14 @@ def test_a_locked_wheel_has_no_slip() -> None:
     assert math.isnan(slip_from_max_normalised(Measured(-1.0, 0.01)).value)
 
 
-@pytest.mark.parametrize("ended_by", [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), KeyboardInterrupt()])
+@pytest.mark.parametrize(
+    "ended_by", [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), KeyboardInterrupt()]
+)
 def test_a_bag_that_is_not_written_to_its_end_is_taken_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ended_by: BaseException
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    ended_by: BaseException,
 ) -> None:
     write = BagWriter.write
 
@@ -246,7 +363,10 @@ def test_a_bag_that_is_not_written_to_its_end_is_taken_back(
     monkeypatch.setattr(BagWriter, "write", fail)
     if isinstance(ended_by, OSError):
         assert run(tmp_path, mapping()) == 2
-        assert f"{tmp_path / 'bag'}: the bag cannot be written: No space left on device" in capsys.readouterr().err
+        assert (
+            f"{tmp_path / 'bag'}: the bag cannot be written: No space left on device"
+            in capsys.readouterr().err
+        )
     else:
         assert run(tmp_path, mapping()) == INTERRUPTED
         assert capsys.readouterr().err == "csv_to_bag: interrupted\n"

@@ -24,8 +24,13 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return [str(bag) for bag in seal(case, tmp_path_factory.mktemp("sealed"))]
 
 
-def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags: list[str], tmp_path: Path) -> None:
-    assert main([*bags[:4], "--library", "drive_drag,slope_bias,sinkage_bias", "--out", str(tmp_path)]) == 0
+def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(
+    bags: list[str], tmp_path: Path
+) -> None:
+    assert (
+        main([*bags[:4], "--library", "drive_drag,slope_bias,sinkage_bias", "--out", str(tmp_path)])
+        == 0
+    )
     finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
     assert finding["verdict"] == "named"
     assert [each.name for each in load_model(str(tmp_path / "model.pt")).effects] == ["drive_drag"]
@@ -35,17 +40,36 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags:
     assert 0.1 < effect["coefficient"] < 0.4
     assert 0.0 < effect["sd"] < 0.1
     assert abs(sum(finding["probabilities"].values()) - 1.0) < 1e-9
-    assert set(finding["probabilities"]) == {"none", "unknown", "drive_drag", "slope_bias", "sinkage_bias"}
+    assert set(finding["probabilities"]) == {
+        "none",
+        "unknown",
+        "drive_drag",
+        "slope_bias",
+        "sinkage_bias",
+    }
     assert {entry["row"] for entry in finding["where"]} <= set(row_names(3))
-    assert {"row", "signal", "region", "strength", "unit", "p", "runs", "sentence"} == set(finding["where"][0])
-    assert any(entry["row"].startswith("torque") and entry["p"] < 0.01 for entry in finding["where"])
+    assert {"row", "signal", "region", "strength", "unit", "p", "runs", "sentence"} == set(
+        finding["where"][0]
+    )
+    assert any(
+        entry["row"].startswith("torque") and entry["p"] < 0.01 for entry in finding["where"]
+    )
     assert "sideways" in finding["isolability"]["not_testable"]["lateral_bulldozing"]
     assert len(finding["isolability"]["nats"]) == len(finding["isolability"]["names"])
     assert len(finding["runs"]) == 3
     assert len(finding["held_out"]) == 1
     assert not set(finding["runs"]) & set(finding["held_out"])
-    assert finding["asked"] == {"rover": "mars_rover", "soil": "loose_sand", "seed": 0, "topics": {}, "parameters": {}}
-    assert {name for name, _ in finding["provenance"]["runs_sha256"]} == {*finding["runs"], *finding["held_out"]}
+    assert finding["asked"] == {
+        "rover": "mars_rover",
+        "soil": "loose_sand",
+        "seed": 0,
+        "topics": {},
+        "parameters": {},
+    }
+    assert {name for name, _ in finding["provenance"]["runs_sha256"]} == {
+        *finding["runs"],
+        *finding["held_out"],
+    }
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<h1>The model lacks drive_drag</h1>" in report
     assert repr(effect["coefficient"]) in report
@@ -58,30 +82,54 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(bags:
         (["--library", "lateral_bulldozing"], "not testable here"),
         (["--soil", "cheese"], "cheese"),
         (["--model", "nowhere.pt"], "nowhere.pt"),
-        (["--model", "paper_rover"], "model paper_rover was made for another rover than mars_rover: give its rover by --rover"),
-        (["-p", "model:=paper_rover"], "model paper_rover was made for another rover than mars_rover"),
-        (["-p", "pairing_tolerence:=0.1"], "unknown parameter pairing_tolerence: did you mean pairing_tolerance?"),
+        (
+            ["--model", "paper_rover"],
+            (
+                "model paper_rover was made for another rover than mars_rover: give its rover by"
+                " --rover"
+            ),
+        ),
+        (
+            ["-p", "model:=paper_rover"],
+            "model paper_rover was made for another rover than mars_rover",
+        ),
+        (
+            ["-p", "pairing_tolerence:=0.1"],
+            "unknown parameter pairing_tolerence: did you mean pairing_tolerance?",
+        ),
         (["--remap", "odom:=/wheel_slip"], "/wheel_slip would be both"),
         (["--out", __file__], f"--out {__file__}: no file can be written there"),
     ],
 )
 def test_a_wrong_argument_is_refused_by_name(
-    bags: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, extra: list[str], said: str
+    bags: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    extra: list[str],
+    said: str,
 ) -> None:
-    monkeypatch.setattr(find_missing_effect, "investigate", None)  # takes minutes: what is wrong is said before
+    monkeypatch.setattr(
+        find_missing_effect, "investigate", None
+    )  # takes minutes: what is wrong is said before
     assert main([*bags[:2], *extra]) == 2
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("extra", [["--seed", "-1"], ["--seed", str(2**64)], ["--workers", "-2"], ["--workers", "many"]])
-def test_numbers_that_no_generator_and_no_cluster_take_are_refused_by_name(capsys: pytest.CaptureFixture[str], extra: list[str]) -> None:
+@pytest.mark.parametrize(
+    "extra", [["--seed", "-1"], ["--seed", str(2**64)], ["--workers", "-2"], ["--workers", "many"]]
+)
+def test_numbers_that_no_generator_and_no_cluster_take_are_refused_by_name(
+    capsys: pytest.CaptureFixture[str], extra: list[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["first", "second", *extra])
     assert ended.value.code == 2
     assert re.search(f"argument {extra[0]}: '?{extra[1]}'?", capsys.readouterr().err)
 
 
-def test_one_run_and_unreadable_runs_are_refused(bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_run_and_unreadable_runs_are_refused(
+    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(bags[:1]) == 2
     assert "at least 2 are needed" in capsys.readouterr().err
     assert main([bags[0], str(tmp_path / "nothing_here")]) == 2
@@ -95,12 +143,18 @@ def test_a_run_that_is_given_twice_is_refused_under_whatever_name(
 ) -> None:
     again = tmp_path / "again"
     again.symlink_to(Path(bags[0]).resolve())
-    for arguments in ([*bags[:2], "--hold-out", bags[0]], [*bags[:2], str(again)], [*bags[:2], "--hold-out", bags[2], bags[2]]):
+    for arguments in (
+        [*bags[:2], "--hold-out", bags[0]],
+        [*bags[:2], str(again)],
+        [*bags[:2], "--hold-out", bags[2], bags[2]],
+    ):
         assert main(arguments) == 2
         assert f"{arguments[-1]} is given twice" in capsys.readouterr().err
 
 
-def test_a_model_of_two_runs_is_said_to_be_unproven(bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_model_of_two_runs_is_said_to_be_unproven(
+    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([*bags[:2], "--library", "drive_drag", "--out", str(tmp_path)]) == 0
     assert f"{tmp_path / 'model.pt'} (unproven: no run was held out)" in capsys.readouterr().out
     assert (tmp_path / "model.pt").is_file()

@@ -46,51 +46,100 @@ class Ploughed(Effect):
         depth = contact.sinkage
         chord = 2.0 * torch.sqrt(2.0 * where.rover.wheel_radius * depth)
         side = (0.5 * 15e3 * 3.0 * depth**2 + 2.0 * 500.0 * 3.0**0.5 * depth) * chord
-        return torch.cat([forces[..., :3], forces[..., 3:] + (side * torch.sin(contact.slip_angle)).unsqueeze(-1)], -1)
+        return torch.cat(
+            [
+                forces[..., :3],
+                forces[..., 3:] + (side * torch.sin(contact.slip_angle)).unsqueeze(-1),
+            ],
+            -1,
+        )
 
 
 def table(
-    path: Path, effects: list[Effect], speeds: tuple[float, ...], slips: tuple[float, ...] = SLIPS, angles: tuple[float, ...] = (0.0,)
+    path: Path,
+    effects: list[Effect],
+    speeds: tuple[float, ...],
+    slips: tuple[float, ...] = SLIPS,
+    angles: tuple[float, ...] = (0.0,),
 ) -> Path:
     """Two replicates of every setting, of a soil with constants off by 5 %; slip angles in degrees, with the carriage's slip."""
     generator = torch.Generator().manual_seed(3)
     soil = load_soil("loose_sand")
     bed = Rig(wheel_alone(load_rover("mars_rover"), RADIUS, WIDTH), soil, 0.05, NOISE)
     settings = [
-        (slip, load, speeds[k % len(speeds)], math.radians(angle)) for angle in angles for load in LOADS for k, slip in enumerate(slips)
+        (slip, load, speeds[k % len(speeds)], math.radians(angle))
+        for angle in angles
+        for load in LOADS
+        for k, slip in enumerate(slips)
     ]
     rows = [
-        Row("t", "1", slip, load, speed * math.cos(angle) / RADIUS / (1.0 - slip), 0.01, 0.0, angle, 0.0)
+        Row(
+            "t",
+            "1",
+            slip,
+            load,
+            speed * math.cos(angle) / RADIUS / (1.0 - slip),
+            0.01,
+            0.0,
+            angle,
+            0.0,
+        )
         for slip, load, speed, angle in settings
     ]
-    constants = soil.constants() * torch.tensor([1.02, 1.0, 0.95, 1.05, 1.0, 1.0], dtype=torch.float64)
-    states = bed.states(cells_of(rows), soil.strength().unsqueeze(0), constants.unsqueeze(0), effects)[0]
+    constants = soil.constants() * torch.tensor(
+        [1.02, 1.0, 0.95, 1.05, 1.0, 1.0], dtype=torch.float64
+    )
+    states = bed.states(
+        cells_of(rows), soil.strength().unsqueeze(0), constants.unsqueeze(0), effects
+    )[0]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow((TURNED if any(angles) else HEADER).split(","))
         for row, state in zip(rows, states, strict=True):
             for trial in (1, 2):
                 count = 3 if any(angles) else 2
-                noise = torch.tensor(NOISE[:count]) * torch.randn(count, generator=generator, dtype=torch.float64)
+                noise = torch.tensor(NOISE[:count]) * torch.randn(
+                    count, generator=generator, dtype=torch.float64
+                )
                 depth, pull, *lateral = (state[:count] + noise).tolist()
                 slip = 1.0 - (1.0 - row.slip) / math.cos(row.slip_angle)
                 turned = [math.degrees(row.slip_angle), *lateral][: 2 * len(lateral)]
-                writer.writerow([slip, row.load, row.wheel_rate, 1e3 * depth + 3.0, pull, trial, *turned])
+                writer.writerow(
+                    [slip, row.load, row.wheel_rate, 1e3 * depth + 3.0, pull, trial, *turned]
+                )
     return path
 
 
 def found(path: Path, *extra: str) -> dict[str, Any]:
     wheel = path.with_name("wheel.yaml")
     wheel.write_text(f"name: testbed\nradius: {RADIUS}\nwidth: {WIDTH}\n", encoding="utf-8")
-    noise = ["--sinkage-sd", str(NOISE[0]), "--pull-sd", str(NOISE[1]), "--lateral-sd", str(NOISE[2]), "--constants-sd", "0.05"]
+    noise = [
+        "--sinkage-sd",
+        str(NOISE[0]),
+        "--pull-sd",
+        str(NOISE[1]),
+        "--lateral-sd",
+        str(NOISE[2]),
+        "--constants-sd",
+        "0.05",
+    ]
     out = path.with_suffix("")
-    assert main(["--wheel-table", str(path), "--wheel", str(wheel), *noise, "--out", str(out), *extra]) == 0
+    assert (
+        main(["--wheel-table", str(path), "--wheel", str(wheel), *noise, "--out", str(out), *extra])
+        == 0
+    )
     content: dict[str, Any] = json.loads((out / "finding.json").read_text(encoding="utf-8"))
     return content
 
 
-def test_softening_that_goes_with_slip_is_named_where_the_speed_varies_and_helps_on_settings_held_out(tmp_path: Path) -> None:
-    finding = found(table(tmp_path / "churned.csv", [Churned()], (0.05, 0.2)), "--library", "slip_sinkage,rate_dependence")
+def test_softening_that_goes_with_slip_is_named_where_the_speed_varies_and_helps_on_settings_held_out(
+    tmp_path: Path,
+) -> None:
+    finding = found(
+        table(tmp_path / "churned.csv", [Churned()], (0.05, 0.2)),
+        "--library",
+        "slip_sinkage,rate_dependence",
+    )
     assert finding["verdict"] == "named"
     assert [each["name"] for each in finding["effects"]] == ["slip_sinkage"]
     gap = finding["gap"]
@@ -113,12 +162,22 @@ def test_at_one_speed_what_goes_with_slip_may_go_with_wheel_rate(tmp_path: Path)
 
 
 def test_where_nothing_is_missing_nothing_is_named(tmp_path: Path) -> None:
-    finding = found(table(tmp_path / "nominal.csv", [], (0.05, 0.2)), "--library", "slip_sinkage,bulldozing", "--hold-out-by", "trial")
+    finding = found(
+        table(tmp_path / "nominal.csv", [], (0.05, 0.2)),
+        "--library",
+        "slip_sinkage,bulldozing",
+        "--hold-out-by",
+        "trial",
+    )
     assert finding["verdict"] == "none"
 
 
-def test_a_side_that_ploughs_is_named_and_the_lateral_force_of_another_trial_is_met_better(tmp_path: Path) -> None:
-    path = table(tmp_path / "ploughed.csv", [Ploughed()], (0.05, 0.2), (0.1, 0.35, 0.6), (0.0, 20.0, -40.0))
+def test_a_side_that_ploughs_is_named_and_the_lateral_force_of_another_trial_is_met_better(
+    tmp_path: Path,
+) -> None:
+    path = table(
+        tmp_path / "ploughed.csv", [Ploughed()], (0.05, 0.2), (0.1, 0.35, 0.6), (0.0, 20.0, -40.0)
+    )
     finding = found(path, "--library", "lateral_bulldozing,bulldozing", "--hold-out-by", "trial")
     assert finding["verdict"] == "named"
     assert [each["name"] for each in finding["effects"]] == ["lateral_bulldozing"]
@@ -139,19 +198,32 @@ def test_where_no_side_ploughs_none_is_named(tmp_path: Path) -> None:
     assert finding["gap"]["rows"]["lateral_force"]["before"] < 4.0 * NOISE[2]
 
 
-def test_rows_with_a_slip_angle_are_read_with_the_slip_along_the_wheel_and_those_without_lateral_force_left_out(tmp_path: Path) -> None:
+def test_rows_with_a_slip_angle_are_read_with_the_slip_along_the_wheel_and_those_without_lateral_force_left_out(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "turned.csv"
     state = "40,1.0,12,3,1"
-    path.write_text(f"{TURNED}\n0.2,{state},0,0.4\n0.2,{state},60,4\n0.2,{state},-60,-4\n0.2,{state},90,4\n", encoding="utf-8")
+    path.write_text(
+        f"{TURNED}\n0.2,{state},0,0.4\n0.2,{state},60,4\n0.2,{state},-60,-4\n0.2,{state},90,4\n",
+        encoding="utf-8",
+    )
     rows, left_out = read_table(path, "rim")
     assert [row.slip for row in rows] == pytest.approx([0.2, 0.6, 0.6])
-    assert [row.slip_angle for row in rows] == pytest.approx([0.0, math.radians(60.0), math.radians(-60.0)])
+    assert [row.slip_angle for row in rows] == pytest.approx(
+        [0.0, math.radians(60.0), math.radians(-60.0)]
+    )
     assert [row.lateral_force for row in rows] == pytest.approx([math.nan, 4.0, -4.0], nan_ok=True)
     assert len(left_out) == 1
     assert "slip angle 90 deg: above 89 deg" in left_out[0]
     assert [row.slip_angle for row in read_table(path, "rim", "carriage", 0.0)[0]] == [0.0]
-    assert cells_of(rows).seen.tolist() == [[True, True, False], [True, True, True], [True, True, True]]
-    assert [row.slip for row in read_table(path, "rim", "wheel")[0]] == pytest.approx([0.2, 0.2, 0.2])
+    assert cells_of(rows).seen.tolist() == [
+        [True, True, False],
+        [True, True, True],
+        [True, True, True],
+    ]
+    assert [row.slip for row in read_table(path, "rim", "wheel")[0]] == pytest.approx(
+        [0.2, 0.2, 0.2]
+    )
     path.write_text(f"{HEADER},slip_angle_deg\n0.2,{state},0\n0.2,{state},15\n", encoding="utf-8")
     rows, left_out = read_table(path, "rim")
     assert len(rows) == 1
@@ -164,17 +236,41 @@ def test_rows_with_a_slip_angle_are_read_with_the_slip_along_the_wheel_and_those
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (f"{HEADER}\n0.1,40,1.0,12,3,1\n0.2,40,1.0,deep,3,1\n", "bad.csv:3: column sinkage_mm: 'deep'"),
+        (
+            f"{HEADER}\n0.1,40,1.0,12,3,1\n0.2,40,1.0,deep,3,1\n",
+            "bad.csv:3: column sinkage_mm: 'deep'",
+        ),
         (f"{HEADER}\n0.1,40,1.0,12\n", "bad.csv:2: column drawbar_pull_N: ''"),
-        (HEADER.replace("sinkage_mm", "sinkage_furlong") + "\n", "bad.csv:1: column 'sinkage_furlong': unknown unit"),
+        (
+            HEADER.replace("sinkage_mm", "sinkage_furlong") + "\n",
+            "bad.csv:1: column 'sinkage_furlong': unknown unit",
+        ),
         (HEADER.replace("drawbar_pull_N,", "") + "\n", "bad.csv:1: no column drawbar_pull_N"),
         (f"{HEADER}\n0.1,40,1.0,12,3,1\n", "1 settings can be used"),
-        (f"{HEADER},sinkage_m\n0.1,40,1.0,12,3,1,0.01\n", "bad.csv:1: columns 'sinkage_mm' and 'sinkage_m' both say sinkage"),
-        (f"{HEADER}\n0,1,40,1,0,12,3,1\n", "bad.csv:2: 8 cells in 6 columns: write numbers with a point, not a comma"),
-        (f"{HEADER}\n0.1,0,1.0,12,3,1\n", "bad.csv:2: column normal_load_N: 0 N: a load is above zero"),
-        (f"{HEADER}\n0.1,40,-1.0,12,3,1\n", "bad.csv:2: column wheel_rate_rad_s: -1 rad/s: positive is rolling forward"),
-        (f"{HEADER}\n0.1,40,1.0,-12,3,1\n", "bad.csv: the mean sinkage is -0.012 m: a wheel that sinks has a positive one"),
-        (HEADER.replace(",", ";") + "\n0,1;40;1,0;12;3;1\n", "they are separated by ';': save it with commas between columns"),
+        (
+            f"{HEADER},sinkage_m\n0.1,40,1.0,12,3,1,0.01\n",
+            "bad.csv:1: columns 'sinkage_mm' and 'sinkage_m' both say sinkage",
+        ),
+        (
+            f"{HEADER}\n0,1,40,1,0,12,3,1\n",
+            "bad.csv:2: 8 cells in 6 columns: write numbers with a point, not a comma",
+        ),
+        (
+            f"{HEADER}\n0.1,0,1.0,12,3,1\n",
+            "bad.csv:2: column normal_load_N: 0 N: a load is above zero",
+        ),
+        (
+            f"{HEADER}\n0.1,40,-1.0,12,3,1\n",
+            "bad.csv:2: column wheel_rate_rad_s: -1 rad/s: positive is rolling forward",
+        ),
+        (
+            f"{HEADER}\n0.1,40,1.0,-12,3,1\n",
+            "bad.csv: the mean sinkage is -0.012 m: a wheel that sinks has a positive one",
+        ),
+        (
+            HEADER.replace(",", ";") + "\n0,1;40;1,0;12;3;1\n",
+            "they are separated by ';': save it with commas between columns",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_read_is_refused_with_its_line_and_field(
@@ -187,16 +283,22 @@ def test_a_table_that_cannot_be_read_is_refused_with_its_line_and_field(
     assert said in capsys.readouterr().err
 
 
-def test_a_table_of_a_spreadsheet_is_read_and_one_of_another_encoding_is_refused(tmp_path: Path) -> None:
+def test_a_table_of_a_spreadsheet_is_read_and_one_of_another_encoding_is_refused(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "table.csv"
-    path.write_text(f"{HEADER},remark\n0.1,40,1.0,12,3,1,d\u00fcn\n0.2,40,1.0,12,3\n", encoding="utf-8-sig")
+    path.write_text(
+        f"{HEADER},remark\n0.1,40,1.0,12,3,1,d\u00fcn\n0.2,40,1.0,12,3\n", encoding="utf-8-sig"
+    )
     assert [(row.slip, row.trial) for row in read_table(path, "rim")[0]] == [(0.1, "1"), (0.2, "")]
     path.write_bytes(path.read_text(encoding="utf-8-sig").encode("latin-1"))
     with pytest.raises(WheelTableError, match=r"table.csv: is no CSV file in UTF-8"):
         read_table(path, "rim")
 
 
-def test_an_effect_that_one_wheel_does_not_show_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_effect_that_one_wheel_does_not_show_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     wheel = tmp_path / "wheel.yaml"
     wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
     assert main(["--wheel-table", "none.csv", "--wheel", str(wheel), "--library", "payload"]) == 2
@@ -213,7 +315,10 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(tmp_path: Path, capsy
         (("--pull-sd", "nan"), "--pull-sd nan"),
         (("--lateral-sd", "-1"), "--lateral-sd -1"),
         (("--largest-slip-angle", "90"), "--largest-slip-angle 90: give 0 to 89 deg"),
-        (("--library", "lateral_bulldozing"), "lateral_bulldozing is not testable: no row has a slip angle"),
+        (
+            ("--library", "lateral_bulldozing"),
+            "lateral_bulldozing is not testable: no row has a slip angle",
+        ),
     ],
 )
 def test_arguments_that_leave_nothing_to_fit_are_refused(
@@ -221,16 +326,24 @@ def test_arguments_that_leave_nothing_to_fit_are_refused(
 ) -> None:
     path, wheel = tmp_path / "table.csv", tmp_path / "wheel.yaml"
     path.write_text(
-        f"{HEADER}\n" + "".join(f"{slip},40,1.0,{5 + 20 * slip},{10 * slip},1\n" for slip in (0.0, 0.1, 0.2, 0.4)), encoding="utf-8"
+        f"{HEADER}\n"
+        + "".join(
+            f"{slip},40,1.0,{5 + 20 * slip},{10 * slip},1\n" for slip in (0.0, 0.1, 0.2, 0.4)
+        ),
+        encoding="utf-8",
     )
     wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
     assert main(["--wheel-table", str(path), "--wheel", str(wheel), *arguments]) == 2
     assert said in capsys.readouterr().err
 
 
-def test_lines_without_entries_are_passed_over_and_a_wheel_that_stands_is_left_out(tmp_path: Path) -> None:
+def test_lines_without_entries_are_passed_over_and_a_wheel_that_stands_is_left_out(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "table.csv"
-    path.write_text(f"{HEADER}\r\n0.1,40,1.0,12,3,1\r\n\r\n0.3,40,0,12,3,1\r\n,,,,,\r\n", encoding="utf-8-sig")
+    path.write_text(
+        f"{HEADER}\r\n0.1,40,1.0,12,3,1\r\n\r\n0.3,40,0,12,3,1\r\n,,,,,\r\n", encoding="utf-8-sig"
+    )
     rows, left_out = read_table(path, "rim")
     assert [row.slip for row in rows] == [0.1]
     assert left_out == [f"{path}:4: slip 0.3: the wheel does not turn"]
@@ -259,7 +372,19 @@ def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_look
     monkeypatch.setattr(single_wheel, "investigate_wheel", search)
     smooth, grousered = map(str, tables)
     place = ["--wheel", str(wheel), "--out", str(tmp_path / "out")]
-    assert main([f"--wheel-table={grousered}", "--reference", smooth, "--given", "slip_sinkage, bulldozing", *place]) == 2
+    assert (
+        main(
+            [
+                f"--wheel-table={grousered}",
+                "--reference",
+                smooth,
+                "--given",
+                "slip_sinkage, bulldozing",
+                *place,
+            ]
+        )
+        == 2
+    )
     _, rows, reference, given, names, *_ = seen
     assert cells_of(rows, reference).acts.tolist() == [True] * 4 + [False] * 4
     assert given.names == ("slip_sinkage", "bulldozing")
@@ -267,7 +392,10 @@ def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_look
     capsys.readouterr()
     for arguments, said in (
         (["--reference", grousered], f"{grousered} is given twice"),
-        (["--given", "grousers", "--library", "grousers"], "grousers stands in --library and in --given"),
+        (
+            ["--given", "grousers", "--library", "grousers"],
+            "grousers stands in --library and in --given",
+        ),
         (["--out", str(wheel)], f"--out {wheel}: no file can be written there"),
     ):
         assert main(["--wheel-table", grousered, *place, *arguments]) == 2
@@ -275,7 +403,10 @@ def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_look
     assert len(seen) == 7
     wheel.write_text("name: testbed\nradius: 100\nwidth: 80\n", encoding="utf-8")
     assert main(["--wheel-table", grousered, *place]) == 2
-    assert "wheel.yaml: radius: 100 is outside its range: a finite number above 0 and at most 2 [m]" in capsys.readouterr().err
+    assert (
+        "wheel.yaml: radius: 100 is outside its range: a finite number above 0 and at most 2 [m]"
+        in capsys.readouterr().err
+    )
 
 
 def test_slip_of_a_braked_wheel_is_converted() -> None:
@@ -299,12 +430,28 @@ def test_measured_tables_are_read_and_replicates_are_one_setting() -> None:
 
 
 @pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured tables are not here (../shared)")
-def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_than_the_smooth_model(tmp_path: Path) -> None:
+def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_than_the_smooth_model(
+    tmp_path: Path,
+) -> None:
     soil, wheel = tmp_path / "soil.yaml", tmp_path / "wheel.yaml"
-    constants = {"n": 1.46, "k_c": 0.0, "k_phi": 8.0e6, "shear_modulus": 0.01, "c1": 0.3, "c2": 0.2, "cohesion": 300.0, "tan_phi": 0.554}
+    constants = {
+        "n": 1.46,
+        "k_c": 0.0,
+        "k_phi": 8.0e6,
+        "shear_modulus": 0.01,
+        "c1": 0.3,
+        "c2": 0.2,
+        "cohesion": 300.0,
+        "tan_phi": 0.554,
+    }
     soil.write_text(json.dumps({"name": "dry_sand"} | constants), encoding="utf-8")
     wheel.write_text("name: testbed\nradius: 0.058\nwidth: 0.05\n", encoding="utf-8")
-    tables = ["--wheel-table", str(MEASURED / "grouser_wheel.csv"), "--reference", str(MEASURED / "smooth_wheel.csv")]
+    tables = [
+        "--wheel-table",
+        str(MEASURED / "grouser_wheel.csv"),
+        "--reference",
+        str(MEASURED / "smooth_wheel.csv"),
+    ]
     asked = [
         "--slip-definition",
         "larger",
@@ -315,7 +462,10 @@ def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_th
         "--library",
         "slip_sinkage,rate_dependence,grousers",
     ]
-    assert main([*tables, "--wheel", str(wheel), "--soil", str(soil), *asked, "--out", str(tmp_path)]) == 0
+    assert (
+        main([*tables, "--wheel", str(wheel), "--soil", str(soil), *asked, "--out", str(tmp_path)])
+        == 0
+    )
     finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
     assert finding["verdict"] != "named"
     assert finding["gap"]["proven"] is None

@@ -18,26 +18,53 @@ from terrain_estimator.model.model_file import ModelFileError, load_model
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
-SMALL = ["--rover", "mars_rover", "--soil", "loose_sand", "--tasks", "20", "--iterations", "3", "--columns", "2", "--hidden", "4"]
+SMALL = [
+    "--rover",
+    "mars_rover",
+    "--soil",
+    "loose_sand",
+    "--tasks",
+    "20",
+    "--iterations",
+    "3",
+    "--columns",
+    "2",
+    "--hidden",
+    "4",
+]
 
 
 def call(folder: Path, *more: str) -> int:
-    return train.main([*SMALL, "--constants-sd", "0", "--out", str(folder), "--curves", str(folder), *more])
+    return train.main(
+        [*SMALL, "--constants-sd", "0", "--out", str(folder), "--curves", str(folder), *more]
+    )
 
 
 def test_two_trainings_give_one_file_that_says_how_it_came_about(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(train, "Order", partial(Order, duration_s=5.0))
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        assert call(tmp_path / "cluster", "--scheduler", cluster.scheduler_address) == 0, capsys.readouterr().err
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        assert call(tmp_path / "cluster", "--scheduler", cluster.scheduler_address) == 0, (
+            capsys.readouterr().err
+        )
     assert call(tmp_path / "alone") == 0
-    first, second = (tmp_path / folder / "mars_rover-loose_sand.pt" for folder in ("cluster", "alone"))
+    first, second = (
+        tmp_path / folder / "mars_rover-loose_sand.pt" for folder in ("cluster", "alone")
+    )
     assert first.read_bytes() == second.read_bytes()
     assert first.with_suffix(".json").read_bytes() == second.with_suffix(".json").read_bytes()
     assert first.with_suffix(".png").stat().st_size > 1000
     training = json.loads(first.with_suffix(".json").read_text())["training"]
-    assert {"--tasks=20", "--constants-sd=0.0", "--strength=benchmark", "--device=cpu", "--hidden-effects=0.4"} < set(training["options"])
+    assert {
+        "--tasks=20",
+        "--constants-sd=0.0",
+        "--strength=benchmark",
+        "--device=cpu",
+        "--hidden-effects=0.4",
+    } < set(training["options"])
     assert train.recipe_of(train._parser().parse_args(training["options"])).hidden == 4
     loaded = load_model(str(first))
     assert loaded.metadata.parameters == (
@@ -62,7 +89,9 @@ def refuse(*_: object) -> None:
     raise ModelFileError("differs from the trained model")
 
 
-def test_an_impossible_deviation_of_the_constants_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_impossible_deviation_of_the_constants_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert train.main([*SMALL, "--constants-sd", "nan", "--out", str(tmp_path)]) == 2
     assert "--constants-sd nan: give 0 to 0.2" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
@@ -83,7 +112,9 @@ def test_an_impossible_deviation_of_the_constants_is_refused(tmp_path: Path, cap
         ("--orthogonality-strength", "nan"),
     ],
 )
-def test_a_number_that_cannot_be_trained_with_is_refused_by_its_option(capsys: pytest.CaptureFixture[str], wrong: tuple[str, str]) -> None:
+def test_a_number_that_cannot_be_trained_with_is_refused_by_its_option(
+    capsys: pytest.CaptureFixture[str], wrong: tuple[str, str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         train.main([*SMALL, *wrong])
     assert ended.value.code == 2
@@ -96,7 +127,11 @@ def test_names_that_would_be_one_file_and_a_folder_that_is_none_are_refused_befo
     monkeypatch.setattr(train, "draw", None)
     rover, soil = load_rover("mars_rover"), load_soil("loose_sand")
     for rovers, soils, said in (
-        ([rover, dataclasses.replace(rover, mass=190.0)], [soil], "two rovers are called mars_rover-loose_sand"),
+        (
+            [rover, dataclasses.replace(rover, mass=190.0)],
+            [soil],
+            "two rovers are called mars_rover-loose_sand",
+        ),
         ([rover], [soil, soil], "two soils are called loose_sand"),
         ([dataclasses.replace(rover, name="../mine")], [soil], "without slashes"),
     ):
@@ -107,5 +142,8 @@ def test_names_that_would_be_one_file_and_a_folder_that_is_none_are_refused_befo
     for option in ("--out", "--curves"):
         assert call(tmp_path / "models", option, str(occupied)) == 2
         assert f"{option} {occupied}: no file can be written there" in capsys.readouterr().err
-    assert train.main([*SMALL, "--rover", "mars_rover", "no_rover", "--out", str(tmp_path / "models")]) == 2
+    assert (
+        train.main([*SMALL, "--rover", "mars_rover", "no_rover", "--out", str(tmp_path / "models")])
+        == 2
+    )
     assert "no_rover: neither one of the rovers" in capsys.readouterr().err

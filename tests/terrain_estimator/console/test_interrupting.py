@@ -41,12 +41,16 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 @pytest.mark.parametrize("send", [os.killpg, os.kill], ids=["group", "first process"])
-def test_all_processes_of_a_long_computation_end_at_once_and_quietly(number: signal.Signals, send: Callable[[int, int], None]) -> None:
+def test_all_processes_of_a_long_computation_end_at_once_and_quietly(
+    number: signal.Signals, send: Callable[[int, int], None]
+) -> None:
     """Ctrl-C reaches the whole group, what ``kill`` sends one process; the pipe's end is seen when no process holds it any more."""
     command = ["env", "--default-signal=INT", sys.executable, "-c", WORKING]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, sys.path))}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, **pipes, text=True, env=environment, start_new_session=True) as process:  # type: ignore[call-overload]
+    with subprocess.Popen(
+        command, **pipes, text=True, env=environment, start_new_session=True
+    ) as process:  # type: ignore[call-overload]
         assert process.stdout.readline() == "working\n"
         send(process.pid, number)
         _, error = process.communicate(timeout=ENDING_S)

@@ -38,7 +38,11 @@ def estimate(make: Make, step: int, **fields: Any) -> Any:
 
 def refused(make: Make, step: int) -> Any:
     message = estimate(make, step, status=4, status_text="degraded; GATED: too far")
-    message.decision.outcome, message.decision.outcome_name, message.decision.advice = 10, "GATED", "the ground changed, or a sensor failed"
+    message.decision.outcome, message.decision.outcome_name, message.decision.advice = (
+        10,
+        "GATED",
+        "the ground changed, or a sensor failed",
+    )
     return message
 
 
@@ -52,7 +56,15 @@ def health(make: Make, step: int, level: int = 0, summary: str = "estimating") -
 
 
 def advice(make: Make, step: int, *, stop: bool) -> Any:
-    message = make(ADVICE, header=header(make, step), sequence=step, known=True, stop=stop, status_text="the wheels slip", **ADVICE_NUMBERS)
+    message = make(
+        ADVICE,
+        header=header(make, step),
+        sequence=step,
+        known=True,
+        stop=stop,
+        status_text="the wheels slip",
+        **ADVICE_NUMBERS,
+    )
     if stop:
         message.speed_limit = 0.0
     return message
@@ -73,17 +85,33 @@ def truth(make: Make) -> Any:
         "position", "friction_angle", "sinkage_exponent", "cohesive_modulus", "frictional_modulus", "shear_modulus", "stress_angle_offset",
         "stress_angle_slope",
     )  # fmt: skip
-    given = {"header": header(make, 0), "sequence": 0, "soil": "loose_sand", "cohesion": 1480.0, "tan_phi": 0.61}
-    return make(TRUTH, **given, **dict.fromkeys(numbers, 0.0), effect=[], effect_value=[], effect_unit=[])
+    given = {
+        "header": header(make, 0),
+        "sequence": 0,
+        "soil": "loose_sand",
+        "cohesion": 1480.0,
+        "tan_phi": 0.61,
+    }
+    return make(
+        TRUTH, **given, **dict.fromkeys(numbers, 0.0), effect=[], effect_value=[], effect_unit=[]
+    )
 
 
 def measured(make: Make, step: int) -> Iterator[tuple[str, Any]]:
     """Slip, sinkage and odometry of one instant."""
     count = len(WHEELS)
     common = {"header": header(make, step), "sequence": step}
-    slip = {"wheel": list(WHEELS), "slip": [0.1 + 0.01 * k + 1e-4 * step for k in range(count)], "slip_stddev": [0.01] * count}
+    slip = {
+        "wheel": list(WHEELS),
+        "slip": [0.1 + 0.01 * k + 1e-4 * step for k in range(count)],
+        "slip_stddev": [0.01] * count,
+    }
     depths = [0.015 + 0.001 * k + 1e-5 * step for k in reversed(range(count))]
-    sinkage = {"wheel": list(reversed(WHEELS)), "sinkage": depths, "sinkage_stddev": [0.001] * count}  # in an order of its own
+    sinkage = {
+        "wheel": list(reversed(WHEELS)),
+        "sinkage": depths,
+        "sinkage_stddev": [0.001] * count,
+    }  # in an order of its own
     angles = {"contact_angle": [0.0] * count, "contact_angle_stddev": [0.01] * count}
     yield "wheel_slip", make(INPUT_TYPES["wheel_slip"], **common, **slip)
     yield "wheel_sinkage", make(INPUT_TYPES["wheel_sinkage"], **common, **sinkage, **angles)
@@ -94,7 +122,11 @@ def odometry(make: Make, step: int) -> Any:
     place = make("geometry_msgs/msg/Point", x=0.01 * step, y=2.0 + 0.002 * step, z=0.3)
     turn = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(0.25), w=math.cos(0.25))
     zero = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-    twist = make("geometry_msgs/msg/Twist", linear=make("geometry_msgs/msg/Vector3", x=0.0912, y=0.0, z=0.0), angular=zero)
+    twist = make(
+        "geometry_msgs/msg/Twist",
+        linear=make("geometry_msgs/msg/Vector3", x=0.0912, y=0.0, z=0.0),
+        angular=zero,
+    )
     pose = make("geometry_msgs/msg/Pose", position=place, orientation=turn)
     return make(
         INPUT_TYPES["odom"],

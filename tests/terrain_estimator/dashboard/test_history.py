@@ -29,13 +29,17 @@ def test_the_recent_history_keeps_the_newest_rows_and_gives_each_viewer_what_it_
     assert history.generation == 0
 
 
-def test_a_row_of_a_whole_drive_is_the_mean_of_its_period_where_noise_would_hide_the_course() -> None:
+def test_a_row_of_a_whole_drive_is_the_mean_of_its_period_where_noise_would_hide_the_course() -> (
+    None
+):
     history = History(period_s=0.4, capacity=10, whole=True, mean=frozenset({1}))
     for k in range(320):
         history.add((0.1 * k, None if k % 4 == 3 else 1.0 + k % 4))
     kept = rows(history)
     assert len(kept) <= 10
-    assert [row[1] for row in kept] == [2.0] * len(kept)  # of 1, 2, 3 and a value that was not known
+    assert [row[1] for row in kept] == [2.0] * len(
+        kept
+    )  # of 1, 2, 3 and a value that was not known
     once = History(period_s=4.0, capacity=10, whole=True, mean=frozenset({1}))
     for k in range(80):
         once.add((0.1 * k, float(k)))
@@ -43,7 +47,9 @@ def test_a_row_of_a_whole_drive_is_the_mean_of_its_period_where_noise_would_hide
     for k in range(8):
         once.add((8.0 + 0.5 * k, 1.7e308 * (-1) ** k))
     once.add((12.0, 0.0))
-    assert rows(once)[-1][1] == pytest.approx(0.0, abs=1e300), "no infinite number, which JSON has not"
+    assert rows(once)[-1][1] == pytest.approx(0.0, abs=1e300), (
+        "no infinite number, which JSON has not"
+    )
 
 
 def test_the_history_of_a_whole_drive_becomes_coarser_and_loses_no_peak() -> None:

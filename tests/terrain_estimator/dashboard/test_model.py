@@ -15,7 +15,16 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.model import Cursor, LiveModel
 from terrain_estimator.dashboard.reading import MOST
-from tests.terrain_estimator.dashboard.messages import WHEELS, advice, estimate, health, instant, measured, refused, truth
+from tests.terrain_estimator.dashboard.messages import (
+    WHEELS,
+    advice,
+    estimate,
+    health,
+    instant,
+    measured,
+    refused,
+    truth,
+)
 
 make = Types().make
 
@@ -42,10 +51,20 @@ def test_values_of_now_and_rows_are_those_of_the_topics() -> None:
     drive(model, range(21))
     answer = all_of(model, 2.5)
     last = estimate(make, 20)
-    for name in ("cohesion", "cohesion_stddev", "cohesion_lower_95", "cohesion_upper_95", "tan_phi", "change_probability", "sequence"):
+    for name in (
+        "cohesion",
+        "cohesion_stddev",
+        "cohesion_lower_95",
+        "cohesion_upper_95",
+        "tan_phi",
+        "change_probability",
+        "sequence",
+    ):
         assert answer["now"]["terrain_estimate"][name] == getattr(last, name)
     assert answer["now"]["odom"]["heading"] == pytest.approx(0.5)
-    assert column(answer, "time") == pytest.approx([0.1 * step for step in range(19)])  # the last two are not complete yet
+    assert column(answer, "time") == pytest.approx(
+        [0.1 * step for step in range(19)]
+    )  # the last two are not complete yet
     assert column(answer, "cohesion") == [1500.0 + step for step in range(19)]
     assert column(answer, "slip_2") == pytest.approx([0.12 + 1e-4 * step for step in range(19)])
     assert column(answer, "sinkage_3") == pytest.approx([0.018 + 1e-5 * step for step in range(19)])
@@ -71,7 +90,9 @@ def test_a_viewer_gets_only_what_it_lacks_and_one_from_before_a_restart_everythi
     drive(model, range(20, 30))
     second = json.loads(model.update(Cursor(**first["cursor"]), 0.0))
     assert "begin" not in second
-    assert [row[0] for row in second["recent"]] == pytest.approx([0.1 * step for step in range(18, 28)])
+    assert [row[0] for row in second["recent"]] == pytest.approx(
+        [0.1 * step for step in range(18, 28)]
+    )
     third = json.loads(model.update(Cursor(**second["cursor"]), 0.0))
     assert (third["recent"], third["whole"], third["journal"]) == ([], [], [])
     again = LiveModel("two", ShownConfig(window_s=10.0, points=100))
@@ -87,7 +108,11 @@ def test_what_is_not_finite_is_null_and_what_is_not_heard_any_more_is_no_row() -
         for topic, message in measured(make, step):
             model.take(topic, message, 0.1 * step)
         if step < 5:
-            model.take("terrain_estimate", estimate(make, step, cohesion=math.nan, change_probability=math.inf), 0.1 * step)
+            model.take(
+                "terrain_estimate",
+                estimate(make, step, cohesion=math.nan, change_probability=math.inf),
+                0.1 * step,
+            )
     answer = all_of(model)
     assert answer["now"]["terrain_estimate"]["cohesion"] is None
     assert answer["now"]["terrain_estimate"]["change_probability"] is None
@@ -98,10 +123,15 @@ def test_what_is_not_finite_is_null_and_what_is_not_heard_any_more_is_no_row() -
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "rows", "period"), [("window", 24.0, 119, 0.2), ("points", 60, 60, 0.2), ("points", 120, 120, 0.1)]
+    ("name", "value", "rows", "period"),
+    [("window", 24.0, 119, 0.2), ("points", 60, 60, 0.2), ("points", 120, 120, 0.1)],
 )
-def test_window_and_points_say_how_long_and_how_fine_the_recent_history_is(name: str, value: float, rows: int, period: float) -> None:
-    model = LiveModel("one", configure(ShownConfig, {"window": 12.0, "points": 120} | {name: value}))
+def test_window_and_points_say_how_long_and_how_fine_the_recent_history_is(
+    name: str, value: float, rows: int, period: float
+) -> None:
+    model = LiveModel(
+        "one", configure(ShownConfig, {"window": 12.0, "points": 120} | {name: value})
+    )
     drive(model, range(241))
     answer = all_of(model)
     times = [row[0] for row in answer["recent"]]
@@ -119,7 +149,11 @@ def test_memory_and_answers_do_not_grow_with_the_drive_nor_with_a_message() -> N
     assert len(later["recent"]) == len(once["recent"]) == 50
     assert len(later["whole"]) <= 50
     assert later["whole"][0][0] < 10.0  # the beginning of the drive
-    model.take("terrain_estimate", estimate(make, 1500, soil=["x"] * 10_000, status_text="y" * 10_000), 150.0)
+    model.take(
+        "terrain_estimate",
+        estimate(make, 1500, soil=["x"] * 10_000, status_text="y" * 10_000),
+        150.0,
+    )
     assert len(all_of(model)["now"]["terrain_estimate"]["soil"]) == MOST
     assert len(json.dumps(all_of(model))) < 2 * len(json.dumps(once))
 

@@ -22,7 +22,12 @@ from terrain_estimator.dashboard.web import VIEWERS, WebServer, cursor_of, is_ow
 
 RATE_HZ = 50.0
 LENGTH = 8_000_000
-UPGRADE = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "x"}
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "x",
+}
 
 
 class Long(LiveModel):
@@ -32,7 +37,11 @@ class Long(LiveModel):
         return json.dumps("x" * LENGTH) if cursor.recent == 7 else super().update(cursor, now_s)
 
 
-def served(check: Callable[[WebServer], Awaitable[None]], kind: type[LiveModel] = LiveModel, rate_hz: float = RATE_HZ) -> int:
+def served(
+    check: Callable[[WebServer], Awaitable[None]],
+    kind: type[LiveModel] = LiveModel,
+    rate_hz: float = RATE_HZ,
+) -> int:
     """Runs a check beside the server, whose model has something new every time; returns how often it was asked for that."""
 
     async def both() -> int:
@@ -67,7 +76,9 @@ def test_the_page_names_no_other_place_and_every_answer_forbids_to_fetch_from_on
             assert "unsafe" not in answer.headers["Content-Security-Policy"]
             assert answer.headers["X-Content-Type-Options"] == "nosniff"
             if path != "Chart.bundle.js":  # its comments name the homes of its parts
-                assert b"//" not in answer.body.replace(b"// ", b"").replace(b"://${location.host}", b"")
+                assert b"//" not in answer.body.replace(b"// ", b"").replace(
+                    b"://${location.host}", b""
+                )
 
     served(check)
 
@@ -80,17 +91,41 @@ def test_foreign_names_and_foreign_pages_are_refused() -> None:
             ("live", {"Origin": "http://evil.example"}),
         ):
             with pytest.raises(HTTPClientError, match="403"):
-                await AsyncHTTPClient().fetch(HTTPRequest(server.url + path, headers=UPGRADE | headers))
+                await AsyncHTTPClient().fetch(
+                    HTTPRequest(server.url + path, headers=UPGRADE | headers)
+                )
 
     served(check)
-    assert all(is_own_name(name) for name in ("127.0.0.1", "::1", "192.168.1.20", "localhost", "LOCALHOST", socket.gethostname()))
-    assert not any(is_own_name(name) for name in ("evil.example", "localhost.evil.example", "127.0.0.1.evil.example", ""))
+    assert all(
+        is_own_name(name)
+        for name in (
+            "127.0.0.1",
+            "::1",
+            "192.168.1.20",
+            "localhost",
+            "LOCALHOST",
+            socket.gethostname(),
+        )
+    )
+    assert not any(
+        is_own_name(name)
+        for name in ("evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "")
+    )
 
 
 def test_what_is_no_cursor_asks_for_everything() -> None:
     mine = Cursor("here", 1, 2, 3)
     assert cursor_of(json.dumps(asdict(mine))) == mine
-    for wrong in (b"\xff", "", "[]", "7", '{"recent": "1"}', '{"recent": true}', '{"unknown": 1}', '{"of": null}'):
+    for wrong in (
+        b"\xff",
+        "",
+        "[]",
+        "7",
+        '{"recent": "1"}',
+        '{"recent": true}',
+        '{"unknown": 1}',
+        '{"of": null}',
+    ):
         assert cursor_of(wrong) == Cursor()
 
 
@@ -98,7 +133,13 @@ def deaf_viewer(server: WebServer) -> socket.socket:
     """Speaks the protocol and never reads."""
     address = ("127.0.0.1", int(server.url.rstrip("/").rpartition(":")[2]))
     deaf = socket.create_connection(address)
-    lines = ["GET /live HTTP/1.1", "Host: localhost", *(f"{name}: {value}" for name, value in UPGRADE.items()), "", ""]
+    lines = [
+        "GET /live HTTP/1.1",
+        "Host: localhost",
+        *(f"{name}: {value}" for name, value in UPGRADE.items()),
+        "",
+        "",
+    ]
     deaf.sendall("\r\n".join(lines).encode())
     return deaf
 
@@ -157,7 +198,9 @@ def test_a_taken_port_and_an_address_of_another_machine_are_named() -> None:
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(ConfigError, match=rf"port {port} of 127\.0\.0\.1 is taken.*-p port:={port + 1}"):
+        with pytest.raises(
+            ConfigError, match=rf"port {port} of 127\.0\.0\.1 is taken.*-p port:={port + 1}"
+        ):
             asyncio.run(listen("127.0.0.1", port))
     with pytest.raises(ConfigError, match=r"parameter address: cannot listen on '192\.0\.2\.1'"):
         asyncio.run(listen("192.0.2.1", 0))

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole story of find_missing_effect in a few minutes: `python -m tests.terrain_estimator.discovery.discover`.
 
-A simulated rover drives with an effect in it that a seed draws from the hidden ones (or none). Its bags are sealed: the estimator's
-inputs and nothing else. The command looks for the effect as a user would start it, in a process of its own. Only then the truth
-is written and compared. Exit codes: 0 whatever the verdict, 2 where the command failed.
+A simulated rover drives with an effect in it that a seed draws from the hidden ones (or none). Its
+bags are sealed: the estimator's inputs and nothing else. The command looks for the effect as a user
+would start it, in a process of its own. Only then the truth is written and compared. Exit codes: 0
+whatever the verdict, 2 where the command failed.
 """
 
 import argparse
@@ -38,13 +39,19 @@ def main(arguments: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     options = _parser().parse_args(arguments)
     seed = random.SystemRandom().randrange(2**31) if options.seed is None else options.seed
-    say(f"Five drives of {options.seconds:g} s with something hidden in them, drawn with seed {seed} ...")
+    say(
+        f"Five drives of {options.seconds:g} s with something hidden in them, drawn with seed"
+        f" {seed} ..."
+    )
     case = drawn(seed, options.hide, options.seconds)
     truth = json.dumps(told(case, seed), indent=1) + "\n"
     folder = options.out / str(seed)
     shutil.rmtree(folder, ignore_errors=True)  # of the same seed, nobody else's
     bags = seal(case, folder / "bags")
-    say(f"sealed bags: {bags[0].parent}; SHA-256 of the truth: {hashlib.sha256(truth.encode()).hexdigest()}")
+    say(
+        f"sealed bags: {bags[0].parent}; SHA-256 of the truth:"
+        f" {hashlib.sha256(truth.encode()).hexdigest()}"
+    )
     command = [
         executable("terrain_estimator", "find_missing_effect"),
         *map(str, bags),
@@ -60,7 +67,10 @@ def main(arguments: list[str] | None = None) -> int:
     sentence = f"{hidden_words(case)} {verdict_words(finding, case.truth.plan.names)}"
     say(f"unsealed: {sentence}")
     report = folder / "report.html"
-    report.write_text(finding_page(finding, Unsealed(sentence, strengths(case, [bag.name for bag in bags]))), encoding="utf-8")
+    report.write_text(
+        finding_page(finding, Unsealed(sentence, strengths(case, [bag.name for bag in bags]))),
+        encoding="utf-8",
+    )
     say(f"report: {report}")
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(report.absolute().as_uri())
@@ -68,11 +78,28 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="discover", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, help="of what is hidden, the ground and the drives (default: another one each time, printed)")
-    parser.add_argument("--hide", choices=["none", *GENERATORS], help="what to hide (default: the seed draws it)")
-    parser.add_argument("--seconds", type=float, default=60.0, help="length of a drive (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("out/discover"), help="results go to its folder SEED (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="discover", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        help=(
+            "of what is hidden, the ground and the drives (default: another one each time, printed)"
+        ),
+    )
+    parser.add_argument(
+        "--hide", choices=["none", *GENERATORS], help="what to hide (default: the seed draws it)"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="length of a drive (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/discover"),
+        help="results go to its folder SEED (default: %(default)s)",
+    )
     return parser
 
 
@@ -107,13 +134,19 @@ def hidden_words(case: Case) -> str:
     """What was hidden."""
     if not case.truth.plan.parts:
         return "Nothing was hidden."
-    [(name, _)], [size], [equivalent] = case.truth.plan.parts, case.truth.sizes, case.truth.equivalents
+    [(name, _)], [size], [equivalent] = (
+        case.truth.plan.parts,
+        case.truth.sizes,
+        case.truth.equivalents,
+    )
     hidden = GENERATORS[name]
     law = f"Hidden was {name}: {hidden.law}, size {size:.3g} {hidden.unit}".removesuffix(" 1")
     if not hidden.known:
         return f"{law}, which the library does not have."
     return (
-        f"{law}. A law as simple as the library's comes closest to it with {equivalent:.4g} {EFFECTS[name].unit}".removesuffix(" 1") + "."
+        f"{law}. A law as simple as the library's comes closest to it with {equivalent:.4g}"
+        f" {EFFECTS[name].unit}".removesuffix(" 1")
+        + "."
     )
 
 
@@ -123,14 +156,25 @@ def verdict_words(finding: dict[str, Any], truth: tuple[str, ...]) -> str:
     names = [tuple(sorted(each["name"] for each in effects)) for effects in alternatives(finding)]
     wanted = {(): "none", ("unknown",): "unknown"}.get(truth, "named")
     if wanted == "named" and verdict in {"named", "confusable"} and tuple(sorted(truth)) in names:
-        return "The verdict is right." if verdict == "named" else "The verdict is right: the set has it."
-    return "The verdict is right." if wanted == verdict != "named" else f"The verdict, {verdict}, is wrong."
+        return (
+            "The verdict is right."
+            if verdict == "named"
+            else "The verdict is right: the set has it."
+        )
+    return (
+        "The verdict is right."
+        if wanted == verdict != "named"
+        else f"The verdict, {verdict}, is wrong."
+    )
 
 
 def strengths(case: Case, runs: list[str]) -> dict[str, dict[str, float]]:
     """c and tan phi of the ground by the name of the run."""
     pairs = zip(case.truth.cohesion_pa, case.truth.tan_phi, strict=True)
-    return {run: {"cohesion_pa": cohesion, "tan_phi": friction} for run, (cohesion, friction) in zip(runs, pairs, strict=True)}
+    return {
+        run: {"cohesion_pa": cohesion, "tan_phi": friction}
+        for run, (cohesion, friction) in zip(runs, pairs, strict=True)
+    }
 
 
 if __name__ == "__main__":

@@ -26,7 +26,9 @@ def drives(name: str) -> tuple[Run, ...]:
     generator = torch.Generator().manual_seed(41)
     strength = torch.tensor([[2500.0, 0.6], [1500.0, 0.7]], dtype=torch.float64)
     plant = Plant([make_effect(name, SIZES[name])]) if name else None
-    drive = simulate(MARS, Ground([Patch(LOOSE.constants(), strength)]), "S1", 25.0, generator, 2, plant=plant)
+    drive = simulate(
+        MARS, Ground([Patch(LOOSE.constants(), strength)]), "S1", 25.0, generator, 2, plant=plant
+    )
     packed = measure_tasks(drive, Noise(), generator).measured
     time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
     return tuple(Run(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(2))

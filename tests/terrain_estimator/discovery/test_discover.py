@@ -14,7 +14,14 @@ from tests.terrain_estimator.pages.findings import finding
 
 
 def effect(name: str) -> dict[str, Any]:
-    return {"name": name, "coefficient": 1.0, "sd": 0.1, "unit": "", "probability": 0.9, "log_bayes_factor": 9.0}
+    return {
+        "name": name,
+        "coefficient": 1.0,
+        "sd": 0.1,
+        "unit": "",
+        "probability": 0.9,
+        "log_bayes_factor": 9.0,
+    }
 
 
 @pytest.mark.parametrize(
@@ -33,14 +40,24 @@ def effect(name: str) -> dict[str, Any]:
         ("named", ["payload", "latency"], [], ("payload",), False),
         ("confusable", ["payload", "latency"], ["latency"], ("latency",), True),
         ("confusable", ["payload", "latency"], ["latency"], ("grousers",), False),
-        ("confusable", ["payload", "grousers", "latency"], ["latency"], ("grousers", "payload"), True),
+        (
+            "confusable",
+            ["payload", "grousers", "latency"],
+            ["latency"],
+            ("grousers", "payload"),
+            True,
+        ),
         ("confusable", ["payload", "grousers", "latency"], ["latency"], ("grousers",), False),
     ],
 )
 def test_a_verdict_is_right_where_it_says_what_was_hidden(
     verdict: str, names: list[str], others: list[str], truth: tuple[str, ...], *, right: bool
 ) -> None:
-    given = {"verdict": verdict, "effects": [effect(name) for name in names], "confusable_with": others}
+    given = {
+        "verdict": verdict,
+        "effects": [effect(name) for name in names],
+        "confusable_with": others,
+    }
     assert discover.verdict_words(given, truth).startswith("The verdict is right") is right
 
 
@@ -49,7 +66,8 @@ def test_the_truth_is_written_after_the_search_and_is_what_its_checksum_promised
 ) -> None:
     search = tmp_path / "search"
     search.write_text(
-        '#!/bin/sh\nwhile [ "$1" != --out ]; do shift; done\ntest ! -e "$2/truth.json" && ls "$2" && cp "$FINDING" "$2/finding.json"\n',
+        '#!/bin/sh\nwhile [ "$1" != --out ]; do shift; done\ntest ! -e "$2/truth.json" && ls "$2"'
+        ' && cp "$FINDING" "$2/finding.json"\n',
         encoding="utf-8",
     )
     search.chmod(0o755)
@@ -62,7 +80,12 @@ def test_the_truth_is_written_after_the_search_and_is_what_its_checksum_promised
     out = tmp_path / "out/11"
     out.mkdir(parents=True)
     (out / "truth.json").touch()  # of an earlier run
-    assert discover.main(["--seed", "11", "--hide", "tether", "--seconds", "3", "--out", str(out.parent)]) == 0
+    assert (
+        discover.main(
+            ["--seed", "11", "--hide", "tether", "--seconds", "3", "--out", str(out.parent)]
+        )
+        == 0
+    )
     said = capfd.readouterr().out
     truth = (out / "truth.json").read_bytes()
     assert hashlib.sha256(truth).hexdigest() in said.split("unsealed:")[0]
@@ -71,11 +94,18 @@ def test_the_truth_is_written_after_the_search_and_is_what_its_checksum_promised
     assert "which the library does not have. The verdict is right." in said
     report = (out / "report.html").read_text(encoding="utf-8")
     assert "What was hidden" in report
-    assert f'<data value="{1e-3 * json.loads(truth)["cohesion_pa"][2]}">' in report  # the third run's, beside the estimate
+    assert (
+        f'<data value="{1e-3 * json.loads(truth)["cohesion_pa"][2]}">' in report
+    )  # the third run's, beside the estimate
 
 
-def test_a_search_that_fails_ends_with_its_code_and_unseals_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_fails_ends_with_its_code_and_unseals_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(discover, "executable", lambda *_names: "/bin/false")
-    assert discover.main(["--seed", "11", "--hide", "none", "--seconds", "3", "--out", str(tmp_path)]) == 2
+    assert (
+        discover.main(["--seed", "11", "--hide", "none", "--seconds", "3", "--out", str(tmp_path)])
+        == 2
+    )
     assert (tmp_path / "11/bags").exists()
     assert not (tmp_path / "11/truth.json").exists()

@@ -8,18 +8,28 @@ import pytest
 import torch
 
 from terrain_estimator.discovery import Candidate, Part, Run, RunError, cut, nominal_of, singles
-from terrain_estimator.discovery.hypotheses.library import OTHER_LAW, OTHER_SOIL_LAW, SOIL_LAWS, Hypothesis
+from terrain_estimator.discovery.hypotheses.library import (
+    OTHER_LAW,
+    OTHER_SOIL_LAW,
+    SOIL_LAWS,
+    Hypothesis,
+)
 from tests.terrain_estimator.discovery.known import LOOSE, MARS, SIZES, drives, study
 
 
 def best_of(name: str, hypotheses: list[Hypothesis]) -> tuple[Candidate, float]:
     """The most probable hypothesis and its log evidence over nothing."""
     with torch.inference_mode():
-        found = max((study(name).explain(each) for each in hypotheses), key=lambda each: each.fit.log_evidence)
+        found = max(
+            (study(name).explain(each) for each in hypotheses),
+            key=lambda each: each.fit.log_evidence,
+        )
     return found, found.fit.log_evidence - study(name).nothing.fit.log_evidence
 
 
-def test_where_nothing_is_missing_the_rows_fit_to_their_noise_and_no_effect_is_worth_its_freedom() -> None:
+def test_where_nothing_is_missing_the_rows_fit_to_their_noise_and_no_effect_is_worth_its_freedom() -> (
+    None
+):
     nothing = study("").nothing.fit
     assert 0.6 < nothing.objective / nothing.degrees < 1.1
     for unknowns, strength in zip(nothing.point.runs, ((2.5, 0.6), (1.5, 0.7)), strict=True):

@@ -21,20 +21,31 @@ def stage() -> Stage:
     mixing = torch.randn(BLOCKS, ROWS, ROWS, generator=generator, dtype=torch.float64)
     noise = mixing @ mixing.transpose(1, 2) + torch.eye(ROWS, dtype=torch.float64)
     own = torch.randn(BLOCKS, ROWS, OWN, generator=generator, dtype=torch.float64)
-    return Stage(noise, torch.ones(BLOCKS, ROWS, dtype=torch.float64), own, torch.full((OWN,), 0.5, dtype=torch.float64))
+    return Stage(
+        noise,
+        torch.ones(BLOCKS, ROWS, dtype=torch.float64),
+        own,
+        torch.full((OWN,), 0.5, dtype=torch.float64),
+    )
 
 
 def table(columns: int) -> Tensor:
-    return torch.randn(BLOCKS, ROWS, columns, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
+    return torch.randn(
+        BLOCKS, ROWS, columns, generator=torch.Generator().manual_seed(4), dtype=torch.float64
+    )
 
 
-def test_a_small_mark_gains_half_its_square_under_the_rows_covariance_with_the_own_unknowns_marginalised() -> None:
+def test_a_small_mark_gains_half_its_square_under_the_rows_covariance_with_the_own_unknowns_marginalised() -> (
+    None
+):
     place, mark = stage(), 0.1 * table(1)
     own = place.own.flatten(0, 1)
     noise = torch.block_diag(*place.covariance)  # type: ignore[no-untyped-call]
     marginal = noise + own @ torch.diag(1.0 / place.precision) @ own.T
     flat = mark.flatten()
-    assert loss([place], [mark], None).nats == pytest.approx(float(0.5 * flat @ torch.linalg.solve(marginal, flat)), rel=0.02)
+    assert loss([place], [mark], None).nats == pytest.approx(
+        float(0.5 * flat @ torch.linalg.solve(marginal, flat)), rel=0.02
+    )
 
 
 def test_a_large_mark_counts_as_noise_and_gains_with_its_logarithm() -> None:
@@ -47,8 +58,12 @@ def test_an_effect_with_the_same_mark_explains_it_at_a_size_in_its_range_alone()
     place = stage()
     double = torch.cat([2.0 * table(1), table(1)], 2)
     assert loss([place], [double], (0.0, 5.0)).nats < 0.5
-    assert loss([place], [double], (0.0, 1.0)).nats == pytest.approx(loss([place], [table(1)], None).nats, rel=0.05)
-    assert loss([place], [double], (-5.0, 0.0)).nats == pytest.approx(loss([place], [2.0 * table(1)], None).nats, rel=0.05)
+    assert loss([place], [double], (0.0, 1.0)).nats == pytest.approx(
+        loss([place], [table(1)], None).nats, rel=0.05
+    )
+    assert loss([place], [double], (-5.0, 0.0)).nats == pytest.approx(
+        loss([place], [2.0 * table(1)], None).nats, rel=0.05
+    )
 
 
 def test_what_another_run_holds_counts_with_the_same_size() -> None:
@@ -63,7 +78,9 @@ def test_what_another_run_holds_counts_with_the_same_size() -> None:
 
 def test_drags_are_nearest_to_each_other_and_what_a_planar_rover_cannot_show_is_named() -> None:
     with torch.inference_mode():
-        found = isolability(study(""), singles(("drive_drag", "coulomb_drag", "slope_bias")), study("").nothing)
+        found = isolability(
+            study(""), singles(("drive_drag", "coulomb_drag", "slope_bias")), study("").nothing
+        )
     assert found.nearest("drive_drag") == "coulomb_drag"
     assert found.nearest("coulomb_drag") == "drive_drag"
     i, j = found.names.index("drive_drag"), found.names.index("slope_bias")
@@ -74,7 +91,9 @@ def test_drags_are_nearest_to_each_other_and_what_a_planar_rover_cannot_show_is_
 def test_of_two_drags_a_drive_at_two_speeds_tells_much_and_a_steady_one_next_to_nothing() -> None:
     tried = [each for each in MANOEUVRES if each.name in ("steady", "two_speeds")]
     with torch.inference_mode():
-        found = next_drives(study(""), singles(("drive_drag", "coulomb_drag")), study("").nothing, tried)
+        found = next_drives(
+            study(""), singles(("drive_drag", "coulomb_drag")), study("").nothing, tried
+        )
     assert [each.name for each in found] == ["two_speeds", "steady"]
     assert found[0].nats > 10.0 > found[1].nats
     assert set(found[0].pair) == {"drive_drag", "coulomb_drag"}

@@ -9,7 +9,20 @@ from typing import Any, cast
 import pytest
 import torch
 
-from terrain_estimator.discovery import Blocks, Candidate, Proof, Run, RunError, Study, Verdict, cut, nominal_of, prove, settled, singles
+from terrain_estimator.discovery import (
+    Blocks,
+    Candidate,
+    Proof,
+    Run,
+    RunError,
+    Study,
+    Verdict,
+    cut,
+    nominal_of,
+    prove,
+    settled,
+    singles,
+)
 from terrain_estimator.discovery.evidence.verdict import Gains, Judgement
 from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.proof.held_out import Half, Model, halves, long_enough
@@ -114,7 +127,9 @@ def test_an_effect_is_added_that_helps_in_one_way_and_harms_in_none(
 
 def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
     hypothesis = found().hypothesis
-    judgement = Judgement(Verdict.NAMED, (hypothesis,), {"none": 0.01, "unknown": 0.04, "drive_drag": 0.95})
+    judgement = Judgement(
+        Verdict.NAMED, (hypothesis,), {"none": 0.01, "unknown": 0.04, "drive_drag": 0.95}
+    )
     finding = Finding(judgement, cast("Gains", None), (found(),), found(), (), ())
     after = settled(finding, proven(3)).judgement
     assert after.verdict is Verdict.UNKNOWN
@@ -125,7 +140,9 @@ def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
 
 
 def nominal_halves() -> tuple[Model, tuple[Half, Half]]:
-    model = Model(NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64))
+    model = Model(
+        NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64)
+    )
     return model, halves(nominal_of(MARS, LOOSE), (model,), drives()[1][3])
 
 
@@ -140,7 +157,9 @@ def test_rollouts_do_not_know_what_was_measured_of_slip_sinkage_and_torque() -> 
         packed = half.blocks.packed.clone()
         packed[..., :12] = 0.1
         packed[..., 18:24] = 1.0
-        blind.append(dataclasses.replace(half, blocks=dataclasses.replace(half.blocks, packed=packed)))
+        blind.append(
+            dataclasses.replace(half, blocks=dataclasses.replace(half.blocks, packed=packed))
+        )
     with torch.inference_mode():
         assert torch.equal(signals(judged), signals(blind))
 
@@ -151,8 +170,13 @@ def test_the_terrain_is_read_off_the_measured_angles() -> None:
     for k, run in enumerate(runs):
         track = track_of(run.packed.flatten(0, 1), MARS)
         true = torch.tan(sample.pitch[k].unsqueeze(1) + sample.contact_angle[k])
-        error = torch.from_numpy(track.spline((sample.contact[k] - sample.position[k, 0]).numpy())) - true[: len(sample.contact[k])]
-        assert float(error.square().mean().sqrt()) < 0.3 * 0.0074  # 0.0074 rad is the noise of one slope
+        error = (
+            torch.from_numpy(track.spline((sample.contact[k] - sample.position[k, 0]).numpy()))
+            - true[: len(sample.contact[k])]
+        )
+        assert (
+            float(error.square().mean().sqrt()) < 0.3 * 0.0074
+        )  # 0.0074 rad is the noise of one slope
 
 
 def test_a_run_too_short_to_be_halved_is_refused_by_name() -> None:

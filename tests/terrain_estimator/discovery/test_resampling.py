@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from terrain_estimator.discovery.proof.resampling import Floats, Rows, interval, replicates, resampled
+from terrain_estimator.discovery.proof.resampling import (
+    Floats,
+    Rows,
+    interval,
+    replicates,
+    resampled,
+)
 
 SERIES = 200
 LENGTHS = [60, 60]
@@ -36,7 +42,8 @@ def covered(block: int, generator: np.random.Generator) -> int:
 def test_intervals_of_moving_blocks_hold_the_truth_where_those_of_single_seconds_do_not() -> None:
     generator = np.random.default_rng(5)
     blocks, singles = covered(5, generator), covered(1, generator)
-    # Of 24 blocks a 95 % interval holds the truth in 91 %; its 99 % limits over SERIES pairs have to agree with 87 to 95 %.
+    # Of 24 blocks a 95 % interval holds the truth in 91 %; its 99 % limits over SERIES pairs have
+    # to agree with 87 to 95 %.
     limits = binomtest(blocks, SERIES).proportion_ci(0.99)
     assert limits.high > 0.87
     assert limits.low < 0.95

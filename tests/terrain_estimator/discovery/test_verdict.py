@@ -23,7 +23,9 @@ RULE = Thresholds(anything=8.0, share=0.7, apart=0.1)
 
 def gains(named: dict[str, float], nothing_with: float, best_with: float) -> Gains:
     ranked = sorted(named.items(), key=lambda item: -item[1])
-    return Gains(tuple((Hypothesis((Part(name),)), gain) for name, gain in ranked), nothing_with, best_with)
+    return Gains(
+        tuple((Hypothesis((Part(name),)), gain) for name, gain in ranked), nothing_with, best_with
+    )
 
 
 @pytest.mark.parametrize(
@@ -32,12 +34,26 @@ def gains(named: dict[str, float], nothing_with: float, best_with: float) -> Gai
         (gains({"payload": -4.0, "latency": -5.0}, -20.0, -24.0), Verdict.NONE, ()),
         (gains({"payload": 300.0, "latency": 20.0}, 250.0, 290.0), Verdict.NAMED, ("payload",)),
         (gains({"payload": 300.0, "latency": 20.0}, 250.0, 380.0), Verdict.NAMED, ("payload",)),
-        (gains({"grousers": 186.0, "odometry_scale": 193.0}, 86.0, 170.0), Verdict.CONFUSABLE, ("odometry_scale", "grousers")),
-        (gains({"slope_bias": 90.0, "payload": 70.0}, 700.0, 710.0), Verdict.UNKNOWN, ("slope_bias",)),
-        (gains({"slope_bias": -3.0, "payload": -4.0}, 50.0, 45.0), Verdict.UNKNOWN, ("slope_bias",)),
+        (
+            gains({"grousers": 186.0, "odometry_scale": 193.0}, 86.0, 170.0),
+            Verdict.CONFUSABLE,
+            ("odometry_scale", "grousers"),
+        ),
+        (
+            gains({"slope_bias": 90.0, "payload": 70.0}, 700.0, 710.0),
+            Verdict.UNKNOWN,
+            ("slope_bias",),
+        ),
+        (
+            gains({"slope_bias": -3.0, "payload": -4.0}, 50.0, 45.0),
+            Verdict.UNKNOWN,
+            ("slope_bias",),
+        ),
     ],
 )
-def test_the_verdict_follows_from_the_share_of_the_gap_that_a_name_closes(found: Gains, verdict: Verdict, named: tuple[str, ...]) -> None:
+def test_the_verdict_follows_from_the_share_of_the_gap_that_a_name_closes(
+    found: Gains, verdict: Verdict, named: tuple[str, ...]
+) -> None:
     judgement = judge(found, RULE)
     assert judgement.verdict is verdict
     assert tuple(name for each in judgement.named for name in each.names) == named
@@ -56,32 +72,51 @@ def test_probabilities_agree_with_the_verdict() -> None:
 
 
 def test_two_axles_of_one_effect_are_one_name() -> None:
-    axles = tuple((Hypothesis((Part("failed_wheel", axle),)), gain) for axle, gain in ((2, 100.0), (1, 98.0)))
+    axles = tuple(
+        (Hypothesis((Part("failed_wheel", axle),)), gain) for axle, gain in ((2, 100.0), (1, 98.0))
+    )
     assert judge(Gains(axles, 80.0, 95.0), RULE).verdict is Verdict.NAMED
 
 
 @pytest.mark.parametrize(
     ("second", "best_with", "verdict"),
-    [(397.0, 1700.0, True), (355.0, 1710.0, False), (6.0, 1325.0, False)],  # closes all, a part, gains nothing worth
+    [
+        (397.0, 1700.0, True),
+        (355.0, 1710.0, False),
+        (6.0, 1325.0, False),
+    ],  # closes all, a part, gains nothing worth
 )
 def test_two_effects_are_named_where_the_second_closes_nearly_all_that_the_first_leaves(
     second: float, best_with: float, *, verdict: bool
 ) -> None:
     single = gains({"payload": 1318.0, "latency": 20.0}, 1300.0, best_with)
-    both = Gains(((Hypothesis((Part("payload"), Part("drive_drag"))), 1318.0 + second),), 1300.0, best_with, single=1318.0)
+    both = Gains(
+        ((Hypothesis((Part("payload"), Part("drive_drag"))), 1318.0 + second),),
+        1300.0,
+        best_with,
+        single=1318.0,
+    )
     assert is_pair(single, both, RULE) == verdict
 
 
 def test_pairs_with_a_common_effect_are_told_apart_by_what_the_other_one_adds() -> None:
-    named = tuple((Hypothesis((Part("payload"), Part(name))), gain) for name, gain in (("drive_drag", 1715.0), ("coulomb_drag", 1590.0)))
+    named = tuple(
+        (Hypothesis((Part("payload"), Part(name))), gain)
+        for name, gain in (("drive_drag", 1715.0), ("coulomb_drag", 1590.0))
+    )
     assert judge(Gains(named, 1300.0, 1700.0, single=1318.0), RULE).verdict is Verdict.NAMED
     assert judge(Gains(named, 1300.0, 1700.0), RULE).verdict is Verdict.CONFUSABLE
 
 
 def test_confusable_effects_come_with_what_would_separate_them() -> None:
-    best = NextDrive("firm_ground", "on to firm ground", 40.0, 168.8, ("grousers", "odometry_scale"))
+    best = NextDrive(
+        "firm_ground", "on to firm ground", 40.0, 168.8, ("grousers", "odometry_scale")
+    )
     advice = advise(["grousers", "odometry_scale"], [best])
-    assert advice.startswith("Drive 40 s on to firm ground: 169 nat more are expected, if it is grousers, against odometry_scale")
+    assert advice.startswith(
+        "Drive 40 s on to firm ground: 169 nat more are expected, if it is grousers, against"
+        " odometry_scale"
+    )
     assert "For odometry_scale alone: roll a measured distance" in advice
     assert advise(["grousers", "grousers"], [best]) == ""
     assert set(BESIDES) <= set(EFFECTS)
@@ -91,15 +126,25 @@ def test_effects_that_tables_of_one_wheel_confuse_come_with_a_measurement() -> N
     shown = [Hypothesis((Part(name),)) for name in shown_by_one_wheel()]
     for first, second in itertools.combinations(shown, 2):
         assert separate_by([first, second])
-    assert "two speeds" in separate_by([Hypothesis((Part("slip_sinkage"),)), Hypothesis((Part("rate_dependence"),))])
+    assert "two speeds" in separate_by(
+        [Hypothesis((Part("slip_sinkage"),)), Hypothesis((Part("rate_dependence"),))]
+    )
     assert separate_by(shown[:1]) == ""
 
 
-def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_whose_effect_was_taken_out() -> None:
+def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_whose_effect_was_taken_out() -> (
+    None
+):
     samples = [Sample("", gains({"payload": -4.0}, 6.0, -9.0), None)]
     for share in (0.82, 0.9, 1.0):
         with_truth = gains({"payload": 300.0 * share, "latency": 10.0}, 250.0, 300.0)
-        samples.append(Sample("payload", with_truth, gains({"latency": 10.0, "bulldozing": 300.0 * (share - 0.5)}, 250.0, 300.0)))
+        samples.append(
+            Sample(
+                "payload",
+                with_truth,
+                gains({"latency": 10.0, "bulldozing": 300.0 * (share - 0.5)}, 250.0, 300.0),
+            )
+        )
     found = thresholds(samples)
     assert found.anything == pytest.approx(9.0)
     assert 0.5 < found.share < 0.82
@@ -107,7 +152,11 @@ def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_
 
 
 def test_the_thresholds_that_ship_are_those_of_the_rule() -> None:
-    shipped = json.loads((files("terrain_estimator.discovery.evidence") / "thresholds.json").read_text(encoding="utf-8"))
+    shipped = json.loads(
+        (files("terrain_estimator.discovery.evidence") / "thresholds.json").read_text(
+            encoding="utf-8"
+        )
+    )
     assert shipped["anything"] >= 8.0
     assert 0.3 < shipped["share"] < 0.95
     assert 0.05 < shipped["apart"] <= 0.3

@@ -26,15 +26,23 @@ def autoregressive(shape: tuple[int, ...], kept: float, generator: torch.Generat
 
 
 @pytest.mark.parametrize("kept", [0.0, 0.7])
-def test_noise_alone_raises_an_alarm_no_more_often_than_the_level_however_long_it_lasts(kept: float) -> None:
+def test_noise_alone_raises_an_alarm_no_more_often_than_the_level_however_long_it_lasts(
+    kept: float,
+) -> None:
     """200 sets of three runs with smooth signals and regions of them; 95 % limits by the binomial law."""
     generator = torch.Generator().manual_seed(17)
-    signals = [autoregressive((BLOCKS, 1, COLUMNS // 2), 0.9, generator).expand(-1, ROWS, -1) for _ in range(RUNS)]
+    signals = [
+        autoregressive((BLOCKS, 1, COLUMNS // 2), 0.9, generator).expand(-1, ROWS, -1)
+        for _ in range(RUNS)
+    ]
     columns = [torch.cat([signal, (signal > 0.8).double()], 2) for signal in signals]
     trials, alarms = 200, 0
     for _ in range(trials):
         left = [autoregressive((BLOCKS, ROWS), kept, generator) for _ in range(RUNS)]
-        alarms += bool(holm(two_sided(tests(left, columns), torch.zeros(COLUMNS, dtype=torch.float64))).min() < LEVEL)
+        alarms += bool(
+            holm(two_sided(tests(left, columns), torch.zeros(COLUMNS, dtype=torch.float64))).min()
+            < LEVEL
+        )
     assert binomtest(alarms, trials).proportion_ci(0.95).low <= LEVEL
 
 
@@ -55,7 +63,9 @@ def test_innovations_of_a_fit_to_which_nothing_is_missing_are_white_and_of_unit_
     with torch.inference_mode():
         every = [
             innovations(whitening(equations, unknowns), equations, unknowns)
-            for equations, unknowns in zip(known.equations_of_nothing(), known.nothing.fit.point.runs, strict=True)
+            for equations, unknowns in zip(
+                known.equations_of_nothing(), known.nothing.fit.point.runs, strict=True
+            )
         ]
     # The second row carries the velocity from block to block: alone it says nothing.
     left = torch.stack(every)[:, :, [0, 2, 3, 4, 5, 6, 7, 8]]

@@ -37,7 +37,9 @@ def drive(model: LoadedModel) -> list[Observation]:
     return drive_observations(model.rover, model.metadata.soils[0], 30.0, seed=11)
 
 
-def run(model: LoadedModel, observations: list[Observation], config: CoreConfig | None = None) -> list[Update]:
+def run(
+    model: LoadedModel, observations: list[Observation], config: CoreConfig | None = None
+) -> list[Update]:
     estimator = Estimator(model, config or CoreConfig())
     return [estimator.update(observation) for observation in observations]
 
@@ -45,14 +47,21 @@ def run(model: LoadedModel, observations: list[Observation], config: CoreConfig 
 def assert_publishable(update: Update) -> None:
     estimate = update.estimate
     assert np.isfinite(estimate.mean).all()
-    assert np.linalg.eigvalsh(estimate.covariance / np.outer(*2 * [np.sqrt(np.diagonal(estimate.covariance))])).min() > 0.0
+    assert (
+        np.linalg.eigvalsh(
+            estimate.covariance / np.outer(*2 * [np.sqrt(np.diagonal(estimate.covariance))])
+        ).min()
+        > 0.0
+    )
     assert (estimate.lower_95 >= 0.0).all()
     if update.prediction.valid:
         assert math.isfinite(update.prediction.velocity)
         assert update.prediction.variance > 0.0
 
 
-def test_a_drive_narrows_both_intervals_around_the_truth(model: LoadedModel, drive: list[Observation]) -> None:
+def test_a_drive_narrows_both_intervals_around_the_truth(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
     """One drive, so the bound is wide: 4 standard deviations are exceeded once in 16 000 honest estimates."""
     updates = run(model, drive)
     first, last = updates[0].estimate, updates[-1].estimate
@@ -65,19 +74,25 @@ def test_a_drive_narrows_both_intervals_around_the_truth(model: LoadedModel, dri
     assert last.time_used_s == pytest.approx((len(drive) - 1) * 0.1)
 
 
-def test_the_estimate_starts_as_the_prior_and_is_not_called_identified(model: LoadedModel, drive: list[Observation]) -> None:
+def test_the_estimate_starts_as_the_prior_and_is_not_called_identified(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
     first = run(model, drive[:1])[0].estimate
     np.testing.assert_allclose(first.mean, model.metadata.prior_mean)
     np.testing.assert_allclose(np.sqrt(np.diagonal(first.covariance)), model.metadata.prior_sd)
     assert first.identified == (False, False)
 
 
-def test_the_same_observations_give_the_same_bits(model: LoadedModel, drive: list[Observation]) -> None:
+def test_the_same_observations_give_the_same_bits(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
     first, second = run(model, drive[:120]), run(model, drive[:120])
     assert [u.estimate.mean.tobytes() + u.estimate.covariance.tobytes() for u in first] == [
         u.estimate.mean.tobytes() + u.estimate.covariance.tobytes() for u in second
     ]
-    np.testing.assert_array_equal([u.prediction.velocity for u in first], [u.prediction.velocity for u in second])
+    np.testing.assert_array_equal(
+        [u.prediction.velocity for u in first], [u.prediction.velocity for u in second]
+    )
 
 
 def test_reset_starts_over_but_counts_on(model: LoadedModel, drive: list[Observation]) -> None:
@@ -110,15 +125,23 @@ BROKEN: dict[str, tuple[dict[str, object], set[Outcome]]] = {
     "slip NaN": ({"slip": np.full(3, math.nan)}, {Outcome.NOT_FINITE}),
     "slip beyond one": ({"slip": np.full(3, 1.5)}, {Outcome.OUT_OF_RANGE}),
     "sinkage negative": ({"sinkage": np.full(3, -0.01)}, {Outcome.OUT_OF_RANGE}),
-    "sinkage of one axle missing": ({"sinkage": np.array([0.01, math.nan, 0.01])}, {Outcome.NOT_FINITE}),
-    "slip of one axle beyond the model": ({"slip": np.array([0.2, 0.2, 0.96])}, {Outcome.OUT_OF_RANGE}),
+    "sinkage of one axle missing": (
+        {"sinkage": np.array([0.01, math.nan, 0.01])},
+        {Outcome.NOT_FINITE},
+    ),
+    "slip of one axle beyond the model": (
+        {"slip": np.array([0.2, 0.2, 0.96])},
+        {Outcome.OUT_OF_RANGE},
+    ),
     "sinkage beyond the radius": ({"sinkage": np.full(3, 0.2)}, {Outcome.OUT_OF_RANGE}),
     "wheels standing": ({"wheel_rate": np.zeros(3)}, {Outcome.STANDSTILL}),
 }
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_observation_is_refused_and_costs_nothing_that_was_known(model: LoadedModel, drive: list[Observation], name: str) -> None:
+def test_a_broken_observation_is_refused_and_costs_nothing_that_was_known(
+    model: LoadedModel, drive: list[Observation], name: str
+) -> None:
     changes, outcomes = BROKEN[name]
     estimator = Estimator(model, CoreConfig())
     before = [estimator.update(observation) for observation in drive[:100]][-1]
@@ -133,8 +156,12 @@ def test_a_broken_observation_is_refused_and_costs_nothing_that_was_known(model:
     assert_publishable(after[-1])
 
 
-def test_nothing_is_foretold_until_an_acceleration_and_its_change_are_known(model: LoadedModel, drive: list[Observation]) -> None:
-    later = [dataclasses.replace(each, stamp_ns=each.stamp_ns + 20 * STEP_NS) for each in drive[60:]]
+def test_nothing_is_foretold_until_an_acceleration_and_its_change_are_known(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    later = [
+        dataclasses.replace(each, stamp_ns=each.stamp_ns + 20 * STEP_NS) for each in drive[60:]
+    ]
     updates = run(model, [*drive[:60], *later])
     valid = [update.prediction.valid for update in updates]
     assert valid == [False, False, *[True] * 58, False, *[True] * (len(later) - 1)]
@@ -146,14 +173,23 @@ def test_nothing_is_foretold_until_an_acceleration_and_its_change_are_known(mode
     assert math.isfinite(updates[62].prediction.innovation)
 
 
-def test_an_innovation_is_that_of_the_time_that_was_foretold(model: LoadedModel, drive: list[Observation]) -> None:
-    updates = run(model, [*drive[:30], *drive[31:40]])  # one is missing: the next is linked, but not what was foretold
+def test_an_innovation_is_that_of_the_time_that_was_foretold(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    updates = run(
+        model, [*drive[:30], *drive[31:40]]
+    )  # one is missing: the next is linked, but not what was foretold
     assert updates[30].prediction.valid
     assert math.isnan(updates[30].prediction.innovation)
-    assert updates[31].prediction.innovation == updates[31].prediction.measured - updates[30].prediction.velocity
+    assert (
+        updates[31].prediction.innovation
+        == updates[31].prediction.measured - updates[30].prediction.velocity
+    )
 
 
-def test_without_torque_and_imu_fewer_rows_are_used(model: LoadedModel, drive: list[Observation]) -> None:
+def test_without_torque_and_imu_fewer_rows_are_used(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
     full = run(model, drive)[-1]
     assert set(full.decision.rows_used) == set(model.rows)
     bare = run(model, drive, CoreConfig(use_torque=False, use_imu=False, use_moments=False))[-1]
@@ -165,11 +201,17 @@ def test_site_knowledge_replaces_the_prior(model: LoadedModel, drive: list[Obser
     config = CoreConfig(prior_cohesion_mean_pa=900.0, prior_cohesion_sd_pa=100.0)
     first = run(model, drive[:1], config)[0].estimate
     np.testing.assert_allclose(first.mean, [900.0, model.metadata.prior_mean[1]])
-    np.testing.assert_allclose(np.sqrt(np.diagonal(first.covariance)), [100.0, model.metadata.prior_sd[1]])
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(first.covariance)), [100.0, model.metadata.prior_sd[1]]
+    )
 
 
-@pytest.mark.parametrize(("stamp_ns", "outcome"), [(0, Outcome.DUPLICATE), (-STEP_NS, Outcome.TIME_BACKWARDS)])
-def test_an_old_stamp_is_refused(model: LoadedModel, drive: list[Observation], stamp_ns: int, outcome: Outcome) -> None:
+@pytest.mark.parametrize(
+    ("stamp_ns", "outcome"), [(0, Outcome.DUPLICATE), (-STEP_NS, Outcome.TIME_BACKWARDS)]
+)
+def test_an_old_stamp_is_refused(
+    model: LoadedModel, drive: list[Observation], stamp_ns: int, outcome: Outcome
+) -> None:
     estimator = Estimator(model, CoreConfig())
     estimator.update(drive[0])
     again = dataclasses.replace(drive[1], stamp_ns=drive[0].stamp_ns + stamp_ns)
@@ -177,8 +219,13 @@ def test_an_old_stamp_is_refused(model: LoadedModel, drive: list[Observation], s
     assert estimator.update(drive[1]).decision.outcome is Outcome.ACCEPTED
 
 
-def test_torques_that_contradict_everything_are_left_out_second_by_second(model: LoadedModel, drive: list[Observation]) -> None:
-    wrong = [dataclasses.replace(observation, torque=observation.torque + 500.0) for observation in drive[100:160]]
+def test_torques_that_contradict_everything_are_left_out_second_by_second(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    wrong = [
+        dataclasses.replace(observation, torque=observation.torque + 500.0)
+        for observation in drive[100:160]
+    ]
     estimator = Estimator(model, CoreConfig())
     before = [estimator.update(observation) for observation in drive[:100]][-1].estimate
     updates = [estimator.update(observation) for observation in wrong]
@@ -194,33 +241,59 @@ def test_torques_that_contradict_everything_are_left_out_second_by_second(model:
     after = [estimator.update(observation) for observation in drive[160:200]]
     assert after[-1].decision.outcome is Outcome.ACCEPTED
     deviation = np.sqrt(np.diagonal(before.covariance))
-    assert (np.abs(after[-1].estimate.mean - before.mean) < 2.0 * deviation).all(), "what was known is kept"
+    assert (np.abs(after[-1].estimate.mean - before.mean) < 2.0 * deviation).all(), (
+        "what was known is kept"
+    )
     assert (np.sqrt(np.diagonal(after[-1].estimate.covariance)) < 1.05 * deviation).all()
 
 
-def test_what_fits_no_ground_for_long_brings_the_prior_back(model: LoadedModel, drive: list[Observation]) -> None:
-    wrong = [dataclasses.replace(observation, torque=observation.torque + 500.0) for observation in drive[100:280]]
+def test_what_fits_no_ground_for_long_brings_the_prior_back(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    wrong = [
+        dataclasses.replace(observation, torque=observation.torque + 500.0)
+        for observation in drive[100:280]
+    ]
     pipeline = Pipeline(model, EstimatorConfig())
-    updates = [pipeline.answer(Conversion(observation.stamp_ns, observation)).update for observation in [*drive[:100], *wrong]]
+    updates = [
+        pipeline.answer(Conversion(observation.stamp_ns, observation)).update
+        for observation in [*drive[:100], *wrong]
+    ]
     last = updates[-1].estimate
     np.testing.assert_allclose(last.mean, model.metadata.prior_mean)
     assert last.identified == (False, False)
-    assert sum("the prior holds again" in update.decision.detail for update in updates) == pipeline.resets == 1
+    assert (
+        sum("the prior holds again" in update.decision.detail for update in updates)
+        == pipeline.resets
+        == 1
+    )
 
 
 def test_a_change_of_the_ground_is_told_and_followed(model: LoadedModel) -> None:
     """Eight drives from c 0.8 kPa, tan phi 0.5 to 2.5 kPa, 0.8 at one place; the truth may miss one interval of 4 sd."""
     soil = model.metadata.soils[0]
-    weak, strong = (torch.tensor(values, dtype=torch.float64).expand(8, 2) for values in ((800.0, 0.5), (2500.0, 0.8)))
+    weak, strong = (
+        torch.tensor(values, dtype=torch.float64).expand(8, 2)
+        for values in ((800.0, 0.5), (2500.0, 0.8))
+    )
     generator = torch.Generator().manual_seed(7)
-    ground = Ground([Patch(soil.constants(), weak, name="weak"), Patch(soil.constants(), strong, start=5.0, name="strong")])
+    ground = Ground(
+        [
+            Patch(soil.constants(), weak, name="weak"),
+            Patch(soil.constants(), strong, start=5.0, name="strong"),
+        ]
+    )
     drives = simulate(model.rover, ground, "S1", 90.0, generator, 8)
     measurement = measure_drive(model.rover, drives.sample, Noise(), generator)
     delays = []
     for index in range(8):
-        first, last = (int((drives.sample.position[index] + reach < 5.0).sum()) for reach in (0.7, -0.7))
+        first, last = (
+            int((drives.sample.position[index] + reach < 5.0).sum()) for reach in (0.7, -0.7)
+        )
         updates = run(model, observations_of(measurement, index)[: last + 200])
-        changed = [k for k, update in enumerate(updates) if update.estimate.change_probability > 0.5]
+        changed = [
+            k for k, update in enumerate(updates) if update.estimate.change_probability > 0.5
+        ]
         assert changed
         assert changed[0] >= first, "no false alarm on the first ground"
         delays.append((changed[0] - first) * 0.1)
@@ -233,21 +306,37 @@ def test_a_change_of_the_ground_is_told_and_followed(model: LoadedModel) -> None
 
 
 @pytest.mark.parametrize("name", ["loose_sand", "compact_sand", "regolith"])
-def test_the_soil_under_the_rover_is_found_among_those_that_the_model_knows(model: LoadedModel, name: str) -> None:
+def test_the_soil_under_the_rover_is_found_among_those_that_the_model_knows(
+    model: LoadedModel, name: str
+) -> None:
     """One drive of 20 s. Loose sand and regolith may look alike for that long; the true one is not excluded, compact sand is told apart."""
     soils = [soil.name for soil in model.metadata.soils]
-    estimate = run(model, drive_observations(model.rover, load_soil(name), 20.0, seed=21))[-1].estimate
+    estimate = run(model, drive_observations(model.rover, load_soil(name), 20.0, seed=21))[
+        -1
+    ].estimate
     assert estimate.soils == tuple(soils)
     assert sum(estimate.soil_probability) == pytest.approx(1.0)
     assert estimate.soil_probability[soils.index(name)] > 0.01
-    assert (estimate.soil_probability[soils.index("compact_sand")] > 0.99) == (name == "compact_sand")
+    assert (estimate.soil_probability[soils.index("compact_sand")] > 0.99) == (
+        name == "compact_sand"
+    )
 
 
-def test_a_known_soil_is_the_only_one_that_is_considered(model: LoadedModel, drive: list[Observation]) -> None:
-    estimates = [update.estimate for update in run(model, drive[:100], CoreConfig(prior_soil="regolith"))]
+def test_a_known_soil_is_the_only_one_that_is_considered(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    estimates = [
+        update.estimate for update in run(model, drive[:100], CoreConfig(prior_soil="regolith"))
+    ]
     for estimate in estimates:
         assert estimate.soil_probability == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
-    with pytest.raises(ConfigError, match=r"prior\.soil: 'mud' is unknown to mars_rover-\d+: give loose_sand, compact_sand, regolith"):
+    with pytest.raises(
+        ConfigError,
+        match=(
+            r"prior\.soil: 'mud' is unknown to mars_rover-\d+: give loose_sand, compact_sand,"
+            r" regolith"
+        ),
+    ):
         Estimator(model, CoreConfig(prior_soil="mud"))
 
 
@@ -272,13 +361,18 @@ def test_a_rover_that_reaches_compact_sand_finds_the_new_soil(model: LoadedModel
 def test_drift_forgets_what_is_old(model: LoadedModel, drive: list[Observation]) -> None:
     """The more the ground may drift, the wider the interval; by default there is none."""
     deviations = [
-        np.sqrt(np.diagonal(run(model, drive[:200], CoreConfig(drift=drift))[-1].estimate.covariance)) for drift in (0.0, 0.03, 0.1)
+        np.sqrt(
+            np.diagonal(run(model, drive[:200], CoreConfig(drift=drift))[-1].estimate.covariance)
+        )
+        for drift in (0.0, 0.03, 0.1)
     ]
     assert (deviations[0] < deviations[1]).all()
     assert (deviations[1] < deviations[2]).all()
 
 
-def test_random_hostile_numbers_never_give_a_covariance_that_is_none(model: LoadedModel, drive: list[Observation]) -> None:
+def test_random_hostile_numbers_never_give_a_covariance_that_is_none(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
     """2000 observations, one in five with one field replaced at random; every update is checked."""
     generator = np.random.default_rng(7)
     hostile = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e308, 0.5)
@@ -290,7 +384,9 @@ def test_random_hostile_numbers_never_give_a_covariance_that_is_none(model: Load
         if generator.random() < 0.2:
             name = names[generator.integers(len(names))]
             value = hostile[generator.integers(len(hostile))]
-            changed: object = np.full(3, value) if isinstance(getattr(observation, name), np.ndarray) else value
+            changed: object = (
+                np.full(3, value) if isinstance(getattr(observation, name), np.ndarray) else value
+            )
             observation = dataclasses.replace(observation, **{name: changed})  # type: ignore[arg-type]
         stamp += STEP_NS
         update = estimator.update(dataclasses.replace(observation, stamp_ns=stamp))

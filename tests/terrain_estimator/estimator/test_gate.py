@@ -34,21 +34,34 @@ def decisions(gate_probability: float) -> list[Decision]:
 @pytest.mark.parametrize("probability", [0.1, 0.02])
 def test_the_gate_of_the_velocity_rejects_the_share_that_it_may(probability: float) -> None:
     """Three drives of 30 s, 900 observations: the count lies in the binomial's central 99.9 %, if innovations are white and honest."""
-    tested = [each for each in decisions(probability) if each.degrees_of_freedom == 1 and math.isfinite(each.mahalanobis_squared)]
+    tested = [
+        each
+        for each in decisions(probability)
+        if each.degrees_of_freedom == 1 and math.isfinite(each.mahalanobis_squared)
+    ]
     rejected = [each for each in tested if each.outcome is Outcome.GATED]
     lowest, highest = binom.interval(CONFIDENCE, len(tested), probability)
     assert len(tested) > 850
     assert lowest <= len(rejected) <= highest
-    assert all((each.mahalanobis_squared > each.threshold) == (each.outcome is Outcome.GATED) for each in tested)
+    assert all(
+        (each.mahalanobis_squared > each.threshold) == (each.outcome is Outcome.GATED)
+        for each in tested
+    )
 
 
 def test_the_gate_of_the_blocks_rejects_no_more_than_it_may() -> None:
     """The same drives, 90 blocks: the count is below the binomial's 99.9 % limit. A block is fitted before it is judged."""
-    rejected = [each for each in decisions(0.1) if each.degrees_of_freedom > 1 and each.outcome is Outcome.GATED]
+    rejected = [
+        each
+        for each in decisions(0.1)
+        if each.degrees_of_freedom > 1 and each.outcome is Outcome.GATED
+    ]
     assert len(rejected) <= binom.ppf(CONFIDENCE, 90, 0.1)
     assert all(each.mahalanobis_squared > each.threshold for each in rejected)
 
 
 def test_without_gates_nothing_is_gated() -> None:
     assert {each.outcome for each in decisions(0.0)} == {Outcome.ACCEPTED}
-    assert all(math.isnan(each.threshold) for each in decisions(0.0)), "an infinite one was published"
+    assert all(math.isnan(each.threshold) for each in decisions(0.0)), (
+        "an infinite one was published"
+    )

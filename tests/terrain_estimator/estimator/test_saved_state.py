@@ -17,7 +17,13 @@ import pytest
 from rover_parameters.parameters import configure
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state, unpack_state, write_state
+from terrain_estimator.estimator.saved_state import (
+    StateFileError,
+    pack_state,
+    read_state,
+    unpack_state,
+    write_state,
+)
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
 from tests.terrain_estimator.drives import drive_observations
@@ -43,7 +49,9 @@ def content(model: LoadedModel, drive: list[Observation]) -> bytes:
     return pack_state(estimator.save(), model.sha256)
 
 
-def test_a_restored_estimator_gives_the_same_bits_as_one_that_ran_on(model: LoadedModel, drive: list[Observation], content: bytes) -> None:
+def test_a_restored_estimator_gives_the_same_bits_as_one_that_ran_on(
+    model: LoadedModel, drive: list[Observation], content: bytes
+) -> None:
     whole, restored = Estimator(model, CoreConfig()), Estimator(model, CoreConfig())
     for observation in drive[:SAVED_AFTER]:
         whole.update(observation)
@@ -61,7 +69,9 @@ def test_a_restored_estimator_gives_the_same_bits_as_one_that_ran_on(model: Load
         )
 
 
-def test_the_state_before_the_first_observation_can_be_kept_too(model: LoadedModel, drive: list[Observation]) -> None:
+def test_the_state_before_the_first_observation_can_be_kept_too(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
     fresh, other = Estimator(model, CoreConfig()), Estimator(model, CoreConfig())
     other.update(drive[0])
     other.restore(unpack_state(pack_state(fresh.save(), model.sha256), model.sha256, "here"))
@@ -69,15 +79,28 @@ def test_the_state_before_the_first_observation_can_be_kept_too(model: LoadedMod
     assert other.update(drive[0]).estimate.observations_used == 1
 
 
-@pytest.mark.parametrize("values", [{"prior.soil": "regolith"}, {"prior.cohesion_mean": 4e3, "prior.cohesion_sd": 1e2}, {"drift": 0.1}])
-def test_a_state_that_was_learnt_from_another_prior_is_refused(model: LoadedModel, content: bytes, values: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"prior.soil": "regolith"},
+        {"prior.cohesion_mean": 4e3, "prior.cohesion_sd": 1e2},
+        {"drift": 0.1},
+    ],
+)
+def test_a_state_that_was_learnt_from_another_prior_is_refused(
+    model: LoadedModel, content: bytes, values: dict[str, Any]
+) -> None:
     """It was taken, and the parameters did nothing."""
     estimator = Estimator(model, configure(CoreConfig, values))
     arrays = unpack_state(content, model.sha256, "here")
-    with pytest.raises(StateFileError, match=r"another prior: give prior\.\* and drift as they were"):
+    with pytest.raises(
+        StateFileError, match=r"another prior: give prior\.\* and drift as they were"
+    ):
         estimator.restore(arrays)
     assert estimator.last_stamp_ns is None
-    Estimator(model, CoreConfig(use_torque=False, gate_probability=0.0)).restore(arrays)  # which are no prior
+    Estimator(model, CoreConfig(use_torque=False, gate_probability=0.0)).restore(
+        arrays
+    )  # which are no prior
 
 
 def reheaded(content: bytes, payload: bytes | None = None, **changes: object) -> bytes:
@@ -117,15 +140,23 @@ DAMAGE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "another model": (lambda c: reheaded(c, model_sha256="00"), "model_sha256 is '00'"),
     "a first line without end": (lambda _: b"[" * 100_000, "first line is no JSON"),
     "nothing but a header": (lambda c: reheaded(c, b""), "no archive of plain arrays"),
-    "a bomb": (lambda c: reheaded(c, bomb()), "no archive of plain arrays .unpacks to [0-9]+ bytes"),
+    "a bomb": (
+        lambda c: reheaded(c, bomb()),
+        "no archive of plain arrays .unpacks to [0-9]+ bytes",
+    ),
     "no archive": (lambda c: reheaded(c, b"nothing"), "no archive of plain arrays"),
     "a pickle": (lambda c: reheaded(c, pickle.dumps(Trap())), "no archive of plain arrays"),
-    "an array of objects": (lambda c: reheaded(c, archive(x=np.array([Trap()], dtype=object))), "no archive of plain arrays"),
+    "an array of objects": (
+        lambda c: reheaded(c, archive(x=np.array([Trap()], dtype=object))),
+        "no archive of plain arrays",
+    ),
 }
 
 
 @pytest.mark.parametrize("name", DAMAGE)
-def test_a_damaged_file_is_refused_by_name(model: LoadedModel, content: bytes, tmp_path: Path, name: str) -> None:
+def test_a_damaged_file_is_refused_by_name(
+    model: LoadedModel, content: bytes, tmp_path: Path, name: str
+) -> None:
     damage, words = DAMAGE[name]
     (tmp_path / "a.state").write_bytes(damage(content))
     with pytest.raises(StateFileError, match=rf"a\.state: .*{words}"):
@@ -136,7 +167,10 @@ def test_a_damaged_file_is_refused_by_name(model: LoadedModel, content: bytes, t
     ("changes", "words"),
     [
         ({"state.mean": None}, "mean is missing"),
-        ({"state.mean": np.zeros((54, 3))}, r"mean is torch.float64 \(54, 3\), the model's is torch.float64 \(54, 17\)"),
+        (
+            {"state.mean": np.zeros((54, 3))},
+            r"mean is torch.float64 \(54, 3\), the model's is torch.float64 \(54, 17\)",
+        ),
         ({"state.kind": np.zeros(54)}, "kind is torch.float64"),
         ({"state.moments": np.full((3, 2), np.nan)}, "not finite"),
         ({"counts": None}, "counts or numbers are missing"),
@@ -145,7 +179,11 @@ def test_a_damaged_file_is_refused_by_name(model: LoadedModel, content: bytes, t
     ],
 )
 def test_arrays_that_are_no_state_of_the_model_change_nothing(
-    model: LoadedModel, drive: list[Observation], content: bytes, changes: dict[str, Any], words: str
+    model: LoadedModel,
+    drive: list[Observation],
+    content: bytes,
+    changes: dict[str, Any],
+    words: str,
 ) -> None:
     estimator = Estimator(model, CoreConfig())
     before = estimator.update(drive[0])
@@ -156,7 +194,9 @@ def test_arrays_that_are_no_state_of_the_model_change_nothing(
     assert after.estimate.observations_used == before.estimate.observations_used + 1
 
 
-def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.state"
     write_state(path, b"old")
 

@@ -73,7 +73,13 @@ def test_a_good_observation_passes_unchanged() -> None:
 
 
 def test_without_torque_imu_and_wheel_rates_it_is_still_accepted() -> None:
-    bare = verdict(torque=NOT_MEASURED, torque_sd=NOT_MEASURED, wheel_rate=NOT_MEASURED, acceleration=math.nan, acceleration_sd=math.nan)
+    bare = verdict(
+        torque=NOT_MEASURED,
+        torque_sd=NOT_MEASURED,
+        wheel_rate=NOT_MEASURED,
+        acceleration=math.nan,
+        acceleration_sd=math.nan,
+    )
     assert bare.outcome is Outcome.ACCEPTED
 
 
@@ -88,13 +94,17 @@ def test_without_torque_imu_and_wheel_rates_it_is_still_accepted() -> None:
         ([math.nan] * 3, -0.03, True),  # within the noise of one that hardly moves
     ],
 )
-def test_a_rover_that_drives_backwards_is_refused(rates: list[float], velocity: float, *, used: bool) -> None:
+def test_a_rover_that_drives_backwards_is_refused(
+    rates: list[float], velocity: float, *, used: bool
+) -> None:
     result = verdict(wheel_rate=np.array(rates), velocity=velocity)
     assert result.outcome is (Outcome.ACCEPTED if used else Outcome.OUT_OF_RANGE)
     assert ("backwards" in result.detail) is not used
 
 
-@pytest.mark.parametrize(("previous_ns", "outcome"), [(10**9, Outcome.DUPLICATE), (10**9 + 1, Outcome.TIME_BACKWARDS)])
+@pytest.mark.parametrize(
+    ("previous_ns", "outcome"), [(10**9, Outcome.DUPLICATE), (10**9 + 1, Outcome.TIME_BACKWARDS)]
+)
 def test_a_stamp_that_does_not_increase_is_refused(previous_ns: int, outcome: Outcome) -> None:
     assert verdict(previous_ns).outcome is outcome
 
@@ -128,7 +138,13 @@ def test_a_bad_deviation_of_a_required_value_is_named(name: str, value: float) -
 )
 def test_an_observation_with_an_unusable_axle_is_refused_by_name(name: str, value: float) -> None:
     others = float(getattr(observe(), name)[0])
-    expected = Outcome.BAD_DEVIATION if name.endswith("_sd") else Outcome.OUT_OF_RANGE if math.isfinite(value) else Outcome.NOT_FINITE
+    expected = (
+        Outcome.BAD_DEVIATION
+        if name.endswith("_sd")
+        else Outcome.OUT_OF_RANGE
+        if math.isfinite(value)
+        else Outcome.NOT_FINITE
+    )
     for given in (at(1, value, others), np.full(3, value)):
         refused = verdict(**{name: given})
         assert refused.outcome is expected
@@ -157,7 +173,10 @@ def test_the_screening_refuses_only_what_no_model_can_take() -> None:
 
 
 def test_standing_wheels_are_a_standstill_even_where_slip_is_undefined() -> None:
-    assert verdict(wheel_rate=np.full(3, 0.01), slip=np.full(3, np.nan), velocity=0.0).outcome is Outcome.STANDSTILL
+    assert (
+        verdict(wheel_rate=np.full(3, 0.01), slip=np.full(3, np.nan), velocity=0.0).outcome
+        is Outcome.STANDSTILL
+    )
 
 
 def test_a_stuck_rover_with_turning_wheels_does_not_stand() -> None:
@@ -175,7 +194,10 @@ def test_slip_is_bounded_where_the_model_ends_and_the_advice_says_where() -> Non
 
 def test_without_wheel_rates_the_velocity_tells_a_standstill() -> None:
     assert verdict(wheel_rate=NOT_MEASURED, velocity=0.004).outcome is Outcome.STANDSTILL
-    assert verdict(wheel_rate=NOT_MEASURED, velocity=0.025, slip=NOT_MEASURED).outcome is Outcome.STANDSTILL
+    assert (
+        verdict(wheel_rate=NOT_MEASURED, velocity=0.025, slip=NOT_MEASURED).outcome
+        is Outcome.STANDSTILL
+    )
     assert verdict(wheel_rate=NOT_MEASURED, velocity=0.025).outcome is Outcome.ACCEPTED
 
 
@@ -205,11 +227,17 @@ def test_a_velocity_that_no_rover_has_is_refused_and_named() -> None:
     [
         ({"torque": at(1, -1e7, 12.0)}, ["torque"], "axle 1: torque -1e+07 N m"),
         ({"acceleration": 1e300}, ["acceleration"], "acceleration 1e+300 m/s^2"),
-        ({"wheel_rate": at(1, 1e300, 1.5)}, ["wheel_rate", "torque"], "axle 1: wheel rate 1e+300 rad/s"),
+        (
+            {"wheel_rate": at(1, 1e300, 1.5)},
+            ["wheel_rate", "torque"],
+            "axle 1: wheel rate 1e+300 rad/s",
+        ),
         ({"torque_sd": at(1, 1e150, 0.4)}, ["torque"], "with standard deviation 1e+150"),
     ],
 )
-def test_what_no_sensor_can_measure_is_masked_and_named(changes: dict[str, Any], masked: list[str], words: str) -> None:
+def test_what_no_sensor_can_measure_is_masked_and_named(
+    changes: dict[str, Any], masked: list[str], words: str
+) -> None:
     result = verdict(**changes)
     assert result.outcome is Outcome.ACCEPTED_PARTIALLY
     assert words in result.detail

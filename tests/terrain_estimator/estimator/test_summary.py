@@ -38,7 +38,10 @@ def test_far_below_zero_the_interval_is_short_but_in_order(cohesion: float) -> N
 
 def test_a_parameter_is_identified_when_the_data_left_a_tenth_of_its_prior_variance() -> None:
     covariance = np.diag([(0.31 * 1300.0) ** 2, (0.33 * 0.22) ** 2])
-    assert summarise(np.array([1000.0, 0.6]), covariance, BELIEFS, (1.0,)).identified == (True, False)
+    assert summarise(np.array([1000.0, 0.6]), covariance, BELIEFS, (1.0,)).identified == (
+        True,
+        False,
+    )
 
 
 def test_mass_below_zero_is_that_of_both_parameters() -> None:

@@ -30,14 +30,21 @@ def steps() -> list[list[Event]]:
 
 
 def shifted(events: list[Event], by_ns: int) -> list[Event]:
-    stamps = {id(message.header.stamp): message.header.stamp for _, _, message in events}  # the messages of an instant share one
+    stamps = {
+        id(message.header.stamp): message.header.stamp for _, _, message in events
+    }  # the messages of an instant share one
     for stamp in stamps.values():
         stamp.sec, stamp.nanosec = divmod(stamp.sec * 10**9 + stamp.nanosec + by_ns, 10**9)
     return events
 
 
 def play(pipeline: Pipeline, instants: list[list[Event]]) -> list[Answer]:
-    return [answer for events in instants for topic, _, message in events for answer in pipeline.add(topic, message)]
+    return [
+        answer
+        for events in instants
+        for topic, _, message in events
+        for answer in pipeline.add(topic, message)
+    ]
 
 
 def told(answers: list[Answer]) -> list[str]:
@@ -45,7 +52,10 @@ def told(answers: list[Answer]) -> list[str]:
 
 
 def estimates(answers: list[Answer]) -> list[tuple[Any, ...]]:
-    return [(each.update.stamp_ns, each.update.estimate.mean.tobytes(), each.update.decision.outcome) for each in answers]
+    return [
+        (each.update.stamp_ns, each.update.estimate.mean.tobytes(), each.update.decision.outcome)
+        for each in answers
+    ]
 
 
 def test_a_bag_that_loops_starts_from_the_prior_and_says_so_once(model: LoadedModel) -> None:
@@ -53,16 +63,28 @@ def test_a_bag_that_loops_starts_from_the_prior_and_says_so_once(model: LoadedMo
     first, second = play(pipeline, steps()), play(pipeline, steps())
     assert told(first) == []
     [warning] = told(second)
-    assert "the clock went back by 3.0 s" in warning  # 3.9 s, of which it takes nine messages to be certain
-    assert estimates(second) == estimates(play(Pipeline(model, EstimatorConfig()), steps()[RESTART_AFTER - 1 :]))
-    assert {name: count.out_of_order for name, count in pipeline.counters.items()} == dict.fromkeys(pipeline.inputs, RESTART_AFTER - 1)
-    assert [each.update.sequence for each in (*first, *second)] == list(range(len(first) + len(second)))
+    assert (
+        "the clock went back by 3.0 s" in warning
+    )  # 3.9 s, of which it takes nine messages to be certain
+    assert estimates(second) == estimates(
+        play(Pipeline(model, EstimatorConfig()), steps()[RESTART_AFTER - 1 :])
+    )
+    assert {name: count.out_of_order for name, count in pipeline.counters.items()} == dict.fromkeys(
+        pipeline.inputs, RESTART_AFTER - 1
+    )
+    assert [each.update.sequence for each in (*first, *second)] == list(
+        range(len(first) + len(second))
+    )
 
 
-def test_a_step_back_of_less_than_a_second_costs_the_messages_that_are_not_later(model: LoadedModel) -> None:
+def test_a_step_back_of_less_than_a_second_costs_the_messages_that_are_not_later(
+    model: LoadedModel,
+) -> None:
     pipeline = Pipeline(model, EstimatorConfig())
     instants = steps()
-    answers = play(pipeline, instants[:20]) + play(pipeline, [shifted(events, -3 * STEP_NS) for events in instants[20:]])
+    answers = play(pipeline, instants[:20]) + play(
+        pipeline, [shifted(events, -3 * STEP_NS) for events in instants[20:]]
+    )
     assert told(answers) == []
     assert len(answers) == STEPS - 3
     assert pipeline.counters["odom"].out_of_order == 3
@@ -89,15 +111,24 @@ def test_a_saved_state_outlives_a_clock_that_begins_anew(model: LoadedModel) -> 
     first = Pipeline(model, EstimatorConfig())
     before = play(first, steps()[:25])  # in the middle of a block
     saved = first.save()
-    earlier = play(restarted(model, saved), [shifted(events, -100 * 10**9) for events in steps()[25:]])
+    earlier = play(
+        restarted(model, saved), [shifted(events, -100 * 10**9) for events in steps()[25:]]
+    )
     later = play(restarted(model, saved), [shifted(events, 100 * 10**9) for events in steps()[25:]])
     [warning] = told(earlier)
     assert "stamps begin 99.9 s before those of the saved state" in warning
     assert told(later) == []
-    assert [each[1:] for each in estimates(earlier)] == [each[1:] for each in estimates(later)], "as after a pause"
+    assert [each[1:] for each in estimates(earlier)] == [each[1:] for each in estimates(later)], (
+        "as after a pause"
+    )
     assert {each.update.decision.outcome for each in earlier} == {Outcome.ACCEPTED}
-    assert earlier[0].update.estimate.observations_used == before[-1].update.estimate.observations_used + 1
-    assert earlier[-1].update.estimate.covariance[0, 0] < before[-1].update.estimate.covariance[0, 0]
+    assert (
+        earlier[0].update.estimate.observations_used
+        == before[-1].update.estimate.observations_used + 1
+    )
+    assert (
+        earlier[-1].update.estimate.covariance[0, 0] < before[-1].update.estimate.covariance[0, 0]
+    )
     assert math.isnan(earlier[0].update.prediction.innovation)
 
 
@@ -124,11 +155,16 @@ def test_the_order_of_topics_within_the_time_out_changes_nothing(model: LoadedMo
     for at in range(3, len(instants)):
         late_imu[at] += [event for event in instants[at - 3] if event[0] == "imu"]
     reordered = play(Pipeline(model, EstimatorConfig()), late_imu)
-    assert estimates(reordered) == estimates(play(Pipeline(model, EstimatorConfig()), steps()))[: len(reordered)]
+    assert (
+        estimates(reordered)
+        == estimates(play(Pipeline(model, EstimatorConfig()), steps()))[: len(reordered)]
+    )
     assert len(reordered) == STEPS - 3
 
 
-def test_a_whole_instant_from_the_far_future_is_followed_and_given_up_when_time_goes_on(model: LoadedModel) -> None:
+def test_a_whole_instant_from_the_far_future_is_followed_and_given_up_when_time_goes_on(
+    model: LoadedModel,
+) -> None:
     pipeline = Pipeline(model, EstimatorConfig())
     instants = steps()
     glitch = shifted(steps()[20], 10**6 * 10**9)

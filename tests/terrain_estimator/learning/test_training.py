@@ -17,7 +17,9 @@ from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
 SMALL = Recipe(seed=3, iterations=60, batch=8, columns=2, hidden=8)
-ORDER = Order(load_rover("mars_rover"), load_soil("loose_sand"), drives=24, seed=3, duration_s=12.0, share=0.4)
+ORDER = Order(
+    load_rover("mars_rover"), load_soil("loose_sand"), drives=24, seed=3, duration_s=12.0, share=0.4
+)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +30,11 @@ def data() -> Regression:
 def trained(data: Regression, recipe: Recipe) -> tuple[PAlpaca, list[float], list[float]]:
     model = build_model(ORDER.rover, [ORDER.soil], recipe.columns, recipe.hidden)
     history = list(train(model, data, recipe))
-    return model, [progress.loss for progress in history], [progress.overlap for progress in history]
+    return (
+        model,
+        [progress.loss for progress in history],
+        [progress.overlap for progress in history],
+    )
 
 
 def test_the_same_seed_gives_the_same_model_and_training_lowers_the_loss(data: Regression) -> None:
@@ -42,13 +48,18 @@ def test_the_same_seed_gives_the_same_model_and_training_lowers_the_loss(data: R
 
 
 def test_the_prior_of_the_net_is_learnt_and_narrowed_for_use(data: Regression) -> None:
-    bold, cautious = (trained(data, dataclasses.replace(SMALL, caution=factor))[0].net_precision for factor in (1.0, 10.0))
+    bold, cautious = (
+        trained(data, dataclasses.replace(SMALL, caution=factor))[0].net_precision
+        for factor in (1.0, 10.0)
+    )
     torch.testing.assert_close(cautious, 100.0 * bold)
     assert not torch.any(bold == 1.0)
 
 
 @pytest.mark.parametrize("kind", list(Orthogonality))
-def test_every_orthogonality_penalty_trains_and_those_that_bite_lower_the_overlap(data: Regression, kind: Orthogonality) -> None:
+def test_every_orthogonality_penalty_trains_and_those_that_bite_lower_the_overlap(
+    data: Regression, kind: Orthogonality
+) -> None:
     free = trained(data, dataclasses.replace(SMALL, strength=0.0))[2]
     bound = trained(data, dataclasses.replace(SMALL, orthogonality=kind, strength=30.0))[2]
     if kind is Orthogonality.PAPER:

@@ -13,7 +13,13 @@ import pytest
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import ConversionConfig, CoreConfig
-from terrain_estimator.messaging.conversion import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Conversion, Converter, nose_up_pitch
+from terrain_estimator.messaging.conversion import (
+    PITCH_IN_ORIENTATION,
+    PITCH_IN_POSE,
+    Conversion,
+    Converter,
+    nose_up_pitch,
+)
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
@@ -29,12 +35,20 @@ OFFLINE = Types().make
 
 def spread(values: list[float], delta: float = 0.0) -> list[float]:
     """Values per axle as values per wheel, left and right apart by twice ``delta``."""
-    return [values[wheel.axle] + (delta if wheel.side == "left" else -delta) for wheel in ROVER.wheels]
+    return [
+        values[wheel.axle] + (delta if wheel.side == "left" else -delta) for wheel in ROVER.wheels
+    ]
 
 
 def quaternion(make: Make, nose_up: float) -> Any:
     """Orientation of a rover whose nose points up: a rotation about y by the negative angle (REP-103)."""
-    return make("geometry_msgs/msg/Quaternion", x=0.0, y=math.sin(-nose_up / 2), z=0.0, w=math.cos(nose_up / 2))
+    return make(
+        "geometry_msgs/msg/Quaternion",
+        x=0.0,
+        y=math.sin(-nose_up / 2),
+        z=0.0,
+        w=math.cos(nose_up / 2),
+    )
 
 
 def vector(make: Make, **components: float) -> Any:
@@ -49,7 +63,12 @@ def covariance(size: int, **entries: float) -> Any:
 
 
 def wheel_slip(make: Make, **changes: Any) -> Any:
-    fields = {"wheel": WHEELS, "slip": spread([0.1, 0.2, 0.3], 0.02), "slip_stddev": [0.01] * 6, "header": header(make)}
+    fields = {
+        "wheel": WHEELS,
+        "slip": spread([0.1, 0.2, 0.3], 0.02),
+        "slip_stddev": [0.01] * 6,
+        "header": header(make),
+    }
     return make("msg_defs/msg/WheelSlip", **(fields | changes))
 
 
@@ -66,18 +85,39 @@ def wheel_sinkage(make: Make, **changes: Any) -> Any:
 
 
 def header(make: Make, frame: str = "base_link") -> Any:
-    return make("std_msgs/msg/Header", stamp=make("builtin_interfaces/msg/Time", sec=12, nanosec=500_000_000), frame_id=frame)
+    return make(
+        "std_msgs/msg/Header",
+        stamp=make("builtin_interfaces/msg/Time", sec=12, nanosec=500_000_000),
+        frame_id=frame,
+    )
 
 
-def odom(make: Make, velocity_variance: float = 1e-4, pitch_variance: float = 4e-4, frame: str = "base_link") -> Any:
-    pose = make("geometry_msgs/msg/Pose", position=make("geometry_msgs/msg/Point"), orientation=quaternion(make, 0.03))
+def odom(
+    make: Make,
+    velocity_variance: float = 1e-4,
+    pitch_variance: float = 4e-4,
+    frame: str = "base_link",
+) -> Any:
+    pose = make(
+        "geometry_msgs/msg/Pose",
+        position=make("geometry_msgs/msg/Point"),
+        orientation=quaternion(make, 0.03),
+    )
     twist = make("geometry_msgs/msg/Twist", linear=vector(make, x=0.17), angular=vector(make))
     return make(
         "nav_msgs/msg/Odometry",
         header=header(make, "odom"),
         child_frame_id=frame,
-        pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance(36, _28=pitch_variance)),
-        twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance(36, _0=velocity_variance)),
+        pose=make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=pose,
+            covariance=covariance(36, _28=pitch_variance),
+        ),
+        twist=make(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=twist,
+            covariance=covariance(36, _0=velocity_variance),
+        ),
     )
 
 
@@ -115,7 +155,9 @@ def messages(make: Make = OFFLINE) -> dict[str, Any]:
     return {name: build(make) for name, build in makers.items()}
 
 
-def convert(core: CoreConfig | None = None, config: ConversionConfig | None = None, **changes: Any) -> Conversion:
+def convert(
+    core: CoreConfig | None = None, config: ConversionConfig | None = None, **changes: Any
+) -> Conversion:
     converter = Converter(ROVER, config or ConversionConfig(), core or CoreConfig())
     return converter.convert(STAMP, tuple((messages() | changes).values()))
 
@@ -127,7 +169,9 @@ def observed(conversion: Conversion) -> Observation:
 
 @FACTORIES
 def test_a_complete_set_becomes_an_observation(make: Make) -> None:
-    conversion = Converter(ROVER, ConversionConfig(), CoreConfig()).convert(STAMP, tuple(messages(make).values()))
+    conversion = Converter(ROVER, ConversionConfig(), CoreConfig()).convert(
+        STAMP, tuple(messages(make).values())
+    )
     result = observed(conversion)
     assert conversion.notes == ()
     assert result.stamp_ns == STAMP
@@ -144,10 +188,19 @@ def test_a_complete_set_becomes_an_observation(make: Make) -> None:
 
 def test_rclpy_and_bag_messages_give_the_same_bits() -> None:
     results = [
-        observed(Converter(ROVER, ConversionConfig(), CoreConfig()).convert(STAMP, tuple(messages(make).values())))
+        observed(
+            Converter(ROVER, ConversionConfig(), CoreConfig()).convert(
+                STAMP, tuple(messages(make).values())
+            )
+        )
         for make in (factory.make, OFFLINE)
     ]
-    live, offline = [b"".join(np.asarray(getattr(each, entry.name)).tobytes() for entry in dataclasses.fields(each)) for each in results]
+    live, offline = [
+        b"".join(
+            np.asarray(getattr(each, entry.name)).tobytes() for entry in dataclasses.fields(each)
+        )
+        for each in results
+    ]
     assert live == offline
 
 
@@ -166,9 +219,14 @@ def test_wheels_are_found_by_name_in_any_order() -> None:
 
 def test_the_order_of_the_wheels_may_change_from_message_to_message() -> None:
     converter = Converter(ROVER, ConversionConfig(), CoreConfig())
-    for names, slips in ((WHEELS, spread([0.1, 0.2, 0.3])), (WHEELS[::-1], spread([0.1, 0.2, 0.3])[::-1])):
+    for names, slips in (
+        (WHEELS, spread([0.1, 0.2, 0.3])),
+        (WHEELS[::-1], spread([0.1, 0.2, 0.3])[::-1]),
+    ):
         parts = messages() | {"wheel_slip": wheel_slip(OFFLINE, wheel=names, slip=slips)}
-        np.testing.assert_allclose(observed(converter.convert(STAMP, tuple(parts.values()))).slip, [0.1, 0.2, 0.3])
+        np.testing.assert_allclose(
+            observed(converter.convert(STAMP, tuple(parts.values()))).slip, [0.1, 0.2, 0.3]
+        )
 
 
 @pytest.mark.parametrize(
@@ -183,7 +241,11 @@ def test_the_order_of_the_wheels_may_change_from_message_to_message() -> None:
 )
 def test_wrong_wheel_names_are_refused_and_named(wheels: list[str], named: str) -> None:
     for changes in (
-        {"wheel_slip": wheel_slip(OFFLINE, wheel=wheels, slip=[0.1] * len(wheels), slip_stddev=[0.01] * len(wheels))},
+        {
+            "wheel_slip": wheel_slip(
+                OFFLINE, wheel=wheels, slip=[0.1] * len(wheels), slip_stddev=[0.01] * len(wheels)
+            )
+        },
         {"wheel_sinkage": wheel_sinkage(OFFLINE, wheel=wheels)},
     ):
         conversion = convert(**changes)
@@ -211,7 +273,14 @@ def test_another_frame_is_refused_and_named_unless_any_is_accepted(topic: str) -
     assert conversion.outcome is Outcome.WRONG_FRAME
     assert topic in conversion.detail
     assert "map" in conversion.detail
-    assert observed(convert(config=configure(ConversionConfig, {"body_frame": ""}), **{topic: builders[topic]()})).velocity == 0.17
+    assert (
+        observed(
+            convert(
+                config=configure(ConversionConfig, {"body_frame": ""}), **{topic: builders[topic]()}
+            )
+        ).velocity
+        == 0.17
+    )
 
 
 def test_a_wheel_without_measurement_leaves_its_axle_to_the_other() -> None:
@@ -219,7 +288,9 @@ def test_a_wheel_without_measurement_leaves_its_axle_to_the_other() -> None:
     slips[WHEELS.index("front_left")] = math.nan
     conversion = convert(wheel_slip=wheel_slip(OFFLINE, slip=slips))
     np.testing.assert_allclose(observed(conversion).slip, [0.08, 0.2, 0.3])
-    np.testing.assert_allclose(observed(conversion).slip_sd, [0.01, 0.01 / math.sqrt(2), 0.01 / math.sqrt(2)])
+    np.testing.assert_allclose(
+        observed(conversion).slip_sd, [0.01, 0.01 / math.sqrt(2), 0.01 / math.sqrt(2)]
+    )
     assert conversion.notes == ()
 
 
@@ -235,13 +306,19 @@ def test_an_impossible_wheel_is_left_out_of_its_axle_and_named(value: float) -> 
 def test_a_sinkage_that_noise_makes_negative_stays_in_the_mean() -> None:
     depths = spread([0.00014, 0.00014, 0.00014])
     depths[0] = -0.00002
-    result = observed(convert(wheel_sinkage=wheel_sinkage(OFFLINE, sinkage=depths, sinkage_stddev=[0.00006] * 6)))
+    result = observed(
+        convert(wheel_sinkage=wheel_sinkage(OFFLINE, sinkage=depths, sinkage_stddev=[0.00006] * 6))
+    )
     assert result.sinkage[0] == pytest.approx(0.00006)
 
 
 def test_where_no_wheel_of_an_axle_is_possible_the_screening_gets_to_see_it() -> None:
-    assert observed(convert(wheel_sinkage=wheel_sinkage(OFFLINE, sinkage=spread([-0.05, 0.02, 0.016])))).sinkage[0] == pytest.approx(-0.05)
-    assert math.isnan(observed(convert(wheel_slip=wheel_slip(OFFLINE, slip=[math.nan] * 6))).slip[0])
+    assert observed(
+        convert(wheel_sinkage=wheel_sinkage(OFFLINE, sinkage=spread([-0.05, 0.02, 0.016])))
+    ).sinkage[0] == pytest.approx(-0.05)
+    assert math.isnan(
+        observed(convert(wheel_slip=wheel_slip(OFFLINE, slip=[math.nan] * 6))).slip[0]
+    )
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
@@ -266,20 +343,31 @@ def test_empty_or_short_joint_arrays_are_not_measured() -> None:
 
 
 def test_an_infinite_torque_is_left_out_and_said() -> None:
-    conversion = convert(joint_states=joint_states(OFFLINE, effort=[0.0, math.inf, *[12.0] * 5, 0.0]))
+    conversion = convert(
+        joint_states=joint_states(OFFLINE, effort=[0.0, math.inf, *[12.0] * 5, 0.0])
+    )
     np.testing.assert_allclose(observed(conversion).torque, 12.0)
     assert "infinite effort" in conversion.notes[0]
 
 
 def test_the_bogie_angle_is_the_mean_of_the_named_joints_nose_up() -> None:
     def angle(config: ConversionConfig | None = None, **changes: Any) -> float:
-        return observed(convert(config=config or ConversionConfig(), joint_states=joint_states(OFFLINE, **changes))).bogie_angle
+        return observed(
+            convert(
+                config=config or ConversionConfig(), joint_states=joint_states(OFFLINE, **changes)
+            )
+        ).bogie_angle
 
     position = [9.0, *[5.0] * 6, 0.04]
     assert angle(position=position) == pytest.approx(0.04)
     assert angle(ConversionConfig(bogie_nose_down=True), position=position) == pytest.approx(-0.04)
-    both: dict[str, Any] = {"name": ["left_bogie", *WHEELS, "right_bogie"], "position": [0.02, *[5.0] * 6, 0.04]}
-    assert angle(ConversionConfig(bogie_joint="left_bogie, right_bogie"), **both) == pytest.approx(0.03)
+    both: dict[str, Any] = {
+        "name": ["left_bogie", *WHEELS, "right_bogie"],
+        "position": [0.02, *[5.0] * 6, 0.04],
+    }
+    assert angle(ConversionConfig(bogie_joint="left_bogie, right_bogie"), **both) == pytest.approx(
+        0.03
+    )
     assert math.isnan(angle(**both))
     assert math.isnan(angle(position=[]))
 
@@ -307,18 +395,30 @@ def test_the_pitch_comes_from_odom_where_imu_has_no_orientation() -> None:
 
 def test_an_imu_without_acceleration_is_accepted() -> None:
     for changed in (-1.0, 0.0):
-        result = observed(convert(imu=imu(OFFLINE, linear_acceleration_covariance=covariance(9, _0=changed))))
+        result = observed(
+            convert(imu=imu(OFFLINE, linear_acceleration_covariance=covariance(9, _0=changed)))
+        )
         assert math.isnan(result.acceleration)
         assert result.pitch == pytest.approx(0.05)
 
 
 def test_an_unknown_covariance_takes_the_configured_deviation_and_else_none() -> None:
     unknown = {"odom": odom(OFFLINE, 0.0, 0.0), "imu": None}
-    assert (observed(convert(**unknown)).velocity_sd, observed(convert(**unknown)).pitch_sd) == (0.0, 0.0)
-    config = ConversionConfig(default_velocity_sd=0.02, default_pitch_sd=0.01, default_acceleration_sd=0.3)
+    assert (observed(convert(**unknown)).velocity_sd, observed(convert(**unknown)).pitch_sd) == (
+        0.0,
+        0.0,
+    )
+    config = ConversionConfig(
+        default_velocity_sd=0.02, default_pitch_sd=0.01, default_acceleration_sd=0.3
+    )
     result = observed(convert(config=config, **unknown))
     assert (result.velocity_sd, result.pitch_sd) == (0.02, 0.01)
-    assert observed(convert(config=config, imu=imu(OFFLINE, linear_acceleration_covariance=covariance(9)))).acceleration_sd == 0.3
+    assert (
+        observed(
+            convert(config=config, imu=imu(OFFLINE, linear_acceleration_covariance=covariance(9)))
+        ).acceleration_sd
+        == 0.3
+    )
 
 
 @pytest.mark.parametrize("variance", [-1.0, math.nan])

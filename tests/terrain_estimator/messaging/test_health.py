@@ -69,7 +69,12 @@ def test_a_node_that_is_configured_again_reports_a_failed_callback_once() -> Non
 def test_counts_go_on_and_statistics_start_anew_with_every_report() -> None:
     monitor = HealthMonitor()
     first = after(*[Outcome.ACCEPTED] * 3, Outcome.NOT_FINITE, monitor=monitor)
-    assert (first.sequence, first.accepted, first.rejected, first.latency_median_s) == (0, 3, 1, 0.001)
+    assert (first.sequence, first.accepted, first.rejected, first.latency_median_s) == (
+        0,
+        3,
+        1,
+        0.001,
+    )
     assert first.normalized_innovation_squared == pytest.approx(0.7)
     second = monitor.report(counters(), FRESH)
     assert (second.sequence, second.accepted, second.rejected, second.level) == (1, 3, 1, Level.OK)
@@ -85,7 +90,10 @@ def test_losses_are_reported_once() -> None:
 
 def test_what_was_lost_in_one_report_and_comes_late_in_the_next_is_out_of_order() -> None:
     monitor = HealthMonitor()
-    assert "wheel_slip: 1 lost" in monitor.report(counters(wheel_slip=Counters(received=10, lost=1)), FRESH).summary
+    assert (
+        "wheel_slip: 1 lost"
+        in monitor.report(counters(wheel_slip=Counters(received=10, lost=1)), FRESH).summary
+    )
     late = monitor.report(counters(wheel_slip=Counters(received=11, out_of_order=1)), FRESH)
     assert (late.level, late.inputs[0].lost) == (Level.WARN, 0)
     assert "wheel_slip: 1 out of order" in late.summary
@@ -93,8 +101,15 @@ def test_what_was_lost_in_one_report_and_comes_late_in_the_next_is_out_of_order(
 
 def test_a_topic_may_be_faster_than_the_slip_and_one_that_lacks_is_told() -> None:
     for topic in ("imu", "odom"):
-        assert HealthMonitor().report(counters(**{topic: Counters(received=100, unpaired=90)}), FRESH).level is Level.OK
-    lacking = counters(wheel_slip=Counters(received=10, unpaired=2), odom=Counters(received=20, unpaired=12))
+        assert (
+            HealthMonitor()
+            .report(counters(**{topic: Counters(received=100, unpaired=90)}), FRESH)
+            .level
+            is Level.OK
+        )
+    lacking = counters(
+        wheel_slip=Counters(received=10, unpaired=2), odom=Counters(received=20, unpaired=12)
+    )
     monitor = HealthMonitor()
     assert "wheel_slip: 2 without partner" in (summary := monitor.report(lacking, FRESH).summary)
     assert "odom: 12 without partner" in summary
@@ -112,12 +127,16 @@ def test_a_failed_callback_is_an_error() -> None:
 def test_the_message_carries_every_outcome_and_input() -> None:
     types = Types()
     health = dataclasses.replace(after(Outcome.ACCEPTED, Outcome.GATED), resets=2)
-    message = health_message(health, types.make, Meta("m", "a", "b", (), "base_link"), types.make("std_msgs/msg/Header"))
+    message = health_message(
+        health, types.make, Meta("m", "a", "b", (), "base_link"), types.make("std_msgs/msg/Header")
+    )
     assert dict(zip(message.outcome, message.outcome_count.tolist(), strict=True))["GATED"] == 1
     assert message.input_topic == list(INPUT_TYPES)
     assert (message.accepted, message.rejected, message.resets, message.model_id) == (1, 1, 2, "m")
     assert message.input_age.tolist() == [0.05] * 5
-    assert {level.name: level.value for level in Level} == {level.name: getattr(EstimatorHealth, level.name) for level in Level}
+    assert {level.name: level.value for level in Level} == {
+        level.name: getattr(EstimatorHealth, level.name) for level in Level
+    }
 
 
 def test_a_finding_says_its_number_with_its_unit_and_a_ratio_without_one() -> None:

@@ -34,7 +34,9 @@ META = Meta("a model", "ab12", "cd34", ROWS, "base_link")
 TYPES = Types()
 
 
-def decided(outcome: Outcome = Outcome.ACCEPTED, rows: tuple[str, ...] = ROWS, detail: str = "") -> Decision:
+def decided(
+    outcome: Outcome = Outcome.ACCEPTED, rows: tuple[str, ...] = ROWS, detail: str = ""
+) -> Decision:
     return Decision(outcome, rows if outcome.used else (), 0.7, 36.0, 1, detail)
 
 
@@ -55,9 +57,23 @@ def updated(decision: Decision | None = None, **changes: Any) -> Update:
         time_used_s=24.0,
     )
     prediction = Prediction(
-        valid=True, horizon_s=0.1, velocity=0.15, variance=1e-4, measured=0.151, innovation=0.002, innovation_variance=1.5e-4
+        valid=True,
+        horizon_s=0.1,
+        velocity=0.15,
+        variance=1e-4,
+        measured=0.151,
+        innovation=0.002,
+        innovation_variance=1.5e-4,
     )
-    return Update(12_500_000_001, 7, dataclasses.replace(estimate, **changes), prediction, decision or decided(), 1e3, ("a warning",))
+    return Update(
+        12_500_000_001,
+        7,
+        dataclasses.replace(estimate, **changes),
+        prediction,
+        decision or decided(),
+        1e3,
+        ("a warning",),
+    )
 
 
 def header(make: Make = TYPES.make) -> Any:
@@ -66,13 +82,34 @@ def header(make: Make = TYPES.make) -> Any:
 
 def test_the_estimate_carries_numbers_stamp_and_origin() -> None:
     message = estimate_message(updated(), TYPES.make, META, header(), ("a note",))
-    assert (message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id) == (12, 500_000_001, "base_link")
-    assert (message.sequence, message.model_id, message.model_sha256, message.configuration_sha256) == (7, "a model", "ab12", "cd34")
-    assert (message.cohesion, message.cohesion_stddev, message.tan_phi, message.tan_phi_stddev) == (1500.0, 100.0, 0.6, 0.02)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id) == (
+        12,
+        500_000_001,
+        "base_link",
+    )
+    assert (
+        message.sequence,
+        message.model_id,
+        message.model_sha256,
+        message.configuration_sha256,
+    ) == (7, "a model", "ab12", "cd34")
+    assert (message.cohesion, message.cohesion_stddev, message.tan_phi, message.tan_phi_stddev) == (
+        1500.0,
+        100.0,
+        0.6,
+        0.02,
+    )
     assert (message.cohesion_lower_95, message.cohesion_upper_95) == (1304.0, 1696.0)
     assert message.covariance.tolist() == [1e4, -3.0, -3.0, 4e-4]
-    assert (message.effect, message.effect_value.tolist(), message.effect_unit) == (["bulldozing"], [3.0], ["N/m^2"])
-    assert (message.soil, message.soil_probability.tolist()) == (["loose_sand", "compact_sand"], [0.9, 0.1])
+    assert (message.effect, message.effect_value.tolist(), message.effect_unit) == (
+        ["bulldozing"],
+        [3.0],
+        ["N/m^2"],
+    )
+    assert (message.soil, message.soil_probability.tolist()) == (
+        ["loose_sand", "compact_sand"],
+        [0.9, 0.1],
+    )
     assert message.status == Status.IDENTIFIED
     assert "a note" in message.status_text
     assert "a warning" in message.status_text
@@ -82,28 +119,52 @@ def test_the_estimate_carries_numbers_stamp_and_origin() -> None:
 
 def test_the_prediction_carries_its_interval() -> None:
     message = prediction_message(updated(), TYPES.make, META, header())
-    assert (message.valid, message.velocity, message.velocity_variance, message.horizon) == (True, 0.15, 1e-4, 0.1)
+    assert (message.valid, message.velocity, message.velocity_variance, message.horizon) == (
+        True,
+        0.15,
+        1e-4,
+        0.1,
+    )
     assert message.velocity_upper_95 - message.velocity == pytest.approx(INTERVAL_95 * 0.01)
-    assert (message.measured_velocity, message.innovation, message.innovation_variance) == (0.151, 0.002, 1.5e-4)
+    assert (message.measured_velocity, message.innovation, message.innovation_variance) == (
+        0.151,
+        0.002,
+        1.5e-4,
+    )
 
 
 def test_a_prediction_that_is_not_valid_has_no_numbers() -> None:
-    update = dataclasses.replace(updated(), prediction=dataclasses.replace(updated().prediction, valid=False))
+    update = dataclasses.replace(
+        updated(), prediction=dataclasses.replace(updated().prediction, valid=False)
+    )
     message = prediction_message(update, TYPES.make, META, header())
     assert not message.valid
-    assert np.isnan([message.velocity, message.velocity_variance, message.velocity_lower_95, message.velocity_upper_95]).all()
+    assert np.isnan(
+        [
+            message.velocity,
+            message.velocity_variance,
+            message.velocity_lower_95,
+            message.velocity_upper_95,
+        ]
+    ).all()
 
 
 @pytest.mark.parametrize("build", [estimate_message, prediction_message])
 def test_rclpy_and_bag_classes_give_the_same_message(build: Any) -> None:
     live = serialize_message(build(updated(), factory.make, META, header(factory.make)))
     type_name = ESTIMATE if build is estimate_message else PREDICTION
-    assert TYPES.serialize(TYPES.deserialize(live, type_name)) == TYPES.serialize(build(updated(), TYPES.make, META, header()))
+    assert TYPES.serialize(TYPES.deserialize(live, type_name)) == TYPES.serialize(
+        build(updated(), TYPES.make, META, header())
+    )
 
 
 def test_the_constants_are_those_of_the_message_definitions() -> None:
-    assert {status.name: status.value for status in Status} == {status.name: getattr(TerrainEstimate, status.name) for status in Status}
-    assert {each.name: each.value for each in Outcome} == {each.name: getattr(MeasurementDecision, each.name) for each in Outcome}
+    assert {status.name: status.value for status in Status} == {
+        status.name: getattr(TerrainEstimate, status.name) for status in Status
+    }
+    assert {each.name: each.value for each in Outcome} == {
+        each.name: getattr(MeasurementDecision, each.name) for each in Outcome
+    }
     assert set(OUTPUT_TYPES.values()) == {ESTIMATE, PREDICTION}
 
 
@@ -114,8 +175,16 @@ def test_the_constants_are_those_of_the_message_definitions() -> None:
         (updated(identified=(False, True)), Status.CONVERGING, "not identified yet: cohesion"),
         (updated(identified=(False, False), observations_used=0), Status.PRIOR_ONLY, "prior only"),
         (updated(decided(Outcome.STANDSTILL)), Status.STANDING_STILL, "standing still"),
-        (updated(decided(Outcome.NOT_FINITE, detail="velocity is nan")), Status.DEGRADED, "velocity is nan"),
-        (updated(decided(rows=("velocity", "load"))), Status.DEGRADED, "rows missing: torque_0, torque_1, torque_2, acceleration"),
+        (
+            updated(decided(Outcome.NOT_FINITE, detail="velocity is nan")),
+            Status.DEGRADED,
+            "velocity is nan",
+        ),
+        (
+            updated(decided(rows=("velocity", "load"))),
+            Status.DEGRADED,
+            "rows missing: torque_0, torque_1, torque_2, acceleration",
+        ),
         (updated(mass_below_zero=0.2), Status.IDENTIFIED, "20% of the posterior is below zero"),
     ],
 )
@@ -128,11 +197,16 @@ def test_the_status_says_what_is_missing(update: Update, status: Status, word: s
     ("config", "rows"),
     [
         (CoreConfig(), (*ROWS, "moment", "bogie_moment")),
-        (CoreConfig(use_torque=False), ("velocity", "load", "acceleration", "moment", "bogie_moment")),
+        (
+            CoreConfig(use_torque=False),
+            ("velocity", "load", "acceleration", "moment", "bogie_moment"),
+        ),
         (CoreConfig(use_imu=False, use_moments=False), ROWS[:-1]),
     ],
 )
-def test_a_row_that_is_switched_off_is_not_missing(config: CoreConfig, rows: tuple[str, ...]) -> None:
+def test_a_row_that_is_switched_off_is_not_missing(
+    config: CoreConfig, rows: tuple[str, ...]
+) -> None:
     wanted = usable_rows((*ROWS, "moment", "bogie_moment"), config)
     assert wanted == rows
     assert status_of(updated(decided(rows=rows)), wanted) is Status.IDENTIFIED

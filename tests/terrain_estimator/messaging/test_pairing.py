@@ -6,19 +6,34 @@ import random
 
 import pytest
 
-from terrain_estimator.messaging.pairing import CAPACITY, RESTART_AFTER, MessageSet, Synchronizer, Topic
+from terrain_estimator.messaging.pairing import (
+    CAPACITY,
+    RESTART_AFTER,
+    MessageSet,
+    Synchronizer,
+    Topic,
+)
 
 REQUIRED, OPTIONAL = ("slip", "sinkage", "odom"), ("joints", "imu")
-TOPICS = (*(Topic(name, required=True) for name in REQUIRED), *(Topic(name, required=False) for name in OPTIONAL))
+TOPICS = (
+    *(Topic(name, required=True) for name in REQUIRED),
+    *(Topic(name, required=False) for name in OPTIONAL),
+)
 STEP = 100_000_000
 NEVER = 10**18
 Event = tuple[int, int]  # topic, stamp [ns]
 
 
-def play(events: list[Event], tolerance_ns: int = 0, timeout_ns: int = 5 * STEP) -> tuple[list[MessageSet], Synchronizer]:
+def play(
+    events: list[Event], tolerance_ns: int = 0, timeout_ns: int = 5 * STEP
+) -> tuple[list[MessageSet], Synchronizer]:
     """Feed messages named after their topic and stamp, then end the input."""
     synchronizer = Synchronizer(TOPICS, tolerance_ns, timeout_ns)
-    sets = [released for topic, stamp in events for released in synchronizer.add(topic, stamp, f"{topic}@{stamp}")]
+    sets = [
+        released
+        for topic, stamp in events
+        for released in synchronizer.add(topic, stamp, f"{topic}@{stamp}")
+    ]
     return sets + synchronizer.flush(), synchronizer
 
 
@@ -27,7 +42,11 @@ def streams(seed: int, steps: int, jitter_ns: int = 0, loss: float = 0.1) -> lis
     draw = random.Random(seed)
 
     def stream(topic: int) -> list[Event]:
-        return [(topic, step * STEP + draw.randint(-jitter_ns, jitter_ns)) for step in range(1, steps + 1) if draw.random() > loss]
+        return [
+            (topic, step * STEP + draw.randint(-jitter_ns, jitter_ns))
+            for step in range(1, steps + 1)
+            if draw.random() > loss
+        ]
 
     return [stream(topic) for topic in range(len(TOPICS))]
 
@@ -53,12 +72,19 @@ def test_a_complete_set_is_released_at_once() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize(("jitter", "tolerance"), [(0, 0), (STEP // 5, STEP // 2)])
-def test_any_interleaving_within_the_time_out_gives_the_same_sets(seed: int, jitter: int, tolerance: int) -> None:
+def test_any_interleaving_within_the_time_out_gives_the_same_sets(
+    seed: int, jitter: int, tolerance: int
+) -> None:
     data = streams(seed, steps=60, jitter_ns=jitter)
-    expected, _ = play(sorted((event for stream in data for event in stream), key=lambda event: event[1]), tolerance)
+    expected, _ = play(
+        sorted((event for stream in data for event in stream), key=lambda event: event[1]),
+        tolerance,
+    )
     assert len(expected) > 20
     for order in range(10):
-        sets, synchronizer = play(interleave(data, random.Random(order), skew_ns=4 * STEP), tolerance)
+        sets, synchronizer = play(
+            interleave(data, random.Random(order), skew_ns=4 * STEP), tolerance
+        )
         assert sets == expected
         for counter in synchronizer.counters.values():
             assert counter.received == counter.paired + counter.unpaired + counter.out_of_order
@@ -80,28 +106,53 @@ def test_sets_come_in_the_order_of_their_stamps(seed: int) -> None:
 
 
 def test_a_missing_optional_message_leaves_a_gap_and_a_missing_required_one_drops_the_set() -> None:
-    events = [(topic, step * STEP) for step in range(1, 5) for topic in range(5) if (topic, step) not in {(4, 2), (1, 3)}]
+    events = [
+        (topic, step * STEP)
+        for step in range(1, 5)
+        for topic in range(5)
+        if (topic, step) not in {(4, 2), (1, 3)}
+    ]
     sets, synchronizer = play(events)
-    assert [(each.stamp_ns // STEP, each.messages[4] is None) for each in sets] == [(1, False), (2, True), (4, False)]
-    assert [synchronizer.counters[name].unpaired for name in ("slip", "sinkage", "odom", "joints", "imu")] == [1, 0, 1, 1, 1]
+    assert [(each.stamp_ns // STEP, each.messages[4] is None) for each in sets] == [
+        (1, False),
+        (2, True),
+        (4, False),
+    ]
+    assert [
+        synchronizer.counters[name].unpaired
+        for name in ("slip", "sinkage", "odom", "joints", "imu")
+    ] == [1, 0, 1, 1, 1]
 
 
 def test_a_topic_that_never_speaks_is_waited_for_until_the_time_out_in_stamps() -> None:
     synchronizer = Synchronizer(TOPICS, timeout_ns=5 * STEP)
     events = [(topic, step * STEP) for step in range(1, 10) for topic in range(4)]
-    assert [each.stamp_ns // STEP for event in events for each in synchronizer.add(*event, None)] == [1, 2, 3, 4]
+    assert [
+        each.stamp_ns // STEP for event in events for each in synchronizer.add(*event, None)
+    ] == [1, 2, 3, 4]
 
 
 def test_without_patience_the_messages_of_one_instant_are_paired_all_the_same() -> None:
-    sets, synchronizer = play([(topic, step * STEP) for step in range(1, 4) for topic in range(5)], timeout_ns=0)
-    assert [(each.stamp_ns // STEP, None in each.messages) for each in sets] == [(1, False), (2, False), (3, False)]
+    sets, synchronizer = play(
+        [(topic, step * STEP) for step in range(1, 4) for topic in range(5)], timeout_ns=0
+    )
+    assert [(each.stamp_ns // STEP, None in each.messages) for each in sets] == [
+        (1, False),
+        (2, False),
+        (3, False),
+    ]
     assert synchronizer.counters["slip"].unpaired == 0
 
 
 def test_one_topic_far_in_the_future_times_out_nothing() -> None:
     synchronizer = Synchronizer(TOPICS)
     synchronizer.add(4, NEVER, "wrong clock")
-    released = [each.messages for step in range(1, 4) for topic in range(4) for each in synchronizer.add(topic, step * STEP, topic)]
+    released = [
+        each.messages
+        for step in range(1, 4)
+        for topic in range(4)
+        for each in synchronizer.add(topic, step * STEP, topic)
+    ]
     assert released == [(0, 1, 2, 3, None)] * 3
 
 
@@ -116,13 +167,23 @@ def test_a_topic_recovers_from_a_stamp_of_the_far_future(topic: int) -> None:
 
 
 def test_duplicates_and_old_stamps_are_counted_and_not_used() -> None:
-    sets, synchronizer = play([(0, STEP), (0, STEP), (0, STEP - 1), *((topic, STEP) for topic in range(1, 5))])
+    sets, synchronizer = play(
+        [(0, STEP), (0, STEP), (0, STEP - 1), *((topic, STEP) for topic in range(1, 5))]
+    )
     assert len(sets) == 1
     assert synchronizer.counters["slip"].out_of_order == 2
 
 
 def test_the_nearest_stamp_within_the_tolerance_is_taken() -> None:
-    events = [(1, STEP - 9), (1, STEP - 2), (1, STEP + 3), (2, STEP + 5), (0, STEP), (3, STEP + 6), (4, STEP - 6)]
+    events = [
+        (1, STEP - 9),
+        (1, STEP - 2),
+        (1, STEP + 3),
+        (2, STEP + 5),
+        (0, STEP),
+        (3, STEP + 6),
+        (4, STEP - 6),
+    ]
     (only,), synchronizer = play(events, tolerance_ns=5)
     assert only.messages == (f"0@{STEP}", f"1@{STEP - 2}", f"2@{STEP + 5}", None, None)
     assert synchronizer.counters["sinkage"].unpaired == 2
@@ -140,7 +201,10 @@ def test_a_message_that_comes_after_its_successor_is_out_of_order_and_not_lost()
     for number in (1, 2, 5, 4, 4, 6):
         synchronizer.add(0, number * STEP, None, number)
     counted = synchronizer.counters["slip"]
-    assert (counted.lost, counted.out_of_order) == (1, 2), "3 never came, 4 came late, and once more than it should"
+    assert (counted.lost, counted.out_of_order) == (
+        1,
+        2,
+    ), "3 never came, 4 came late, and once more than it should"
     synchronizer.reset()
     synchronizer.add(0, STEP, None, 3)
     assert counted.lost == 1, "another 3"
@@ -169,7 +233,11 @@ def test_after_a_reset_earlier_stamps_are_taken_again() -> None:
     events = [(topic, step * STEP) for step in (1, 2, 3) for topic in range(5)]
     sets, synchronizer = play(events)
     synchronizer.reset()
-    assert [each for topic, stamp in events for each in synchronizer.add(topic, stamp, f"{topic}@{stamp}")] == sets
+    assert [
+        each
+        for topic, stamp in events
+        for each in synchronizer.add(topic, stamp, f"{topic}@{stamp}")
+    ] == sets
 
 
 def test_an_optional_reference_is_refused_by_name() -> None:

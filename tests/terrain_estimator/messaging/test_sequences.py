@@ -7,7 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from terrain_estimator.bags import BagWriter, Definition, Types, installed_definition, is_sequenced, sequence_of
+from terrain_estimator.bags import (
+    BagWriter,
+    Definition,
+    Types,
+    installed_definition,
+    is_sequenced,
+    sequence_of,
+)
 from terrain_estimator.cli import replay
 from terrain_estimator.messaging.sequences import GAPS, Sequence, Sequences
 from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, PREDICTION, TRUTH
@@ -25,7 +32,11 @@ SEQUENCED = {*PUBLISHED.values(), INPUT_TYPES["wheel_slip"], INPUT_TYPES["wheel_
 
 
 def test_every_message_of_ours_with_a_sequence_number_begins_with_it() -> None:
-    numbered = {f"msg_defs/msg/{file.stem}" for file in MESSAGES.glob("*.msg") if "uint64 sequence " in file.read_text(encoding="utf-8")}
+    numbered = {
+        f"msg_defs/msg/{file.stem}"
+        for file in MESSAGES.glob("*.msg")
+        if "uint64 sequence " in file.read_text(encoding="utf-8")
+    }
     assert numbered == SEQUENCED
     for kind in SEQUENCED:
         assert is_sequenced(installed_definition(kind)), kind
@@ -58,7 +69,19 @@ def test_a_publisher_that_starts_again_is_no_gap() -> None:
 
 def test_what_comes_late_is_not_lost() -> None:
     sequences = Sequences()
-    for number in (0, 4, 2, 3, 5, 9, 7, 0, 3, 2, 4):  # the second 0 is of a publisher that started again: 6 and 8 never come
+    for number in (
+        0,
+        4,
+        2,
+        3,
+        5,
+        9,
+        7,
+        0,
+        3,
+        2,
+        4,
+    ):  # the second 0 is of a publisher that started again: 6 and 8 never come
         sequences.note("/a", number)
     assert (+sequences.lost, +sequences.late) == ({"/a": 1 + 2 + 1}, {"/a": 2 + 1 + 1})
 
@@ -74,7 +97,9 @@ def test_what_comes_late_is_not_lost() -> None:
         ([5, 6, 7, 8, 0, 3, 4], 2, 0),
     ],
 )
-def test_a_copy_is_told_from_a_publisher_that_starts_again(numbers: list[int], lost: int, late: int) -> None:
+def test_a_copy_is_told_from_a_publisher_that_starts_again(
+    numbers: list[int], lost: int, late: int
+) -> None:
     sequences = Sequences()
     for number in numbers:
         sequences.note("/a", number)
@@ -84,7 +109,9 @@ def test_a_copy_is_told_from_a_publisher_that_starts_again(numbers: list[int], l
 def test_a_late_message_is_counted_once_and_not_for_ever() -> None:
     sequence = Sequence()
     assert [sequence.note(number) for number in (0, 2**64 - 1)] == [0, 2**64 - 2]
-    assert [number for number in (0, 1, 1, 2**63, 2**63, 2**64 - 2, 2**64 - 1) if sequence.fill(number)] == [1, 2**63, 2**64 - 2]
+    assert [
+        number for number in (0, 1, 1, 2**63, 2**63, 2**64 - 2, 2**64 - 1) if sequence.fill(number)
+    ] == [1, 2**63, 2**64 - 2]
     sequence.restart()
     for number in range(0, 4 * GAPS, 2):
         sequence.note(number)
@@ -92,11 +119,16 @@ def test_a_late_message_is_counted_once_and_not_for_ever() -> None:
     assert kept == list(range(2 * GAPS - 1, 4 * GAPS - 2, 2)), "of 127 gaps the newest 64"
 
 
-def test_a_replay_says_what_is_missing_of_every_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_says_what_is_missing_of_every_topic(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     types = Types()
     expected = {f"/rover1/{name}": 1 + at for at, name in enumerate(PUBLISHED)}
     with BagWriter(tmp_path / "drive") as writer:
-        topics = {name: writer.add_topic(f"/rover1/{name}", kind) for name, kind in (INPUT_TYPES | PUBLISHED).items()}
+        topics = {
+            name: writer.add_topic(f"/rover1/{name}", kind)
+            for name, kind in (INPUT_TYPES | PUBLISHED).items()
+        }
         for name, stamp, message in drive_messages(types.make, 1.0):
             writer.write(topics[name], types.serialize(message), stamp)
         start = stamp - 9 * STEP_NS
@@ -110,7 +142,20 @@ def test_a_replay_says_what_is_missing_of_every_topic(tmp_path: Path, capsys: py
         writer.write(topics["traction_advice"], types.serialize(late), stamp)
         expected["/rover1/traction_advice"] -= 1
     page = tmp_path / "page.html"
-    assert replay.main([str(tmp_path / "drive"), "--out", str(tmp_path / "out"), "--namespace", "rover1", "--report", str(page)]) == 0
+    assert (
+        replay.main(
+            [
+                str(tmp_path / "drive"),
+                "--out",
+                str(tmp_path / "out"),
+                "--namespace",
+                "rover1",
+                "--report",
+                str(page),
+            ]
+        )
+        == 0
+    )
     [summary] = json.loads((tmp_path / "out/summary.json").read_text())["bags"]
     assert (summary["lost"], summary["late"]) == (expected, {"/rover1/traction_advice": 1})
     said, shown = capsys.readouterr().out, page.read_text(encoding="utf-8")

@@ -26,26 +26,54 @@ RATES = [1.0, 1.2, 0.9, 1.1, 0.8, 1.0]
 
 def header(stamp_ns: int, frame: str = "") -> Message:
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return TYPES.make("std_msgs/msg/Header", stamp=TYPES.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id=frame)
+    return TYPES.make(
+        "std_msgs/msg/Header",
+        stamp=TYPES.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
+        frame_id=frame,
+    )
 
 
-def joints(rates: list[float], stamp_ns: int = 0, names: tuple[str, ...] = ROVER.wheel_names) -> Message:
-    fields = {"name": ["rocker", *names], "velocity": np.array([0.0, *rates]), "position": np.zeros(0), "effort": np.zeros(0)}
+def joints(
+    rates: list[float], stamp_ns: int = 0, names: tuple[str, ...] = ROVER.wheel_names
+) -> Message:
+    fields = {
+        "name": ["rocker", *names],
+        "velocity": np.array([0.0, *rates]),
+        "position": np.zeros(0),
+        "effort": np.zeros(0),
+    }
     return TYPES.make("sensor_msgs/msg/JointState", header=header(stamp_ns), **fields)
 
 
-def velocity(speed: float, variance: float, stamp_ns: int = 0, frame: str = "base_link", *, stamped: bool = False) -> Message:
+def velocity(
+    speed: float,
+    variance: float,
+    stamp_ns: int = 0,
+    frame: str = "base_link",
+    *,
+    stamped: bool = False,
+) -> Message:
     """An odometry, or a stamped twist; both with the velocity's frame where it belongs."""
     covariance = np.zeros(36)
     covariance[0] = variance
-    twist = TYPES.make("geometry_msgs/msg/Twist", linear=TYPES.make("geometry_msgs/msg/Vector3", x=speed))
+    twist = TYPES.make(
+        "geometry_msgs/msg/Twist", linear=TYPES.make("geometry_msgs/msg/Vector3", x=speed)
+    )
     both = TYPES.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance)
     if stamped:
-        return TYPES.make("geometry_msgs/msg/TwistWithCovarianceStamped", header=header(stamp_ns, frame), twist=both)
-    return TYPES.make("nav_msgs/msg/Odometry", header=header(stamp_ns, "odom"), child_frame_id=frame, twist=both)
+        return TYPES.make(
+            "geometry_msgs/msg/TwistWithCovarianceStamped",
+            header=header(stamp_ns, frame),
+            twist=both,
+        )
+    return TYPES.make(
+        "nav_msgs/msg/Odometry", header=header(stamp_ns, "odom"), child_frame_id=frame, twist=both
+    )
 
 
-def published(rates: list[float], speed: float, variance: float = 1e-4, late_ns: int = 0, **values: Any) -> list[Message]:
+def published(
+    rates: list[float], speed: float, variance: float = 1e-4, late_ns: int = 0, **values: Any
+) -> list[Message]:
     frame = values.get("body_frame", "base_link")
     return published_of(rates, velocity(speed, variance, late_ns, frame), **values)
 
@@ -53,30 +81,45 @@ def published(rates: list[float], speed: float, variance: float = 1e-4, late_ns:
 def published_of(rates: list[float], given: Message, **values: Any) -> list[Message]:
     source = SlipSource(ROVER, configure(SlipSourceConfig, values))
     pair = ((JOINTS, joints(rates)), (VELOCITY, given), (JOINTS, joints(rates, 10**9)))
-    return [source.slip_message(found, TYPES.make) for topic, given in pair for found in source.pair(topic, given)]
+    return [
+        source.slip_message(found, TYPES.make)
+        for topic, given in pair
+        for found in source.pair(topic, given)
+    ]
 
 
 def axle_means(message: Message) -> tuple[list[float], list[float]]:
     """What the estimator makes of the slips: mean and deviation of each axle."""
     others = {topic: given for topic, _, given in drive_messages(TYPES.make, 0.2)}
     convert = Converter(ROVER, ConversionConfig(), CoreConfig()).convert
-    observation = convert(0, (message, others["wheel_sinkage"], others["odom"], None, None)).observation
+    observation = convert(
+        0, (message, others["wheel_sinkage"], others["odom"], None, None)
+    ).observation
     assert observation is not None
     return observation.slip.tolist(), observation.slip_sd.tolist()
 
 
-def test_the_deviation_of_an_axle_is_the_spread_of_its_mean_though_its_wheels_have_the_velocity_and_the_radius_in_common() -> None:
+def test_the_deviation_of_an_axle_is_the_spread_of_its_mean_though_its_wheels_have_the_velocity_and_the_radius_in_common() -> (
+    None
+):
     rates, speed, draws = np.array([1.2, 1.0, 1.1, 1.1, math.nan, 1.2]), 0.11, 20_000
     sds: dict[str, Any] = {"radius_deviation": 0.02, "rate_deviation": 0.03}
     (message,) = published(rates.tolist(), speed, 0.01**2, **sds)
     noise = np.random.default_rng(1)
-    speeds, radii = speed + 0.01 * noise.normal(size=(draws, 1)), RADIUS * (1.0 + 0.02 * noise.normal(size=(draws, 1)))
+    speeds, radii = (
+        speed + 0.01 * noise.normal(size=(draws, 1)),
+        RADIUS * (1.0 + 0.02 * noise.normal(size=(draws, 1))),
+    )
     slips = 1.0 - speeds / (radii * (rates + 0.03 * noise.normal(size=(draws, 6))))
     means, deviations = axle_means(message)
     for axle, (mean, deviation) in enumerate(zip(means, deviations, strict=True)):
         drawn = np.nanmean(slips[:, np.array(ROVER.wheel_axle) == axle], axis=1)
-        assert mean == pytest.approx(np.nanmean((1.0 - speed / (RADIUS * rates))[np.array(ROVER.wheel_axle) == axle]))
-        assert deviation == pytest.approx(drawn.std(), rel=0.03)  # 20000 draws: within 2 % with 99.99 %
+        assert mean == pytest.approx(
+            np.nanmean((1.0 - speed / (RADIUS * rates))[np.array(ROVER.wheel_axle) == axle])
+        )
+        assert deviation == pytest.approx(
+            drawn.std(), rel=0.03
+        )  # 20000 draws: within 2 % with 99.99 %
 
 
 @pytest.mark.parametrize("stamped", [False, True])
@@ -84,10 +127,14 @@ def test_a_velocity_of_another_frame_is_refused_and_both_frames_are_named(*, sta
     kind, field = ("twist", "header.frame_id") if stamped else ("odometry", "child_frame_id")
     for frame in ("camera", ""):
         given = velocity(0.1, 1e-4, frame=frame, stamped=stamped)
-        with pytest.raises(SlipSourceError, match=rf"{field}.* is in frame '{frame}', expected 'base_link'"):
+        with pytest.raises(
+            SlipSourceError, match=rf"{field}.* is in frame '{frame}', expected 'base_link'"
+        ):
             published_of(RATES, given, velocity_type=kind)
         (message,) = published_of(RATES, given, velocity_type=kind, body_frame="")
-        assert message.header.frame_id == ConversionConfig().body_frame, "the estimator refused a slip without a frame"
+        assert message.header.frame_id == ConversionConfig().body_frame, (
+            "the estimator refused a slip without a frame"
+        )
     assert published_of(RATES, velocity(0.1, 1e-4, stamped=stamped), velocity_type=kind)
 
 
@@ -100,10 +147,18 @@ def test_every_wheel_has_its_slip_in_the_order_of_the_rover_file() -> None:
 
 def test_a_wheel_that_stands_has_no_slip_and_one_that_turns_on_the_spot_slips_by_one() -> None:
     (message,) = published([0.0, math.nan, 1.0, 1.0, 1.0, -1.0], 0.0)
-    assert np.isnan(message.slip).tolist() == np.isnan(message.slip_stddev).tolist() == [True, True, False, False, False, False]
+    assert (
+        np.isnan(message.slip).tolist()
+        == np.isnan(message.slip_stddev).tolist()
+        == [True, True, False, False, False, False]
+    )
     assert message.slip[2] == 1.0
     (message,) = published([0.0, math.inf, *RATES[2:]], 0.1, standstill_speed=0.0)
-    assert np.isnan(message.slip).tolist() == np.isnan(message.slip_stddev).tolist() == [True, True, False, False, False, False]
+    assert (
+        np.isnan(message.slip).tolist()
+        == np.isnan(message.slip_stddev).tolist()
+        == [True, True, False, False, False, False]
+    )
 
 
 def test_each_parameter_changes_what_is_published() -> None:
@@ -120,7 +175,10 @@ def test_each_parameter_changes_what_is_published() -> None:
         published(RATES, 0.1, velocity_type="radar")
 
 
-@pytest.mark.parametrize(("speed", "variance"), [(0.1, 0.0), (0.1, -1.0), (0.1, math.inf), (math.nan, 1e-4), (0.1, math.nan)])
+@pytest.mark.parametrize(
+    ("speed", "variance"),
+    [(0.1, 0.0), (0.1, -1.0), (0.1, math.inf), (math.nan, 1e-4), (0.1, math.nan)],
+)
 def test_a_velocity_that_cannot_be_used_is_refused(speed: float, variance: float) -> None:
     with pytest.raises(SlipSourceError, match="variance"):
         published(RATES, speed, variance)
@@ -134,7 +192,9 @@ def test_a_missing_wheel_is_named_with_the_joints_that_are_there() -> None:
         source.slip_message(pair, TYPES.make)
 
 
-@pytest.mark.parametrize(("speed", "variance"), [(0.1, 1e308), (1e308, 1e-4), (1e308, 1e308), (0.1, 5e-324)])
+@pytest.mark.parametrize(
+    ("speed", "variance"), [(0.1, 1e308), (1e308, 1e-4), (1e308, 1e308), (0.1, 5e-324)]
+)
 def test_no_velocity_gives_an_infinite_slip_or_deviation(speed: float, variance: float) -> None:
     (message,) = published(RATES, speed, variance)
     assert not np.isinf([*message.slip, *message.slip_stddev]).any()

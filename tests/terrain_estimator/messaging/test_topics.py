@@ -7,7 +7,9 @@ import pytest
 from terrain_estimator.offline.topics import TopicError, bag_topics, check_inputs, parse_remap
 
 
-@pytest.mark.parametrize("rule", ["wheel_slip:=/rover1/slip", "/rover1/slip:=wheel_slip", "/wheel_slip:=/rover1/slip"])
+@pytest.mark.parametrize(
+    "rule", ["wheel_slip:=/rover1/slip", "/rover1/slip:=wheel_slip", "/wheel_slip:=/rover1/slip"]
+)
 def test_a_remap_may_be_written_in_either_order(rule: str) -> None:
     assert parse_remap(rule) == ("wheel_slip", "/rover1/slip")
     assert bag_topics([rule], "")["wheel_slip"] == "/rover1/slip"
@@ -36,5 +38,7 @@ def test_a_missing_topic_is_named_with_what_looks_like_it() -> None:
 
 
 def test_one_topic_is_not_read_as_two() -> None:
-    with pytest.raises(TopicError, match="/vo would be both wheel_slip and odom: remap each to a topic of its own"):
+    with pytest.raises(
+        TopicError, match="/vo would be both wheel_slip and odom: remap each to a topic of its own"
+    ):
         bag_topics(["wheel_slip:=/vo", "odom:=/vo"], "/rover1")

@@ -15,15 +15,33 @@ TYPES = Types()
 
 
 def estimate(time_s: float, cohesion: float = 1500.0, used: int = 1) -> Message:
-    header = TYPES.make("std_msgs/msg/Header", stamp=TYPES.make("builtin_interfaces/msg/Time", sec=int(time_s), nanosec=0), frame_id="")
-    values = {"cohesion": cohesion, "cohesion_stddev": 200.0, "tan_phi": 0.6, "tan_phi_stddev": 0.04}
-    return TYPES.make("msg_defs/msg/TerrainEstimate", header=header, covariance=np.zeros(4), observations_used=used, **values)
+    header = TYPES.make(
+        "std_msgs/msg/Header",
+        stamp=TYPES.make("builtin_interfaces/msg/Time", sec=int(time_s), nanosec=0),
+        frame_id="",
+    )
+    values = {
+        "cohesion": cohesion,
+        "cohesion_stddev": 200.0,
+        "tan_phi": 0.6,
+        "tan_phi_stddev": 0.04,
+    }
+    return TYPES.make(
+        "msg_defs/msg/TerrainEstimate",
+        header=header,
+        covariance=np.zeros(4),
+        observations_used=used,
+        **values,
+    )
 
 
 def odometry(x: float, z: float = 0.0) -> Message:
     position = TYPES.make("geometry_msgs/msg/Point", x=x, y=0.5, z=z)
     pose = TYPES.make("geometry_msgs/msg/Pose", position=position)
-    return TYPES.make("nav_msgs/msg/Odometry", pose=TYPES.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)))
+    return TYPES.make(
+        "nav_msgs/msg/Odometry",
+        pose=TYPES.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+    )
 
 
 def filled(count: int, **values: Any) -> Track:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a model with a named effect is worth online: ``python -m tests.terrain_estimator.model.added_effects [NAME ...]``.
 
-The same drives three times: without the effect, with the library's law at the size that is equivalent to the hidden one, and with the
-hidden law of that name. The model as shipped and the one with the effect, whose prior is the library's range, estimate each.
+The same drives three times: without the effect, with the library's law at the size that is
+equivalent to the hidden one, and with the hidden law of that name. The model as shipped and the one
+with the effect, whose prior is the library's range, estimate each.
 """
 
 import argparse
@@ -54,26 +55,54 @@ def hidden(name: str, cases: int, seconds: float) -> tuple[Simulated, list[float
     """Cases with the hidden law at the size that matters, and their sizes in the library's unit."""
     simulated = simulate_cases(Hidden(((name, 1.0),), seconds=seconds), cases, SEED)
     episodes = [list(range(k * EACH, (k + 1) * EACH)) for k in range(cases)]
-    return simulated, [equivalent_size(name, simulated.effects[0], simulated.drive, chosen) for chosen in episodes]
+    return simulated, [
+        equivalent_size(name, simulated.effects[0], simulated.drive, chosen) for chosen in episodes
+    ]
 
 
-def library(name: str, like: Simulated, sizes: Sequence[float], seconds: float) -> tuple[Drive, Measurement]:
+def library(
+    name: str, like: Simulated, sizes: Sequence[float], seconds: float
+) -> tuple[Drive, Measurement]:
     """The drives of ``like`` with the library's law of these sizes."""
-    described, rover, generator = describe(name), like.drive.rover, torch.Generator().manual_seed(2 * SEED)
+    described, rover, generator = (
+        describe(name),
+        like.drive.rover,
+        torch.Generator().manual_seed(2 * SEED),
+    )
     possible = [min(max(size, described.low), described.high) for size in sizes]
     ground = draw_ground([soil for soil in like.soils for _ in range(EACH)], generator)
-    terrain = draw_terrain([kind for kind in like.terrains for _ in range(EACH)], rover, ground, generator)
+    terrain = draw_terrain(
+        [kind for kind in like.terrains for _ in range(EACH)], rover, ground, generator
+    )
     size = torch.tensor(possible, dtype=torch.float64).repeat_interleave(EACH)
-    drive = simulate(rover, ground, "S1", seconds, generator, len(size), terrain, Plant([make_effect(name, size)]))
+    drive = simulate(
+        rover,
+        ground,
+        "S1",
+        seconds,
+        generator,
+        len(size),
+        terrain,
+        Plant([make_effect(name, size)]),
+    )
     return drive, measure_drive(rover, per_wheel(rover, drive.seen), Noise(), generator)
 
 
 def runs(drive: Drive, measured: Measurement, sizes: Sequence[float], each: int) -> list[Run]:
     """The first ``each`` drives of every case, up to where the rover gets stuck."""
-    means, ends, strength = axle_means(measured, drive.rover.axles), drive_ends(drive), drive.sample.strength
+    means, ends, strength = (
+        axle_means(measured, drive.rover.axles),
+        drive_ends(drive),
+        drive.sample.strength,
+    )
     chosen = [(k * EACH + j, size) for k, size in enumerate(sizes) for j in range(each)]
     return [
-        Run(observations_of(means, index)[: int(ends[index])], float(strength[index, 0, 0, 0]), float(strength[index, 0, 0, 1]), size)
+        Run(
+            observations_of(means, index)[: int(ends[index])],
+            float(strength[index, 0, 0, 0]),
+            float(strength[index, 0, 0, 1]),
+            size,
+        )
         for index, size in chosen
     ]
 
@@ -84,21 +113,33 @@ def estimated(model: LoadedModel, run: Run) -> Estimate:
     return [estimator.update(observation).estimate for observation in run.observations][-1]
 
 
-def line(name: str, law: str, found: Sequence[Run], before: Sequence[Estimate], after: Sequence[Estimate]) -> str:
+def line(
+    name: str, law: str, found: Sequence[Run], before: Sequence[Estimate], after: Sequence[Estimate]
+) -> str:
     """What came of the drives of one law."""
     size = np.array([run.size for run in found])
     mean, sd = np.array([(each.effects[0].mean, each.effects[0].sd) for each in after]).T
     truth = np.array([[run.cohesion_pa, run.tan_phi] for run in found])
-    columns = [np.abs(size).mean(), np.median(mean - size), np.median(sd), (abs(mean - size) < HALF_WIDTH_95 * sd).sum()]
+    columns = [
+        np.abs(size).mean(),
+        np.median(mean - size),
+        np.median(sd),
+        (abs(mean - size) < HALF_WIDTH_95 * sd).sum(),
+    ]
     for estimates in (before, after):
         at = np.stack([each.mean for each in estimates])
         wide = np.stack([np.sqrt(np.diagonal(each.covariance)) for each in estimates])
         error = np.abs(at - truth)
-        columns += [*(100.0 * np.median(error / truth, 0)).tolist(), *(error < HALF_WIDTH_95 * wide).sum(0).tolist()]
+        columns += [
+            *(100.0 * np.median(error / truth, 0)).tolist(),
+            *(error < HALF_WIDTH_95 * wide).sum(0).tolist(),
+        ]
     return f"{name:>16}{law:>9}{len(found):4d}" + "".join(f"{column:13.4g}" for column in columns)
 
 
-def study(name: str, cases: int, each: int, seconds: float, plain: LoadedModel, with_it: LoadedModel) -> Iterator[str]:
+def study(
+    name: str, cases: int, each: int, seconds: float, plain: LoadedModel, with_it: LoadedModel
+) -> Iterator[str]:
     """A line for each law."""
     secret, sizes = hidden(name, cases, seconds)
     nothing = simulate_cases(Hidden(seconds=seconds), cases, SEED)
@@ -109,27 +150,47 @@ def study(name: str, cases: int, each: int, seconds: float, plain: LoadedModel, 
     }
     for law, (drive, measured, true_sizes) in drives.items():
         found = runs(drive, measured, true_sizes, each)
-        yield line(name, law, found, *([estimated(model, run) for run in found] for model in (plain, with_it)))
+        yield line(
+            name,
+            law,
+            found,
+            *([estimated(model, run) for run in found] for model in (plain, with_it)),
+        )
 
 
 def main() -> None:
     """Print a line for each effect and law."""
     torch.set_num_threads(1)
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", default=list(LAWS), help="effects")
-    parser.add_argument("--cases", type=int, default=2, help="of which each has an own size, soils and terrains in turn")
+    parser.add_argument(
+        "--cases",
+        type=int,
+        default=2,
+        help="of which each has an own size, soils and terrains in turn",
+    )
     parser.add_argument("--each", type=int, default=3, help="drives of a case")
     parser.add_argument("--seconds", type=float, default=40.0, help="length of a drive")
     options = parser.parse_args()
     plain = load_model()
-    ground = [f"{part} {what}" for part in ("before", "after") for what in ("c %", "tan %", "c in", "tan in")]
+    ground = [
+        f"{part} {what}"
+        for part in ("before", "after")
+        for what in ("c %", "tan %", "c in", "tan in")
+    ]
     columns = ["|size|", "error", "sd", "in 95 %", *ground]
-    sys.stdout.write(f"{'effect':>16}{'law':>9}{'n':>4}" + "".join(f"{column:>13}" for column in columns) + "\n")
+    sys.stdout.write(
+        f"{'effect':>16}{'law':>9}{'n':>4}" + "".join(f"{column:>13}" for column in columns) + "\n"
+    )
     for name in options.names:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{name}.pt"
             add_effects(plain, [Sized.of_library(name)], path)
-            for text in study(name, options.cases, options.each, options.seconds, plain, load_model(str(path))):
+            for text in study(
+                name, options.cases, options.each, options.seconds, plain, load_model(str(path))
+            ):
                 sys.stdout.write(text + "\n")
                 sys.stdout.flush()
 

@@ -12,12 +12,21 @@ SIZE = 3
 
 def bank(weights: list[float], shifts: list[float], ages: list[float], kinds: list[int]) -> Bank:
     """Hypotheses of one random precision, ``shifts`` deviations apart along the first axis."""
-    matrix = torch.randn(SIZE, SIZE + 2, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
+    matrix = torch.randn(
+        SIZE, SIZE + 2, generator=torch.Generator().manual_seed(4), dtype=torch.float64
+    )
     precision = (matrix @ matrix.T).expand(len(weights), SIZE, SIZE).clone()
     mean = torch.zeros(len(weights), SIZE, dtype=torch.float64)
     mean[:, 0] = torch.tensor(shifts, dtype=torch.float64) / precision[0, 0, 0].sqrt()
     log_weight = torch.tensor(weights, dtype=torch.float64).log()
-    return Bank(mean, torch.linalg.inv(precision), precision, log_weight, torch.tensor(ages), torch.tensor(kinds))
+    return Bank(
+        mean,
+        torch.linalg.inv(precision),
+        precision,
+        log_weight,
+        torch.tensor(ages),
+        torch.tensor(kinds),
+    )
 
 
 def test_merged_hypotheses_have_the_weight_and_the_moments_of_their_mixture() -> None:
@@ -57,5 +66,7 @@ def test_a_random_walk_adds_its_variance_to_the_covariance() -> None:
     precision = bank([1.0, 1.0], [0.0, 1.0], [1.0] * 2, [0] * 2).precision
     for steps in ([0.3, 0.2], [0.0, 0.2], [0.0, 0.0]):
         step = torch.tensor(steps, dtype=torch.float64)
-        expected = torch.linalg.inv(precision) + torch.diag(torch.cat([step, torch.zeros(1, dtype=torch.float64)]))
+        expected = torch.linalg.inv(precision) + torch.diag(
+            torch.cat([step, torch.zeros(1, dtype=torch.float64)])
+        )
         torch.testing.assert_close(torch.linalg.inv(random_walk(precision, step)), expected)

@@ -38,7 +38,9 @@ def noise_of(block: BlockRows) -> NDArray[np.float64]:
 
 def test_recursion_over_blocks_equals_the_batch_solution_and_a_textbook_kalman_filter() -> None:
     posterior = Posterior(
-        torch.zeros(1, SIZE, dtype=torch.float64), torch.eye(SIZE, dtype=torch.float64)[None], torch.zeros(1, dtype=torch.float64)
+        torch.zeros(1, SIZE, dtype=torch.float64),
+        torch.eye(SIZE, dtype=torch.float64)[None],
+        torch.zeros(1, dtype=torch.float64),
     )
     blocks = [linear_block(seed) for seed in range(12)]
     velocities = len(blocks) + 1
@@ -50,12 +52,17 @@ def test_recursion_over_blocks_equals_the_batch_solution_and_a_textbook_kalman_f
         posterior = Posterior(*drop(solved.mean, solved.precision, SIZE - 1), solved.log_weight)
 
         rows = np.zeros((ROWS, 3 + velocities))  # batch: every velocity is a parameter of its own
-        rows[:, :3], rows[:, 3 + index : 5 + index] = block.linear[:, :3].numpy(), block.linear[:, 3:].numpy()
+        rows[:, :3], rows[:, 3 + index : 5 + index] = (
+            block.linear[:, :3].numpy(),
+            block.linear[:, 3:].numpy(),
+        )
         weight = np.linalg.inv(noise_of(block))
         information += rows.T @ weight @ rows
         moment += rows.T @ weight @ (block.target - block.offset).numpy()
 
-        wide = np.zeros((5, 5))  # Kalman: the velocity after the block starts unknown, then the one before is forgotten
+        wide = np.zeros(
+            (5, 5)
+        )  # Kalman: the velocity after the block starts unknown, then the one before is forgotten
         wide[:4, :4], wide[4, 4] = kalman_covariance, 1e5
         h, prior = block.linear.numpy(), np.append(kalman_mean, 0.0)
         gain = wide @ h.T @ np.linalg.inv(h @ wide @ h.T + noise_of(block))
@@ -69,7 +76,10 @@ def test_recursion_over_blocks_equals_the_batch_solution_and_a_textbook_kalman_f
     last = [0, 1, 2, 3 + len(blocks)]
     np.testing.assert_allclose(posterior.mean[0], batch[last], rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(
-        torch.linalg.inv(posterior.precision[0]), np.linalg.inv(information)[np.ix_(last, last)], rtol=1e-8, atol=1e-12
+        torch.linalg.inv(posterior.precision[0]),
+        np.linalg.inv(information)[np.ix_(last, last)],
+        rtol=1e-8,
+        atol=1e-12,
     )
     np.testing.assert_allclose(posterior.mean[0], kalman_mean, rtol=1e-3, atol=1e-4)
 
@@ -79,7 +89,9 @@ def test_log_weight_is_the_log_evidence_up_to_what_no_parameter_changes() -> Non
     block = linear_block(5)
     means = torch.tensor([[0.0, 0.0, 0.0, 0.0], [1.5, -1.0, 0.5, 0.2]], dtype=torch.float64)
     precision = torch.stack([torch.eye(4), 3.0 * torch.eye(4)]).to(torch.float64)
-    found = solve_block(Posterior(means, precision, torch.zeros(2, dtype=torch.float64)), block, LONGEST).posterior.log_weight
+    found = solve_block(
+        Posterior(means, precision, torch.zeros(2, dtype=torch.float64)), block, LONGEST
+    ).posterior.log_weight
     expected = []
     for mean, p in zip(means, precision, strict=True):
         # marginalise the unknown velocity after the block with a very wide prior
@@ -87,16 +99,21 @@ def test_log_weight_is_the_log_evidence_up_to_what_no_parameter_changes() -> Non
         wide[:4, :4], wide[4, 4] = torch.linalg.inv(p), 1e8
         covariance = block.linear @ wide @ block.linear.T + torch.from_numpy(noise_of(block))
         centre = block.offset + block.linear[:, :4] @ mean
-        expected.append(torch.distributions.MultivariateNormal(centre, covariance).log_prob(block.target))  # type: ignore[no-untyped-call]
+        normal = torch.distributions.MultivariateNormal(centre, covariance)
+        expected.append(normal.log_prob(block.target))  # type: ignore[no-untyped-call]
     assert abs(float((found[1] - found[0]) - (expected[1] - expected[0]))) < 1e-5
 
 
 def test_uncertain_constants_are_estimated_where_the_rows_show_them() -> None:
     """Rows that are bilinear in theta and a constant, no noise: blocks recover all of them."""
     generator = torch.Generator().manual_seed(9)
-    truth = torch.tensor([1.2, 0.6, 0.8, 0.1, -0.2, 0.05, 0.3], dtype=torch.float64)  # c, tan phi, a constant, those that are FIXED
+    truth = torch.tensor(
+        [1.2, 0.6, 0.8, 0.1, -0.2, 0.05, 0.3], dtype=torch.float64
+    )  # c, tan phi, a constant, those that are FIXED
     start = torch.tensor([[0.8, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0]], dtype=torch.float64)
-    posterior = Posterior(start, 1e-4 * torch.eye(7, dtype=torch.float64)[None], torch.zeros(1, dtype=torch.float64))
+    posterior = Posterior(
+        start, 1e-4 * torch.eye(7, dtype=torch.float64)[None], torch.zeros(1, dtype=torch.float64)
+    )
     for _ in range(8):
         linear = torch.randn(10, 8, generator=generator, dtype=torch.float64)
         linear[:, 2] = 0.0

@@ -39,11 +39,18 @@ def random_rows(generator: torch.Generator) -> BlockRows:
         return torch.randn(shape, generator=generator, dtype=torch.float64)
 
     def power(low: float, high: float, *shape: int) -> Tensor:
-        return 10.0 ** (low + (high - low) * torch.rand(shape, generator=generator, dtype=torch.float64))
+        return 10.0 ** (
+            low + (high - low) * torch.rand(shape, generator=generator, dtype=torch.float64)
+        )
 
     unit = power(-4.0, 4.0, ROWS)
     sources = normal(1 + CONSTANTS, 3, ROWS, 12) * unit.unsqueeze(-1) * power(-3.0, 1.0, 1)
-    gram = (sources.flatten(0, 2) @ sources[0].flatten(0, 1).T).view(-1, 3, ROWS, 3, ROWS).permute(3, 0, 1, 2, 4).flatten(1)
+    gram = (
+        (sources.flatten(0, 2) @ sources[0].flatten(0, 1).T)
+        .view(-1, 3, ROWS, 3, ROWS)
+        .permute(3, 0, 1, 2, 4)
+        .flatten(1)
+    )
     linear = normal(ROWS, SIZE + 1) * unit.unsqueeze(1)
     linear[:, 2 : 2 + CONSTANTS] = 0.0
     return BlockRows(

@@ -13,12 +13,20 @@ import pytest
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.model_file import DEFAULT_MODEL, MODELS, ModelFileError, fingerprint, load_model, model_names
+from terrain_estimator.model.model_file import (
+    DEFAULT_MODEL,
+    MODELS,
+    ModelFileError,
+    fingerprint,
+    load_model,
+    model_names,
+)
 from terrain_estimator.model.packing import packed_size
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
-# What a program in another language would do, with torch alone: no package of this project, no NumPy of ours.
+# What a program in another language would do, with torch alone: no package of this project, no
+# NumPy of ours.
 BARE = """
 import sys, torch
 model = torch.jit.load(sys.argv[1])
@@ -29,7 +37,22 @@ for _ in range(25):
 print(*model.estimate(state).flatten().tolist(), *model.predict(state, observation).tolist())
 assert not {name.split(".")[0] for name in sys.modules} & {"terrain_estimator", "terramechanics", "rclpy"}
 """
-STEADY = [0.1, 0.2, 0.15, *[0.01] * 3, *[0.018] * 3, *[0.001] * 3, 0.02, 0.0, 0.01, *[0.005] * 3, 5.0, 6.0, 5.0, *[0.2] * 3]
+STEADY = [
+    0.1,
+    0.2,
+    0.15,
+    *[0.01] * 3,
+    *[0.018] * 3,
+    *[0.001] * 3,
+    0.02,
+    0.0,
+    0.01,
+    *[0.005] * 3,
+    5.0,
+    6.0,
+    5.0,
+    *[0.2] * 3,
+]
 STEADY += [0.2, 0.01, 0.03, 0.005, 0.1, 0.02, 0.0, 0.1, 1.0]
 
 
@@ -47,21 +70,39 @@ def test_a_shipped_model_is_small_and_says_what_it_is_for(name: str) -> None:
     assert (MODELS / f"{name}.pt").stat().st_size < 1_000_000
     assert model.rover == load_rover(model.rover.name)
     assert model.metadata.soils == tuple(load_soil(soil.name) for soil in model.metadata.soils)
-    assert torch.equal(model.module.constants, torch.stack([soil.constants() for soil in model.metadata.soils]))
+    assert torch.equal(
+        model.module.constants, torch.stack([soil.constants() for soil in model.metadata.soils])
+    )
 
 
 def test_a_model_runs_in_an_interpreter_with_torch_alone(tmp_path: Path) -> None:
     path = MODELS / f"{DEFAULT_MODEL}.pt"
     assert len(STEADY) == packed_size(3)
-    command = [sys.executable, "-I", "-W", "ignore", "-c", BARE, str(path), ",".join(map(str, STEADY))]
-    threads = {"OMP_NUM_THREADS": str(torch.get_num_threads())}  # sums of another number of threads differ in the last digits
-    bare = subprocess.run(command, check=True, capture_output=True, text=True, cwd=tmp_path, env=os.environ | threads).stdout.split()
+    command = [
+        sys.executable,
+        "-I",
+        "-W",
+        "ignore",
+        "-c",
+        BARE,
+        str(path),
+        ",".join(map(str, STEADY)),
+    ]
+    threads = {
+        "OMP_NUM_THREADS": str(torch.get_num_threads())
+    }  # sums of another number of threads differ in the last digits
+    bare = subprocess.run(
+        command, check=True, capture_output=True, text=True, cwd=tmp_path, env=os.environ | threads
+    ).stdout.split()
     module = load_model().module
     state = module.initial()
     observation = torch.tensor(STEADY, dtype=torch.float64)
     for _ in range(25):
         state = module.update(state, observation)
-    here = [*module.estimate(state).flatten().tolist(), *module.predict(state, observation).tolist()]
+    here = [
+        *module.estimate(state).flatten().tolist(),
+        *module.predict(state, observation).tolist(),
+    ]
     assert [float(word) for word in bare] == pytest.approx(here, rel=1e-12)
 
 
@@ -89,7 +130,9 @@ def test_a_cut_file_is_found_by_its_size(copied: Path) -> None:
         ({"parameters": ["cohesion_kpa"]}, "parameters"),
     ],
 )
-def test_wrong_metadata_is_refused_by_name(copied: Path, change: dict[str, object], words: str) -> None:
+def test_wrong_metadata_is_refused_by_name(
+    copied: Path, change: dict[str, object], words: str
+) -> None:
     sidecar = copied.with_suffix(".json")
     sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | change))
     with pytest.raises(ModelFileError, match=words):
@@ -100,7 +143,13 @@ def test_a_missing_sidecar_and_an_unknown_name_are_refused(copied: Path) -> None
     copied.with_suffix(".json").unlink()
     with pytest.raises(ModelFileError, match=r"model\.json: cannot be read"):
         load_model(str(copied))
-    with pytest.raises(ModelFileError, match=r"no such file; give the path of a .pt file, or an installed model: mars_rover, paper_rover"):
+    with pytest.raises(
+        ModelFileError,
+        match=(
+            r"no such file; give the path of a .pt file, or an installed model: mars_rover,"
+            r" paper_rover"
+        ),
+    ):
         load_model("moon_rover")
 
 
@@ -108,7 +157,9 @@ def test_a_foreign_torchscript_module_is_refused(copied: Path) -> None:
     torch.jit.save(torch.jit.script(torch.nn.Linear(2, 2)), str(copied))
     sidecar = copied.with_suffix(".json")
     sha256, size = fingerprint(copied)
-    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {"sha256": sha256, "size": size}))
+    sidecar.write_text(
+        json.dumps(json.loads(sidecar.read_text()) | {"sha256": sha256, "size": size})
+    )
     with pytest.raises(ModelFileError, match="has no method 'initial'"):
         load_model(str(copied))
 
@@ -145,12 +196,20 @@ class OtherArguments(torch.nn.Module):
         return state["mean"]
 
 
-def test_a_module_whose_methods_take_something_else_is_refused_before_one_is_called(copied: Path) -> None:
+def test_a_module_whose_methods_take_something_else_is_refused_before_one_is_called(
+    copied: Path,
+) -> None:
     torch.jit.save(torch.jit.script(OtherArguments()), str(copied))
     sidecar = copied.with_suffix(".json")
     sha256, size = fingerprint(copied)
-    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {"sha256": sha256, "size": size}))
+    sidecar.write_text(
+        json.dumps(json.loads(sidecar.read_text()) | {"sha256": sha256, "size": size})
+    )
     with pytest.raises(
-        ModelFileError, match=r"method initial_with_prior takes \(Tensor mean\), this version needs \(Tensor mean, Tensor sd"
+        ModelFileError,
+        match=(
+            r"method initial_with_prior takes \(Tensor mean\), this version needs \(Tensor mean,"
+            r" Tensor sd"
+        ),
     ):
         load_model(str(copied))

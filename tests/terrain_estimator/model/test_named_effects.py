@@ -47,16 +47,22 @@ def driven(model: LoadedModel, name: str, size: float, seconds: float, seed: int
     """An S1 drive on the model's first soil with the library's law."""
     generator = torch.Generator().manual_seed(seed)
     ground = Ground.constant(model.metadata.soils[0])
-    return simulate(model.rover, ground, "S1", seconds, generator, 1, plant=Plant([make_effect(name, size)]))
+    return simulate(
+        model.rover, ground, "S1", seconds, generator, 1, plant=Plant([make_effect(name, size)])
+    )
 
 
 def measured(drive: Drive, seed: int = 4) -> list[Observation]:
-    return observations_of(measure_drive(drive.rover, drive.seen, Noise(), torch.Generator().manual_seed(seed)), 0)
+    return observations_of(
+        measure_drive(drive.rover, drive.seen, Noise(), torch.Generator().manual_seed(seed)), 0
+    )
 
 
 def in_python(plain: LoadedModel, *effects: Sized) -> LoadedModel:
     """The model with effects without the time that compiling takes; that the compiled one is the same has a test of its own."""
-    added = tuple(AddedEffect(each.name, describe(each.name).unit, each.mean, each.sd) for each in effects)
+    added = tuple(
+        AddedEffect(each.name, describe(each.name).unit, each.mean, each.sd) for each in effects
+    )
     module = with_effects(plain, effects)
     return LoadedModel(module, dataclasses.replace(plain.metadata, effects=added))  # type: ignore[arg-type]
 
@@ -70,7 +76,9 @@ def residuals(model: PAlpacaWithEffects, drive: Drive, size: float) -> torch.Ten
     """The most that a row of an exact drive leaves over with the effect at ``size`` times the prior mean, in units of its scale."""
     packed = measure_tasks(drive, Noise(factor=0.0), torch.Generator().manual_seed(0)).measured[0]
     packed = torch.cat([packed[:, :-2], drive.sample.wheel_rate[0], packed[:, -2:]], 1)
-    theta = torch.cat([drive.sample.strength[0, 0, 0] / model.unit, torch.ones(1, dtype=torch.float64)])
+    theta = torch.cat(
+        [drive.sample.strength[0, 0, 0] / model.unit, torch.ones(1, dtype=torch.float64)]
+    )
     constants = torch.zeros(model.uncertain_constants, dtype=torch.float64)
     deviations = torch.cat([constants, (size - 1.0) * model.values.mean / model.values.sd])
     rows = model.rows(packed, model.nominal_contact(0), deviations, theta, model.every_row)
@@ -82,7 +90,9 @@ def residuals(model: PAlpacaWithEffects, drive: Drive, size: float) -> torch.Ten
 
 
 @pytest.mark.parametrize("name", SIZES)
-def test_the_rows_of_an_exact_drive_hold_with_the_effect_and_do_not_without_it(plain: LoadedModel, name: str) -> None:
+def test_the_rows_of_an_exact_drive_hold_with_the_effect_and_do_not_without_it(
+    plain: LoadedModel, name: str
+) -> None:
     model = with_effects(plain, [Sized(name, SIZES[name], 0.1 * SIZES[name])])
     drive = driven(plain, name, SIZES[name], 1.5)
     assert float(residuals(model, drive, 1.0)) < 2e-4
@@ -93,7 +103,10 @@ def test_a_tilted_sensor_is_estimated_and_no_longer_spoils_the_ground(plain: Loa
     drive = driven(plain, "slope_bias", TILT, 20.0)
     truth = drive.sample.strength[0, 0, 0].numpy()
     observations = measured(drive)
-    before, after = estimated(plain, observations), estimated(in_python(plain, Sized.of_library("slope_bias")), observations)
+    before, after = (
+        estimated(plain, observations),
+        estimated(in_python(plain, Sized.of_library("slope_bias")), observations),
+    )
     size = after.effects[0]
     assert (size.name, size.unit) == ("slope_bias", "rad")
     assert abs(size.mean - TILT) < 3.0 * size.sd < TILT
@@ -102,10 +115,15 @@ def test_a_tilted_sensor_is_estimated_and_no_longer_spoils_the_ground(plain: Loa
     assert (np.abs(before.mean - truth) > 2.0 * np.abs(after.mean - truth)).all()
 
 
-def test_where_nothing_is_missing_the_sizes_of_two_effects_go_to_zero_and_the_ground_stays_known(plain: LoadedModel) -> None:
+def test_where_nothing_is_missing_the_sizes_of_two_effects_go_to_zero_and_the_ground_stays_known(
+    plain: LoadedModel,
+) -> None:
     observations = measured(driven(plain, "slope_bias", 0.0, 20.0))
     before = estimated(plain, observations)
-    after = estimated(in_python(plain, Sized.of_library("slope_bias"), Sized.of_library("exit_angle")), observations)
+    after = estimated(
+        in_python(plain, Sized.of_library("slope_bias"), Sized.of_library("exit_angle")),
+        observations,
+    )
     tilt, rebound = after.effects
     assert abs(tilt.mean) < 3.0 * tilt.sd < TILT
     assert 0.0 <= rebound.mean < 0.05
@@ -113,7 +131,9 @@ def test_where_nothing_is_missing_the_sizes_of_two_effects_go_to_zero_and_the_gr
     assert (np.abs(after.mean - before.mean) < 2.0 * np.sqrt(np.diagonal(before.covariance))).all()
 
 
-def test_the_exported_model_gives_the_numbers_of_the_python_model(plain: LoadedModel, tmp_path: Path) -> None:
+def test_the_exported_model_gives_the_numbers_of_the_python_model(
+    plain: LoadedModel, tmp_path: Path
+) -> None:
     effects = [Sized("payload", 10.0, 5.0), Sized("rate_dependence", 0.0, 0.2)]
     metadata = add_effects(plain, effects, tmp_path / "model.pt")
     loaded, module = load_model(str(tmp_path / "model.pt")), with_effects(plain, effects)
@@ -130,13 +150,19 @@ def test_the_exported_model_gives_the_numbers_of_the_python_model(plain: LoadedM
         for observation in measured(driven(plain, "payload", 10.0, 1.2)):
             packed = pack(observation, observation.torque, 0.1, linked=True, rates=True)
             here, there = module.update(here, packed), loaded.module.update(there, packed)
-        torch.testing.assert_close(there["report"], here["report"], rtol=1e-9, atol=1e-12, equal_nan=True)
-        torch.testing.assert_close(loaded.module.effects(there), module.effects(here), rtol=1e-9, atol=1e-12)
+        torch.testing.assert_close(
+            there["report"], here["report"], rtol=1e-9, atol=1e-12, equal_nan=True
+        )
+        torch.testing.assert_close(
+            loaded.module.effects(there), module.effects(here), rtol=1e-9, atol=1e-12
+        )
 
 
 def test_a_wheel_whose_rate_is_not_known_is_left_out(plain: LoadedModel) -> None:
     observation = measured(driven(plain, "slope_bias", 0.0, 1.0))[-1]
-    unknown = dataclasses.replace(observation, wheel_rate=np.where([True, False, True], observation.wheel_rate, np.nan))
+    unknown = dataclasses.replace(
+        observation, wheel_rate=np.where([True, False, True], observation.wheel_rate, np.nan)
+    )
     packed = pack(unknown, unknown.torque, 0.1, linked=True, rates=True)
     assert torch.isnan(packed[:3]).tolist() == [False, True, False]
     assert packed.shape[0] == 3 * 8 + len(SCALAR_FIELDS) + 3
@@ -146,7 +172,9 @@ def test_every_effect_of_the_registry_can_be_added_or_says_why_not(plain: Loaded
     assert set(LAWS) | set(NOT_ONLINE) == set(EFFECTS)
     assert not set(LAWS) & set(NOT_ONLINE)
     for name, reason in NOT_ONLINE.items():
-        with pytest.raises(ConfigError, match=f"effect {name} cannot be added to a model: {reason.split(';')[0]}"):
+        with pytest.raises(
+            ConfigError, match=f"effect {name} cannot be added to a model: {reason.split(';')[0]}"
+        ):
             with_effects(plain, [Sized.of_library(name)])
 
 
@@ -160,7 +188,9 @@ def test_every_effect_of_the_registry_can_be_added_or_says_why_not(plain: Loaded
         ([Sized("payload", 1.0, 0.0)], "standard deviation 0 kg is not a positive number"),
     ],
 )
-def test_a_wrong_effect_is_refused_by_name(plain: LoadedModel, effects: list[Sized], said: str) -> None:
+def test_a_wrong_effect_is_refused_by_name(
+    plain: LoadedModel, effects: list[Sized], said: str
+) -> None:
     with pytest.raises(ConfigError, match=said):
         with_effects(plain, effects)
 
@@ -169,7 +199,13 @@ def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedMode
     values = plain.module.state_dict()
     values["of_old"] = values.pop("stencil_moves")
     old = dataclasses.replace(plain, module=SimpleNamespace(state_dict=lambda: values))  # type: ignore[arg-type]
-    with pytest.raises(ModelFileError, match=f"{plain.model_id} was made by another version.*: the estimator takes it.*train it again"):
+    with pytest.raises(
+        ModelFileError,
+        match=(
+            f"{plain.model_id} was made by another version.*: the estimator takes it.*train it"
+            " again"
+        ),
+    ):
         with_effects(old, [Sized("payload", 1.0, 1.0)])
 
 

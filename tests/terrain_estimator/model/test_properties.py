@@ -36,12 +36,17 @@ TYPES = Types()
 def observations(draw: st.DrawFn, step: int = 0) -> Observation:
     """A sound observation, of which some values are anything."""
     names = draw(st.lists(st.sampled_from([*AXLE_FIELDS, *SCALAR_FIELDS]), max_size=4, unique=True))
-    changes: dict[str, Any] = {name: draw(ANY if name in SCALAR_FIELDS else arrays(np.float64, 3, elements=ANY)) for name in names}
+    changes: dict[str, Any] = {
+        name: draw(ANY if name in SCALAR_FIELDS else arrays(np.float64, 3, elements=ANY))
+        for name in names
+    }
     return observe(stamp_ns=10**9 + step * 10**8, **changes)
 
 
 @given(observation=observations(), previous_ns=st.none() | st.integers(0, 2 * 10**9))
-def test_what_passes_the_screening_can_be_calculated_with(observation: Observation, previous_ns: int | None) -> None:
+def test_what_passes_the_screening_can_be_calculated_with(
+    observation: Observation, previous_ns: int | None
+) -> None:
     verdict = screen(observation, previous_ns, ROVER.wheel_radius, CoreConfig())
     assert bool(verdict.detail) == (verdict.outcome is not Outcome.ACCEPTED)
     if not verdict.outcome.used:
@@ -74,12 +79,18 @@ def test_no_sequence_of_observations_makes_a_posterior_unsound(pipeline: Pipelin
         pipeline.reset()
         for observation in drive:
             answer = pipeline.answer(Conversion(observation.stamp_ns, observation))
-            assert [text for message in answer.messages(TYPES.make, pipeline.meta).values() for text in unsound(message)] == []
+            assert [
+                text
+                for message in answer.messages(TYPES.make, pipeline.meta).values()
+                for text in unsound(message)
+            ] == []
 
     attempt()
 
 
-NAMES = st.lists(st.sampled_from([*ROVER.wheel_names, "", "bogie", "foreign"]), max_size=8) | st.just(list(ROVER.wheel_names))
+NAMES = st.lists(
+    st.sampled_from([*ROVER.wheel_names, "", "bogie", "foreign"]), max_size=8
+) | st.just(list(ROVER.wheel_names))
 VALUES = st.lists(ANY, max_size=8) | st.lists(ANY, min_size=6, max_size=6)
 
 
@@ -87,17 +98,39 @@ VALUES = st.lists(ANY, max_size=8) | st.lists(ANY, min_size=6, max_size=6)
 @given(data=st.data())
 def test_a_set_of_messages_of_any_form_is_an_observation_or_a_refusal(data: st.DataObject) -> None:
     draw = data.draw
-    slip = TYPES.make(INPUT_TYPES["wheel_slip"], wheel=draw(NAMES), slip=draw(VALUES), slip_stddev=draw(VALUES))
+    slip = TYPES.make(
+        INPUT_TYPES["wheel_slip"], wheel=draw(NAMES), slip=draw(VALUES), slip_stddev=draw(VALUES)
+    )
     fields = ("sinkage", "sinkage_stddev", "contact_angle", "contact_angle_stddev")
-    sinkage = TYPES.make(INPUT_TYPES["wheel_sinkage"], wheel=draw(NAMES), **{name: draw(VALUES) for name in fields})
+    sinkage = TYPES.make(
+        INPUT_TYPES["wheel_sinkage"], wheel=draw(NAMES), **{name: draw(VALUES) for name in fields}
+    )
     joints = TYPES.make(
-        INPUT_TYPES["joint_states"], name=draw(NAMES), **{name: draw(VALUES) for name in ("position", "velocity", "effort")}
+        INPUT_TYPES["joint_states"],
+        name=draw(NAMES),
+        **{name: draw(VALUES) for name in ("position", "velocity", "effort")},
     )
     odom, imu = TYPES.make(INPUT_TYPES["odom"]), TYPES.make(INPUT_TYPES["imu"])
-    odom.twist.twist.linear.x, odom.twist.covariance[0], odom.pose.pose.orientation.w = draw(ANY), draw(ANY), draw(ANY)
-    imu.orientation.y, imu.orientation_covariance[4], imu.linear_acceleration.x = draw(ANY), draw(ANY), draw(ANY)
-    messages = (slip, sinkage, odom, draw(st.sampled_from([None, joints])), draw(st.sampled_from([None, imu])))
-    converter = Converter(ROVER, dataclasses.replace(ConversionConfig(), body_frame=""), CoreConfig())
+    odom.twist.twist.linear.x, odom.twist.covariance[0], odom.pose.pose.orientation.w = (
+        draw(ANY),
+        draw(ANY),
+        draw(ANY),
+    )
+    imu.orientation.y, imu.orientation_covariance[4], imu.linear_acceleration.x = (
+        draw(ANY),
+        draw(ANY),
+        draw(ANY),
+    )
+    messages = (
+        slip,
+        sinkage,
+        odom,
+        draw(st.sampled_from([None, joints])),
+        draw(st.sampled_from([None, imu])),
+    )
+    converter = Converter(
+        ROVER, dataclasses.replace(ConversionConfig(), body_frame=""), CoreConfig()
+    )
     found = converter.convert(5, messages)
     if found.observation is None:
         assert found.outcome is Outcome.WRONG_WHEELS

@@ -9,13 +9,23 @@ from torch import Tensor
 from studies.accuracy.scores import Drives, draw_drives, row_mask
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.agreement import agreement
-from terrain_estimator.model.rows import PA_PER_UNIT, Rows, frame_of, regression_rows, row_names, rows_at
+from terrain_estimator.model.rows import (
+    PA_PER_UNIT,
+    Rows,
+    frame_of,
+    regression_rows,
+    row_names,
+    rows_at,
+)
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
 EPISODES = 20
 NAMES = row_names(3)
-BALANCES = [NAMES.index(name) for name in ("load", "torque_0", "torque_1", "torque_2", "moment", "bogie_moment")]
+BALANCES = [
+    NAMES.index(name)
+    for name in ("load", "torque_0", "torque_1", "torque_2", "moment", "bogie_moment")
+]
 
 
 def drives(soil: str) -> Drives:
@@ -29,17 +39,31 @@ def flat(observations: Tensor, found: Drives) -> Tensor:
 
 def strength(found: Drives) -> Tensor:
     """theta [n, 3, 1] of each of those observations."""
-    theta = torch.cat([found.tasks.strength / torch.tensor([PA_PER_UNIT, 1.0]), torch.ones(EPISODES, 1)], 1).to(torch.float64)
-    return torch.cat([theta[drive].expand(int(end), 3) for drive, end in enumerate(found.ends)]).unsqueeze(-1)
+    theta = torch.cat(
+        [found.tasks.strength / torch.tensor([PA_PER_UNIT, 1.0]), torch.ones(EPISODES, 1)], 1
+    ).to(torch.float64)
+    return torch.cat(
+        [theta[drive].expand(int(end), 3) for drive, end in enumerate(found.ends)]
+    ).unsqueeze(-1)
 
 
 def test_every_balance_of_the_simulated_rover_holds_at_the_true_inputs() -> None:
     """The simulator solves the same equations to 1e-6 of the weight, with twice the quadrature points; torques are per mille."""
     found = drives("loose_sand")
     packed = flat(found.tasks.true, found)
-    rows = regression_rows(packed, packed, physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True).nominal_contact())
+    rows = regression_rows(
+        packed,
+        packed,
+        physics_alone(
+            load_rover("mars_rover"), load_soil("loose_sand"), exact=True
+        ).nominal_contact(),
+    )
     predicted = (rows.features[0] @ strength(found)).squeeze(-1)
-    scale = torch.where(rows.target.abs().amax(0) > 0.0, rows.target.abs().amax(0), torch.ones(len(NAMES), dtype=torch.float64))
+    scale = torch.where(
+        rows.target.abs().amax(0) > 0.0,
+        rows.target.abs().amax(0),
+        torch.ones(len(NAMES), dtype=torch.float64),
+    )
     missed = ((rows.target - predicted) / scale * rows.used).abs().amax(0)
     assert float(missed[BALANCES].max()) < 2e-4, dict(zip(NAMES, missed.tolist(), strict=True))
     assert float(rows.used[:, BALANCES].mean()) > 0.99
@@ -48,12 +72,17 @@ def test_every_balance_of_the_simulated_rover_holds_at_the_true_inputs() -> None
 def test_rows_expanded_where_they_agree_are_unbiased_where_the_sinkage_is_shallow() -> None:
     """On compact sand (1.3 mm measured to 0.3 mm) rows expanded where they were measured have torques 1 to 2 % too large.
 
-    20 drives, about 8000 observations: the mean is known to 0.2 % (one standard error), 0.8 % is four of them.
+    20 drives, about 8000 observations: the mean is known to 0.2 % (one standard error), 0.8 % is
+    four of them.
     """
     found = drives("compact_sand")
     model = physics_alone(load_rover("mars_rover"), load_soil("compact_sand"), exact=True)
     contact, every = model.nominal_contact(), torch.ones(len(NAMES), dtype=torch.float64)
-    measured, true, theta = flat(found.tasks.measured, found), flat(found.tasks.true, found), strength(found)
+    measured, true, theta = (
+        flat(found.tasks.measured, found),
+        flat(found.tasks.true, found),
+        strength(found),
+    )
     exact = regression_rows(true, true, contact)
 
     def excess(rows: Rows) -> float:
@@ -71,7 +100,8 @@ def test_rows_expanded_where_they_agree_are_unbiased_where_the_sinkage_is_shallo
 def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None:
     """What differs from the true row and is not linear in the true errors, over the row's noise: 20 drives, about 8000 observations.
 
-    Its mean is within four standard errors of a quarter of what it is where the place of expansion is taken for certain.
+    Its mean is within four standard errors of a quarter of what it is where the place of expansion
+    is taken for certain.
     """
     found = drives("loose_sand")
     model, axles = physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True), 3
@@ -86,10 +116,16 @@ def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None
         exact = regression_rows(true, true, contact)
         linear = exact.noise[0, :, 0] @ theta  # [n, E]
         # Of slip, sinkage and angle, the value and its deviation.
-        errors, spreads = (x[:, : 6 * axles].view(-1, 3, 2, axles) for x in (measured - true, measured))
+        errors, spreads = (
+            x[:, : 6 * axles].view(-1, 3, 2, axles) for x in (measured - true, measured)
+        )
         wheels = errors[:, :, 0] / spreads[:, :, 1]
-        known = exact.features[0, :, 0] @ theta + (linear[:, :-1] * wheels.flatten(1)).sum(1)  # the pitch is in the target
-        agreed = agreement(regression_rows(measured, measured, contact), measured, contact, theta, chosen)
+        known = exact.features[0, :, 0] @ theta + (linear[:, :-1] * wheels.flatten(1)).sum(
+            1
+        )  # the pitch is in the target
+        agreed = agreement(
+            regression_rows(measured, measured, contact), measured, contact, theta, chosen
+        )
         scale = linear.square().sum(1).sqrt()
         for shifts, doubt in ((corrected, agreed.doubt), (certain, torch.zeros_like(agreed.doubt))):
             found_rows = rows_at(frame_of(measured, contact), agreed.inputs, contact, doubt)

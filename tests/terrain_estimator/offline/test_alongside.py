@@ -50,7 +50,9 @@ def batches(pipeline: Pipeline) -> Iterator[Converted]:
     conversions[7] = Conversion(conversions[7].stamp_ns, None, Outcome.WRONG_FRAME, "a frame")
     spoilt = conversions[20].observation
     assert spoilt is not None
-    conversions[20] = dataclasses.replace(conversions[20], observation=dataclasses.replace(spoilt, velocity=np.nan), notes=("a note",))
+    conversions[20] = dataclasses.replace(
+        conversions[20], observation=dataclasses.replace(spoilt, velocity=np.nan), notes=("a note",)
+    )
     yield [(CAUSE, each) for each in conversions[:25]]
     yield []
     yield [(CAUSE, conversions[25])]
@@ -61,7 +63,11 @@ def messages(pipeline: Pipeline) -> list[bytes]:
     types = Types()
     with answering(pipeline) as answered:
         answers = [answer for batch in answered(batches(pipeline)) for _, answer in batch]
-    made = [answer.messages(types.make, pipeline.meta)[name] for answer in answers for name in OUTPUT_TYPES]
+    made = [
+        answer.messages(types.make, pipeline.meta)[name]
+        for answer in answers
+        for name in OUTPUT_TYPES
+    ]
     return [types.serialize(message) for message in made]
 
 
@@ -88,9 +94,12 @@ class Dying:
 
 
 @pytest.mark.parametrize(
-    ("pipeline", "error", "words"), [(Failing(), ArithmeticError, "set 3"), (Dying(), ChildProcessError, "Replay the bag")]
+    ("pipeline", "error", "words"),
+    [(Failing(), ArithmeticError, "set 3"), (Dying(), ChildProcessError, "Replay the bag")],
 )
-def test_an_error_in_the_second_process_ends_both(pipeline: Any, error: type[Exception], words: str) -> None:
+def test_an_error_in_the_second_process_ends_both(
+    pipeline: Any, error: type[Exception], words: str
+) -> None:
     batch = [(CAUSE, Conversion(3, None))]
     with pytest.raises(error, match=words), answering(pipeline) as answered:
         list(answered([batch, batch, batch]))
@@ -102,7 +111,10 @@ def test_an_error_in_the_first_process_ends_both() -> None:
         yield []
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), answering(Pipeline(load_model(), EstimatorConfig())) as answered:
+    with (
+        pytest.raises(KeyboardInterrupt),
+        answering(Pipeline(load_model(), EstimatorConfig())) as answered,
+    ):
         list(answered(failing()))
     assert not multiprocessing.active_children()
 
@@ -112,7 +124,11 @@ def test_the_second_process_does_not_outlive_the_first(number: signal.Signals) -
     path = os.pathsep.join(map(str, sys.path))
     command = ["env", "--default-signal=INT", sys.executable, "-c", CHILD]
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path},
     ) as first:
         assert first.stdout is not None
         second = Path("/proc") / first.stdout.readline().strip()

@@ -18,7 +18,9 @@ from terrain_estimator.offline.cluster import ClusterError, cluster
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
-ORDER = Order(load_rover("mars_rover"), load_soil("loose_sand"), drives=45, seed=11, duration_s=3.0, share=0.4)
+ORDER = Order(
+    load_rover("mars_rover"), load_soil("loose_sand"), drives=45, seed=11, duration_s=3.0, share=0.4
+)
 
 
 def die_once(chunk: Chunk, marker: Path) -> Regression:

@@ -43,7 +43,10 @@ def die_once(marker: Path, function: Callable[[Any, Any], Any], kept: Any, item:
 
 
 def test_any_number_of_workers_gives_the_same_bytes_even_if_one_is_killed_and_a_broken_bag_is_left_out(
-    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    bags: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     alone = finding(bags, tmp_path / "alone", "--workers", "1")
     assert b'"named"' in alone
@@ -54,7 +57,9 @@ def test_any_number_of_workers_gives_the_same_bytes_even_if_one_is_killed_and_a_
 
     computed, marker, calls = Held.__call__, tmp_path / "killed", []
 
-    def fatal(self: Held[Any], function: Callable[[Any, Any], Any], items: Sequence[Any]) -> list[Any]:
+    def fatal(
+        self: Held[Any], function: Callable[[Any, Any], Any], items: Sequence[Any]
+    ) -> list[Any]:
         calls.append(len(items))
         if len(calls) < 6:
             return computed(self, function, items)

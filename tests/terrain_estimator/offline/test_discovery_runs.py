@@ -38,13 +38,21 @@ def of_another_rover() -> Iterator[Event]:
             message.header.stamp.nanosec += LATER_NS
         if topic == "joint_states":
             still = dict.fromkeys(("position", "velocity", "effort"), np.zeros(1))
-            yield topic, stamp_ns, TYPES.make("sensor_msgs/msg/JointState", header=message.header, name=["mast_pan"], **still)
+            yield (
+                topic,
+                stamp_ns,
+                TYPES.make(
+                    "sensor_msgs/msg/JointState", header=message.header, name=["mast_pan"], **still
+                ),
+            )
         yield topic, stamp_ns, message
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_bag(tmp_path_factory.mktemp("plain") / "bag", drive_messages(TYPES.make, SECONDS), TYPES)
+    return write_bag(
+        tmp_path_factory.mktemp("plain") / "bag", drive_messages(TYPES.make, SECONDS), TYPES
+    )
 
 
 @pytest.fixture(scope="module")
@@ -56,22 +64,41 @@ def torque(run: Run) -> torch.Tensor:
     return run.packed[:, : 8 * ROVER.axles].view(-1, 8, ROVER.axles)[:, AXLE_FIELDS.index("torque")]
 
 
-def test_topics_and_stamps_of_another_rover_are_told_and_joints_of_a_mast_cost_nothing(plain: Path, other: Path) -> None:
+def test_topics_and_stamps_of_another_rover_are_told_and_joints_of_a_mast_cost_nothing(
+    plain: Path, other: Path
+) -> None:
     expected = read_run(plain, ROVER, Reading())
-    found = read_run(other, ROVER, reading("--namespace", "rover1", "-p", "pairing_tolerance:=0.02"))
+    found = read_run(
+        other, ROVER, reading("--namespace", "rover1", "-p", "pairing_tolerance:=0.02")
+    )
     torch.testing.assert_close(found.packed, expected.packed, rtol=0.0, atol=0.0, equal_nan=True)
     assert torch.isfinite(torque(found)).all()
 
 
 def test_sensors_that_the_estimator_leaves_out_are_left_out(plain: Path) -> None:
-    run = read_run(plain, ROVER, reading("-p", "use_torque:=false", "-p", "use_moments:=false", "-p", "use_imu:=false"))
+    run = read_run(
+        plain,
+        ROVER,
+        reading("-p", "use_torque:=false", "-p", "use_moments:=false", "-p", "use_imu:=false"),
+    )
     assert torch.isnan(torque(run)).all()
-    assert torch.isnan(run.packed[:, 8 * ROVER.axles + 4 : 8 * ROVER.axles + 7]).all()  # acceleration, its deviation, bogie's angle
+    assert torch.isnan(
+        run.packed[:, 8 * ROVER.axles + 4 : 8 * ROVER.axles + 7]
+    ).all()  # acceleration, its deviation, bogie's angle
 
 
-def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(plain: Path, other: Path) -> None:
-    renamed = tuple(dataclasses.replace(wheel, name=f"{wheel.name}_wheel") for wheel in ROVER.wheels)
-    with pytest.raises(RunError, match=r"30 WRONG_WHEELS \(wheel_slip: got wheels .*front_left_wheel.*publish the wheel names"):
+def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(
+    plain: Path, other: Path
+) -> None:
+    renamed = tuple(
+        dataclasses.replace(wheel, name=f"{wheel.name}_wheel") for wheel in ROVER.wheels
+    )
+    with pytest.raises(
+        RunError,
+        match=(
+            r"30 WRONG_WHEELS \(wheel_slip: got wheels .*front_left_wheel.*publish the wheel names"
+        ),
+    ):
         read_run(plain, dataclasses.replace(ROVER, wheels=renamed), Reading())
     with pytest.raises(RunError, match=r"30 STANDSTILL .*: drive: slip is undefined"):
         read_run(plain, ROVER, reading("-p", "standstill_speed:=1.0"))
@@ -82,7 +109,12 @@ def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(plain:
 
 
 def test_a_finding_says_with_which_topics_and_parameters_the_bags_were_read() -> None:
-    told = asked("my_rover", "sand", 0, reading("--remap", "odom:=/inertial", "-p", "torque_noise.relative:=0.1"))
+    told = asked(
+        "my_rover",
+        "sand",
+        0,
+        reading("--remap", "odom:=/inertial", "-p", "torque_noise.relative:=0.1"),
+    )
     assert told == {
         "rover": "my_rover",
         "soil": "sand",

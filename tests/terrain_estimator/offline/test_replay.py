@@ -33,7 +33,9 @@ SECONDS = 8.0
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     types = Types()
-    return write_bag(tmp_path_factory.mktemp("bags") / "drive", drive_messages(types.make, SECONDS), types)
+    return write_bag(
+        tmp_path_factory.mktemp("bags") / "drive", drive_messages(types.make, SECONDS), types
+    )
 
 
 def run(out: Path, *arguments: str | Path) -> tuple[int, dict[str, Any]]:
@@ -52,13 +54,22 @@ def identical(one: Path, other: Path) -> bool:
     return all(compare(one, f"/{topic}", other, f"/{topic}") is None for topic in OUTPUT_TYPES)
 
 
-def test_every_instant_gets_an_estimate_and_the_summary_says_so(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_instant_gets_an_estimate_and_the_summary_says_so(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, summary = run(tmp_path, bag)
     assert code == 0
     result = summary["bags"][0]
     steps = round(SECONDS * 1e9 / STEP_NS)
-    assert result["estimates"] == result["outcomes"]["ACCEPTED"] == steps == len(estimates(tmp_path / "drive_estimates"))
-    assert {topic: counters["received"] for topic, counters in result["inputs"].items()} == dict.fromkeys(INPUT_TYPES, steps)
+    assert (
+        result["estimates"]
+        == result["outcomes"]["ACCEPTED"]
+        == steps
+        == len(estimates(tmp_path / "drive_estimates"))
+    )
+    assert {
+        topic: counters["received"] for topic, counters in result["inputs"].items()
+    } == dict.fromkeys(INPUT_TYPES, steps)
     assert result["estimate"]["cohesion_pa"]["sd"] > 0.0
     assert result["times_real_time"] > 1.0
     assert summary["configuration"]["use_imu"] is True
@@ -80,14 +91,24 @@ def test_the_table_fits_a_terminal_of_80_columns(
 def test_two_replays_are_identical_in_one_process_and_in_another(bag: Path, tmp_path: Path) -> None:
     run(tmp_path / "one", bag)
     run(tmp_path / "two", bag)
-    command = [sys.executable, "-m", "terrain_estimator.cli.replay", str(bag), "--out", str(tmp_path / "three")]
+    command = [
+        sys.executable,
+        "-m",
+        "terrain_estimator.cli.replay",
+        str(bag),
+        "--out",
+        str(tmp_path / "three"),
+    ]
     assert subprocess.run(command, check=False, capture_output=True).returncode == 0
     assert identical(tmp_path / "one/drive_estimates", tmp_path / "two/drive_estimates")
     assert identical(tmp_path / "one/drive_estimates", tmp_path / "three/drive_estimates")
 
 
 def test_it_needs_no_ros() -> None:
-    program = "import sys, terrain_estimator.cli.replay; sys.exit(any(name.split('.')[0] in ('rclpy', 'msg_defs') for name in sys.modules))"
+    program = (
+        "import sys, terrain_estimator.cli.replay; sys.exit(any(name.split('.')[0] in ('rclpy',"
+        " 'msg_defs') for name in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
@@ -108,10 +129,15 @@ def test_several_bags_are_runs_of_their_own(bag: Path, tmp_path: Path) -> None:
     assert identical(tmp_path / "out/drive_estimates", tmp_path / "alone/drive_estimates")
 
 
-def test_bags_of_one_name_do_not_replace_each_others_estimates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bags_of_one_name_do_not_replace_each_others_estimates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     types = Types()
     names = ("first/run.1", "first/run.2", "second/run.2")
-    bags = [write_bag(tmp_path / name, drive_messages(types.make, 0.1 * (1 + at)), types) for at, name in enumerate(names)]
+    bags = [
+        write_bag(tmp_path / name, drive_messages(types.make, 0.1 * (1 + at)), types)
+        for at, name in enumerate(names)
+    ]
     code, summary = run(tmp_path / "out", "--overwrite", *bags)
     assert (code, [each["estimates"] for each in summary["bags"]]) == (2, [1, 2])
     assert "run.2_estimates has the estimates of a bag of the same name" in capsys.readouterr().err
@@ -121,7 +147,11 @@ def test_bags_of_one_name_do_not_replace_each_others_estimates(tmp_path: Path, c
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--namespace", "/rover1"], [f for topic in INPUT_TYPES for f in ("--remap", f"{topic}:=/rover1/{topic}")]]
+    "arguments",
+    [
+        ["--namespace", "/rover1"],
+        [f for topic in INPUT_TYPES for f in ("--remap", f"{topic}:=/rover1/{topic}")],
+    ],
 )
 def test_topics_of_other_names_are_found(tmp_path: Path, arguments: list[str]) -> None:
     types = Types()
@@ -131,17 +161,23 @@ def test_topics_of_other_names_are_found(tmp_path: Path, arguments: list[str]) -
     assert summary["bags"][0]["estimates"] == 80
 
 
-def test_topics_of_other_names_are_named_where_nothing_maps_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_topics_of_other_names_are_named_where_nothing_maps_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     types = Types()
     named = write_bag(tmp_path / "named", drive_messages(types.make, 1.0), types, "/rover1")
     assert run(tmp_path / "out", named)[0] == replay.WRONG
     assert "/rover1/wheel_slip" in capsys.readouterr().err
 
 
-def test_an_unfinished_bag_is_replayed_up_to_its_end_and_says_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unfinished_bag_is_replayed_up_to_its_end_and_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with BagWriter(tmp_path / "run", recording=True) as writer:
         types = Types()
-        topics = {name: writer.add_topic(f"/{name}", type_name) for name, type_name in INPUT_TYPES.items()}
+        topics = {
+            name: writer.add_topic(f"/{name}", type_name) for name, type_name in INPUT_TYPES.items()
+        }
         for name, stamp, message in drive_messages(types.make, SECONDS):
             writer.write(topics[name], types.serialize(message), stamp)
         file = next((tmp_path / "run").glob("*.mcap"))
@@ -161,32 +197,47 @@ def test_an_unfinished_bag_is_replayed_up_to_its_end_and_says_what_is_missing(tm
 
 
 @pytest.mark.parametrize("content", [b"", b"not a bag", b"\x89MCAP0\r\n", bytes(1000)])
-def test_a_file_that_is_no_bag_is_refused_by_name(tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_no_bag_is_refused_by_name(
+    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "foreign.mcap"
     path.write_bytes(content)
     assert run(tmp_path / "out", path)[0] == replay.WRONG
     assert "foreign.mcap" in capsys.readouterr().err
 
 
-def test_a_bag_of_other_types_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_of_other_types_is_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with BagWriter(tmp_path / "other") as writer:
         for name in INPUT_TYPES:
-            writer.write_message(writer.add_topic(f"/{name}", "std_msgs/msg/Header"), writer.types.make("std_msgs/msg/Header"), 0)
+            writer.write_message(
+                writer.add_topic(f"/{name}", "std_msgs/msg/Header"),
+                writer.types.make("std_msgs/msg/Header"),
+                0,
+            )
     assert run(tmp_path / "out", tmp_path / "other")[0] == replay.WRONG
     assert "std_msgs/msg/Header" in capsys.readouterr().err
 
 
-def test_a_missing_bag_does_not_stop_the_others(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_bag_does_not_stop_the_others(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, summary = run(tmp_path / "out", tmp_path / "nothing", bag)
     assert code == replay.WRONG
     assert [each["estimates"] for each in summary["bags"]] == [80]
     assert "nothing" in capsys.readouterr().err
 
 
-def test_results_are_not_replaced_unless_asked_for(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_are_not_replaced_unless_asked_for(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(tmp_path, bag)[0] == 0
     assert run(tmp_path, bag)[0] == replay.WRONG
-    assert "drive_estimates exists from an earlier replay: give --overwrite, or another folder by --out" in capsys.readouterr().err
+    assert (
+        "drive_estimates exists from an earlier replay: give --overwrite, or another folder by"
+        " --out" in capsys.readouterr().err
+    )
     assert run(tmp_path, bag, "--overwrite")[0] == 0
 
 
@@ -202,31 +253,57 @@ def test_results_are_not_replaced_unless_asked_for(bag: Path, tmp_path: Path, ca
     ],
 )
 def test_wrong_arguments_are_named(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+    bag: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    words: list[str],
 ) -> None:
     assert run(tmp_path, bag, *arguments)[0] == replay.WRONG
     said = capsys.readouterr().err
     assert all(word in said for word in words)
 
 
-def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_report(bag: Path, tmp_path: Path) -> None:
+def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_report(
+    bag: Path, tmp_path: Path
+) -> None:
     path, page = tmp_path / "p.yaml", tmp_path / "pages/run.html"
-    path.write_text("estimator: {ros__parameters: {use_torque: false, prior: {tan_phi_mean: 0.5, tan_phi_sd: 0.05}}}\n")
+    path.write_text(
+        "estimator: {ros__parameters: {use_torque: false, prior: {tan_phi_mean: 0.5, tan_phi_sd:"
+        " 0.05}}}\n"
+    )
     _, plain = run(tmp_path / "plain", bag)
     code, changed = run(tmp_path / "changed", bag, "--params-file", path, "--report", page)
     assert code == 0
     assert changed["configuration_sha256"] != plain["configuration_sha256"]
     assert estimates(tmp_path / "changed/drive_estimates")[0].tan_phi == pytest.approx(0.5, abs=0.1)
-    assert set(estimates(tmp_path / "changed/drive_estimates")[-1].rows) == {"velocity", "load", "acceleration", "moment", "bogie_moment"}
+    assert set(estimates(tmp_path / "changed/drive_estimates")[-1].rows) == {
+        "velocity",
+        "load",
+        "acceleration",
+        "moment",
+        "bogie_moment",
+    }
     text, result = page.read_text(encoding="utf-8"), changed["bags"][0]
-    for number in (1e-3 * result["estimate"]["cohesion_pa"]["mean"], result["estimate"]["tan_phi"]["sd"], float(result["estimates"])):
+    for number in (
+        1e-3 * result["estimate"]["cohesion_pa"]["mean"],
+        result["estimate"]["tan_phi"]["sd"],
+        float(result["estimates"]),
+    ):
         assert repr(number) in text
     not_default = "Not at their defaults: use_torque, prior.tan_phi_mean and prior.tan_phi_sd."
-    for words in (changed["model_sha256"], changed["configuration_sha256"], not_default, "Banerjee"):
+    for words in (
+        changed["model_sha256"],
+        changed["configuration_sha256"],
+        not_default,
+        "Banerjee",
+    ):
         assert words in text
 
 
-def test_a_report_or_a_summary_that_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_report_or_a_summary_that_cannot_be_written_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     model = load_model()
     assert not replay._report(tmp_path, [], model, EstimatorConfig())
     assert f"{tmp_path}: the report cannot be written" in capsys.readouterr().err
@@ -234,18 +311,33 @@ def test_a_report_or_a_summary_that_cannot_be_written_is_said(tmp_path: Path, ca
     assert f"{tmp_path}: the summary cannot be written" in capsys.readouterr().err
 
 
-def test_the_comparison_finds_a_live_estimate_that_differs(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_comparison_finds_a_live_estimate_that_differs(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run(tmp_path / "live", bag)
     for spoil in (False, True):
         folder = tmp_path / f"recorded_{spoil}"
-        with BagWriter(folder) as writer, BagReader(bag) as inputs, BagReader(tmp_path / "live/drive_estimates") as outputs:
+        with (
+            BagWriter(folder) as writer,
+            BagReader(bag) as inputs,
+            BagReader(tmp_path / "live/drive_estimates") as outputs,
+        ):
             names = INPUT_TYPES | OUTPUT_TYPES
-            topics = {f"/{name}": writer.add_topic(f"/{name}", type_name) for name, type_name in names.items()}
+            topics = {
+                f"/{name}": writer.add_topic(f"/{name}", type_name)
+                for name, type_name in names.items()
+            }
             for number, raw in enumerate([*inputs.messages(), *outputs.messages()]):
                 message = outputs.decode(raw) if raw.topic == "/terrain_estimate" else None
                 if spoil and message is not None and message.sequence == 40:
-                    message = dataclasses.replace(message, cohesion=np.nextafter(message.cohesion, np.inf))
-                writer.write(topics[raw.topic], raw.data if message is None else outputs.types.serialize(message), number)
+                    message = dataclasses.replace(
+                        message, cohesion=np.nextafter(message.cohesion, np.inf)
+                    )
+                writer.write(
+                    topics[raw.topic],
+                    raw.data if message is None else outputs.types.serialize(message),
+                    number,
+                )
         code, summary = run(tmp_path / f"out_{spoil}", folder, "--compare")
         assert code == (replay.DIFFERENT if spoil else 0)
         assert summary["bags"][0]["identical_to_live"] is not spoil
@@ -265,7 +357,10 @@ def test_a_node_that_went_on_from_a_saved_state_is_repeated_from_it_and_lost_mes
     live.restore(read_state(state, model.sha256))
     lost = {("wheel_slip", 30), ("wheel_slip", 31), ("wheel_sinkage", 35)}
     with BagWriter(tmp_path / "recorded", recording=True, split=Split(duration_s=0.5)) as writer:
-        topics = {name: writer.add_topic(f"/{name}", type_name) for name, type_name in (INPUT_TYPES | OUTPUT_TYPES).items()}
+        topics = {
+            name: writer.add_topic(f"/{name}", type_name)
+            for name, type_name in (INPUT_TYPES | OUTPUT_TYPES).items()
+        }
         for name, stamp, message in events[115:]:
             if (name, getattr(message, "sequence", 0)) in lost:
                 continue
@@ -279,23 +374,37 @@ def test_a_node_that_went_on_from_a_saved_state_is_repeated_from_it_and_lost_mes
     assert summary["bags"][0]["identical_to_live"]
     assert estimates(tmp_path / "out/recorded_estimates")[0].observations_used == 24
     with BagReader(tmp_path / "out/recorded_estimates") as reader:
-        assert reader.metadata["terrain_estimator"]["state_sha256"] == hashlib.sha256(state.read_bytes()).hexdigest()
-    assert {name: counters["lost"] for name, counters in summary["bags"][0]["inputs"].items() if counters["lost"]} == {
+        assert (
+            reader.metadata["terrain_estimator"]["state_sha256"]
+            == hashlib.sha256(state.read_bytes()).hexdigest()
+        )
+    assert {
+        name: counters["lost"]
+        for name, counters in summary["bags"][0]["inputs"].items()
+        if counters["lost"]
+    } == {
         "wheel_slip": 2,
         "wheel_sinkage": 1,
     }
     assert re.search("recorded: wheel_slip: .*2 lost", capsys.readouterr().out)
 
 
-def test_a_damaged_state_is_named(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_state_is_named(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "ground.state").write_bytes(b"no state")
     assert run(tmp_path, bag, "--state", tmp_path / "ground.state")[0] == replay.WRONG
     assert "ground.state: is no state file" in capsys.readouterr().err
 
 
-def test_a_comparison_without_live_estimates_is_refused(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_comparison_without_live_estimates_is_refused(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(tmp_path, bag, "--compare")[0] == replay.WRONG
-    assert "drive has no /terrain_estimate to compare with: leave out --compare" in capsys.readouterr().err
+    assert (
+        "drive has no /terrain_estimate to compare with: leave out --compare"
+        in capsys.readouterr().err
+    )
 
 
 def test_bad_messages_are_counted_and_the_outputs_stay_sound(tmp_path: Path) -> None:
@@ -304,7 +413,9 @@ def test_bad_messages_are_counted_and_the_outputs_stay_sound(tmp_path: Path) -> 
     draw = np.random.default_rng(5)
     values = [np.nan, np.inf, -np.inf, -1.0, 0.0, 1e300, -1e300, 1e-320]
     for topic, _, message in events:
-        field = {"wheel_slip": "slip", "wheel_sinkage": "sinkage", "joint_states": "effort"}.get(topic)
+        field = {"wheel_slip": "slip", "wheel_sinkage": "sinkage", "joint_states": "effort"}.get(
+            topic
+        )
         if field and draw.random() < 0.2:
             getattr(message, field)[draw.integers(6)] = draw.choice(values)
         if topic == "odom" and draw.random() < 0.1:
@@ -319,12 +430,26 @@ def test_bad_messages_are_counted_and_the_outputs_stay_sound(tmp_path: Path) -> 
         assert np.linalg.eigvalsh(message.covariance.reshape(2, 2))[0] >= 0.0
 
 
-def test_many_observations_that_contradict_the_estimate_raise_the_question_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:
-    ten, twelve = ([Replay(Path("drive"), Path("out"), outcomes=Counter({Outcome.ACCEPTED: 100 - n, Outcome.GATED: n}))] for n in (10, 12))
+def test_many_observations_that_contradict_the_estimate_raise_the_question_of_the_model(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ten, twelve = (
+        [
+            Replay(
+                Path("drive"),
+                Path("out"),
+                outcomes=Counter({Outcome.ACCEPTED: 100 - n, Outcome.GATED: n}),
+            )
+        ]
+        for n in (10, 12)
+    )
     print_table(ten)
     assert "--model" not in capsys.readouterr().out
     print_table(twelve)
-    assert "drive: 12% are GATED: is the model (--model) that of this rover and soil?" in capsys.readouterr().out
+    assert (
+        "drive: 12% are GATED: is the model (--model) that of this rover and soil?"
+        in capsys.readouterr().out
+    )
 
 
 def test_the_table_names_a_bag_as_its_folder_is_called(
@@ -334,4 +459,6 @@ def test_the_table_names_a_bag_as_its_folder_is_called(
     folder.mkdir()
     monkeypatch.chdir(folder)
     print_table([Replay(Path(), Path("out"), outcomes=Counter({Outcome.GATED: 1}))])
-    assert re.findall(r"hügel \[alt\].*", capsys.readouterr().out)[1].startswith("hügel [alt]: 1 x GATED")
+    assert re.findall(r"hügel \[alt\].*", capsys.readouterr().out)[1].startswith(
+        "hügel [alt]: 1 x GATED"
+    )

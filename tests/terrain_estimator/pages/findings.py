@@ -18,32 +18,64 @@ def report(verdict: str) -> str:
 
 def finding(verdict: str) -> dict[str, Any]:
     """Everything that a finding can hold."""
-    names = {"named": ["drive_drag"], "confusable": ["drive_drag", "coulomb_drag"], "unknown": ["slope_bias"], "none": []}[verdict]
+    names = {
+        "named": ["drive_drag"],
+        "confusable": ["drive_drag", "coulomb_drag"],
+        "unknown": ["slope_bias"],
+        "none": [],
+    }[verdict]
     added = verdict in ("named", "confusable")
     return {
         "verdict": verdict,
         "probabilities": _PROBABILITIES[verdict],
         "effects": [_effect(name, verdict) for name in names],
         "confusable_with": names[1:],
-        "separate_by": "Drive 30 s at two speeds. For drive_drag alone: lift the wheels" if len(names) > 1 else "",
+        "separate_by": (
+            "Drive 30 s at two speeds. For drive_drag alone: lift the wheels"
+            if len(names) > 1
+            else ""
+        ),
         "next_drives": [_DRIVE] if len(names) > 1 else [],
-        "left": [{"row": "velocity", "signal": "distance", "strength": 9.1}] if verdict == "unknown" else [],
+        "left": (
+            [{"row": "velocity", "signal": "distance", "strength": 9.1}]
+            if verdict == "unknown"
+            else []
+        ),
         "where": [] if verdict == "none" else _WHERE,
-        "gap": _GAP if added else {"before": 1.02, "after": None, "noise_floor": 1.0, "closed": None, "closed_95": None},
+        "gap": (
+            _GAP
+            if added
+            else {
+                "before": 1.02,
+                "after": None,
+                "noise_floor": 1.0,
+                "closed": None,
+                "closed_95": None,
+            }
+        ),
         "proof": {
             "effect": "drive_drag" if added else "",
             "added": added,
-            "sentence": "drive_drag is added: rollouts miss by 1.08 instead of 1.93"
-            if added
-            else "nothing is added: rollouts miss by 1.02",
+            "sentence": (
+                "drive_drag is added: rollouts miss by 1.08 instead of 1.93"
+                if added
+                else "nothing is added: rollouts miss by 1.02"
+            ),
             "rows": [
-                _score("one_step", row, region, after=added) for row in ("velocity", "torque_0") for region in ("everywhere", "uphill")
+                _score("one_step", row, region, after=added)
+                for row in ("velocity", "torque_0")
+                for region in ("everywhere", "uphill")
             ],
             "parameters": [_half(half, after=added) for half in (0, 1)],
-            "rollout": _ROLLOUT | {"signal": "slip_0", "unit": "1"} | ({} if added else {"after": None}),
+            "rollout": (
+                _ROLLOUT | {"signal": "slip_0", "unit": "1"} | ({} if added else {"after": None})
+            ),
             "velocity_rollout": _ROLLOUT | ({} if added else {"after": None}),
         },
-        "parameters": {"before": _STRENGTHS, "after": {"cohesion_pa": [3100.0, 2410.5], "tan_phi": [0.612, 0.655]}},
+        "parameters": {
+            "before": _STRENGTHS,
+            "after": {"cohesion_pa": [3100.0, 2410.5], "tan_phi": [0.612, 0.655]},
+        },
         "isolability": {
             "names": ["drive_drag", "coulomb_drag"],
             "nats": [[810.0, 12.5], [1.25, 450.0]],
@@ -52,24 +84,85 @@ def finding(verdict: str) -> dict[str, Any]:
         "runs": ["dune_1", "dune_2"],
         "held_out": ["dune_3"],
         "asked": {"rover": "mars_rover", "soil": "loose_sand", "seed": 0},
-        "provenance": {"versions": {"torch": "2.13.0"}, "sha256": {"rover": "ab" * 32}, "runs_sha256": [["dune_1", "cd" * 32]]},
+        "provenance": {
+            "versions": {"torch": "2.13.0"},
+            "sha256": {"rover": "ab" * 32},
+            "runs_sha256": [["dune_1", "cd" * 32]],
+        },
     }
 
 
 _PROBABILITIES = {
-    "named": {"drive_drag": 0.9906521, "coulomb_drag": 0.0091760, "slope_bias": 0.0, "none": 0.0, "unknown": 0.0001719},
-    "confusable": {"drive_drag": 0.55, "coulomb_drag": 0.44, "slope_bias": 0.0, "none": 0.002, "unknown": 0.008},
-    "unknown": {"drive_drag": 0.0, "coulomb_drag": 0.0, "slope_bias": 0.0004, "none": 0.0, "unknown": 0.9996},
-    "none": {"drive_drag": 0.01, "coulomb_drag": 0.005, "slope_bias": 0.005, "none": 0.98, "unknown": 0.0},
+    "named": {
+        "drive_drag": 0.9906521,
+        "coulomb_drag": 0.0091760,
+        "slope_bias": 0.0,
+        "none": 0.0,
+        "unknown": 0.0001719,
+    },
+    "confusable": {
+        "drive_drag": 0.55,
+        "coulomb_drag": 0.44,
+        "slope_bias": 0.0,
+        "none": 0.002,
+        "unknown": 0.008,
+    },
+    "unknown": {
+        "drive_drag": 0.0,
+        "coulomb_drag": 0.0,
+        "slope_bias": 0.0004,
+        "none": 0.0,
+        "unknown": 0.9996,
+    },
+    "none": {
+        "drive_drag": 0.01,
+        "coulomb_drag": 0.005,
+        "slope_bias": 0.005,
+        "none": 0.98,
+        "unknown": 0.0,
+    },
 }
 _WHERE = [
-    {"row": "torque_1", "signal": "speed", "region": "above 0.12 m/s", "strength": 0.21, "unit": "N m", "p": 3e-19},
-    {"row": "torque_0", "signal": "speed", "region": "", "strength": 0.14, "unit": "N m", "p": 0.0004},
-    {"row": "velocity", "signal": "slope", "region": "above 6 deg uphill", "strength": -0.12, "unit": "m/s^2", "p": 0.02},
+    {
+        "row": "torque_1",
+        "signal": "speed",
+        "region": "above 0.12 m/s",
+        "strength": 0.21,
+        "unit": "N m",
+        "p": 3e-19,
+    },
+    {
+        "row": "torque_0",
+        "signal": "speed",
+        "region": "",
+        "strength": 0.14,
+        "unit": "N m",
+        "p": 0.0004,
+    },
+    {
+        "row": "velocity",
+        "signal": "slope",
+        "region": "above 6 deg uphill",
+        "strength": -0.12,
+        "unit": "m/s^2",
+        "p": 0.02,
+    },
 ]
-_GAP = {"before": 1.93, "after": 1.0831, "noise_floor": 1.0, "closed": 0.9107, "closed_95": [0.83, 0.96]}
+_GAP = {
+    "before": 1.93,
+    "after": 1.0831,
+    "noise_floor": 1.0,
+    "closed": 0.9107,
+    "closed_95": [0.83, 0.96],
+}
 _STRENGTHS = {"cohesion_pa": [3699.1, 3229.07], "tan_phi": [0.485, 0.568]}
-_DRIVE = {"name": "two_speeds", "words": "at two speeds", "seconds": 30.0, "nats": 17.25, "pair": ["drive_drag", "coulomb_drag"]}
+_DRIVE = {
+    "name": "two_speeds",
+    "words": "at two speeds",
+    "seconds": 30.0,
+    "nats": 17.25,
+    "pair": ["drive_drag", "coulomb_drag"],
+}
 _ROLLOUT = {
     "run": "dune_3", "signal": "velocity", "unit": "m/s", "time_s": [0.1, 0.2, 0.3],
     "measured": [0.10, None, 0.12], "before": [0.10, 0.13, 0.16], "after": [0.10, 0.11, 0.125],
@@ -102,4 +195,11 @@ def _score(kind: str, row: str, region: str, *, after: bool) -> dict[str, Any]:
         return [before, then if after else None]
 
     score = {"error": pair(0.31, 0.16), "nll": pair(1.2, -0.3), "coverage": pair(0.7, 0.95)}
-    return {"kind": kind, "row": row, "region": region, "unit": "m/s", "count": 118, "noise_floor": 0.15} | score
+    return {
+        "kind": kind,
+        "row": row,
+        "region": region,
+        "unit": "m/s",
+        "count": 118,
+        "noise_floor": 0.15,
+    } | score

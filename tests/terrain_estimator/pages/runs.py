@@ -16,7 +16,10 @@ OBSERVATIONS = 1000
 ORIGIN = Origin(
     rover="mars_rover",
     identity=[("model", "mars_rover-7"), ("model, SHA-256", "ab" * 32)],
-    parameters=[("use_imu", "true", "true", "use pitch and acceleration"), ("prior.soil", "regolith", "", "name of the soil")],
+    parameters=[
+        ("use_imu", "true", "true", "use pitch and acceleration"),
+        ("prior.soil", "regolith", "", "name of the soil"),
+    ],
     citations=["A. Author: A law of sand. 1967."],
 )
 
@@ -26,16 +29,28 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
     history = History()
     for number in range(observations):
         refused = 500 <= number < 510
-        history.add(update(number, Outcome.GATED if refused else Outcome.ACCEPTED, change=0.97 if refused else 0.01))
+        history.add(
+            update(
+                number,
+                Outcome.GATED if refused else Outcome.ACCEPTED,
+                change=0.97 if refused else 0.01,
+            )
+        )
     wheels = ("front_left", "front_right", "rear_left", "rear_right")
     slip, sinkage = WheelHistory(wheels), WheelHistory(wheels)
     for number in range(observations):
         share = number / OBSERVATIONS
-        slip.add(START_NS + number * STEP_NS, wheels, [share - 0.1, share, math.nan if number < OBSERVATIONS // 2 else 0.4, 0.2])
+        slip.add(
+            START_NS + number * STEP_NS,
+            wheels,
+            [share - 0.1, share, math.nan if number < OBSERVATIONS // 2 else 0.4, 0.2],
+        )
         sinkage.add(START_NS + number * STEP_NS, wheels, [0.01 + 0.02 * share, 0.012, 0.015, 0.016])
     truths = [
         Truth(START_NS - STEP_NS, (830.0, 0.61), "loose_sand"),
-        Truth(START_NS + 500 * STEP_NS, (1800.0, 0.65), "compact_sand with drive_drag 0.2 N m s/rad"),
+        Truth(
+            START_NS + 500 * STEP_NS, (1800.0, 0.65), "compact_sand with drive_drag 0.2 N m s/rad"
+        ),
     ]
     return Run(
         name="dune",

@@ -24,4 +24,9 @@ def test_the_literature_of_the_page_about_the_method_is_cited() -> None:
 def test_what_a_model_does_not_use_is_not_cited() -> None:
     everything = set(citations(METADATA.rows, METADATA.parameters, ["grousers"]))
     plain = set(citations(("velocity", "load"), ("cohesion_kpa", "tan_phi"), []))
-    assert {each.split(",")[0].split(":")[0] for each in everything - plain} == {"K. Iagnemma", "J. Harrison", "T. J. Mitchell", "grousers"}
+    assert {each.split(",")[0].split(":")[0] for each in everything - plain} == {
+        "K. Iagnemma",
+        "J. Harrison",
+        "T. J. Mitchell",
+        "grousers",
+    }

@@ -23,7 +23,13 @@ def test_the_same_finding_gives_the_same_page() -> None:
 @pytest.mark.parametrize("verdict", ["none", "named", "confusable", "unknown"])
 def test_the_report_names_no_outside_address(verdict: str) -> None:
     text = report(verdict)
-    assert re.findall(r"""(?:src|href)=["'](?![#"']|data:,)|url\((?!#)|@import|<script|//[a-z]+\.[a-z]""", text) == []
+    assert (
+        re.findall(
+            r"""(?:src|href)=["'](?![#"']|data:,)|url\((?!#)|@import|<script|//[a-z]+\.[a-z]""",
+            text,
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,17 +47,36 @@ def test_the_headline_says_the_verdict_in_words(verdict: str, headline: str) -> 
     assert f"<title>{headline}</title>" in text
 
 
-def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_runs_refuted_a_name() -> None:
-    assert "Closest comes slope_bias. What is left depends most on distance in the velocity row." in report("unknown")
+def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_runs_refuted_a_name() -> (
+    None
+):
+    assert (
+        "Closest comes slope_bias. What is left depends most on distance in the velocity row."
+        in report("unknown")
+    )
     refuted = finding("unknown")
-    refuted["proof"] = {"effect": "slope_bias", "added": False, "sentence": "slope_bias is not added"}
-    assert "slope_bias explains it, but it does not help to predict those that were held out." in finding_page(refuted)
+    refuted["proof"] = {
+        "effect": "slope_bias",
+        "added": False,
+        "sentence": "slope_bias is not added",
+    }
+    assert (
+        "slope_bias explains it, but it does not help to predict those that were held out."
+        in finding_page(refuted)
+    )
 
 
 def test_what_to_drive_next_stands_with_what_it_is_expected_to_bring() -> None:
     text = report("confusable")
-    assert "<li>Drive 30 s at two speeds.</li>\n<li>For drive_drag alone: lift the wheels.</li>" in text
-    assert re.search(r'at two speeds</th><td class="figure"><data value="30.0">.*drive_drag against coulomb_drag.*value="17.25"', text)
+    assert (
+        "<li>Drive 30 s at two speeds.</li>\n<li>For drive_drag alone: lift the wheels.</li>"
+        in text
+    )
+    assert re.search(
+        r'at two speeds</th><td class="figure"><data value="30.0">.*drive_drag against'
+        r' coulomb_drag.*value="17.25"',
+        text,
+    )
     assert "Nothing has to be told apart." in report("none")
 
 
@@ -59,7 +84,10 @@ def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
     bare = finding("named")
     for key in ("proof", "isolability", "asked", "provenance"):
         del bare[key]
-    bare |= {"gap": dict.fromkeys(("before", "after", "noise_floor", "closed", "closed_95")), "held_out": []}
+    bare |= {
+        "gap": dict.fromkeys(("before", "after", "noise_floor", "closed", "closed_95")),
+        "held_out": [],
+    }
     text = finding_page(bare)
     assert "There is no proof on held-out runs: no run was held out." in text
     assert "No matrix was computed for these runs." in text
@@ -70,7 +98,10 @@ def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
 
 def test_what_was_hidden_stands_on_the_page_only_where_somebody_says_it() -> None:
     assert "What was hidden" not in report("named")
-    truth = Unsealed("A shear-thinning grease.", {run: {"cohesion_pa": 3001.0, "tan_phi": 0.6} for run in ("dune_1", "dune_2")})
+    truth = Unsealed(
+        "A shear-thinning grease.",
+        {run: {"cohesion_pa": 3001.0, "tan_phi": 0.6} for run in ("dune_1", "dune_2")},
+    )
     text = finding_page(finding("named") | PLAIN, truth)
     assert "What was hidden" in text
     assert "A shear-thinning grease." in text
@@ -79,7 +110,10 @@ def test_what_was_hidden_stands_on_the_page_only_where_somebody_says_it() -> Non
 
 def test_effects_that_act_together_are_one_alternative() -> None:
     given = finding("confusable") | PLAIN
-    given["effects"] = [given["effects"][k] | {"name": name} for k, name in ((0, "drive_drag"), (1, "payload"), (1, "coulomb_drag"))]
+    given["effects"] = [
+        given["effects"][k] | {"name": name}
+        for k, name in ((0, "drive_drag"), (1, "payload"), (1, "coulomb_drag"))
+    ]
     given["confusable_with"] = ["coulomb_drag"]
     assert "<h1>The model lacks drive_drag with payload or coulomb_drag</h1>" in finding_page(given)
 
@@ -90,7 +124,9 @@ def test_names_of_runs_are_text_and_never_markup_or_formulas() -> None:
     given["runs"][0] = hostile
     text = finding_page(given)
     assert "<script" not in text
-    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;$x") >= 3  # in the list, in a picture and in its table
+    assert (
+        text.count("&lt;script&gt;alert(1)&lt;/script&gt;$x") >= 3
+    )  # in the list, in a picture and in its table
 
 
 def test_a_value_that_a_template_wants_and_does_not_get_is_an_error() -> None:

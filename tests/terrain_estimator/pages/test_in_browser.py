@@ -35,7 +35,12 @@ def written(tmp_path: Path) -> Callable[[str], Path]:
 
 def values(page: Page, selector: str) -> list[float]:
     """The whole numbers behind what is shown."""
-    return [float(each) for each in page.locator(f"{selector} data").evaluate_all("all => all.map(each => each.value)")]
+    return [
+        float(each)
+        for each in page.locator(f"{selector} data").evaluate_all(
+            "all => all.map(each => each.value)"
+        )
+    ]
 
 
 @pytest.mark.parametrize(
@@ -63,53 +68,97 @@ def test_the_report_opens_quietly_fits_and_is_usable_by_everyone(
         assert violations.violations_count == 0, violations.generate_report()
         assert page.locator("h1").count() == 1
         assert (
-            page.locator("figure").count() == page.locator("figure [role=img][aria-label]").count() == page.locator("figure table").count()
+            page.locator("figure").count()
+            == page.locator("figure [role=img][aria-label]").count()
+            == page.locator("figure table").count()
         )
         identifiers = page.locator("[id]").evaluate_all("all => all.map(each => each.id)")
         assert len(identifiers) == len(set(identifiers))
 
 
-def test_what_is_shown_is_what_the_finding_holds(browser: Browser, written: Callable[[str], Path]) -> None:
+def test_what_is_shown_is_what_the_finding_holds(
+    browser: Browser, written: Callable[[str], Path]
+) -> None:
     given = finding("named")
     with opened(browser, written("named"), DESK) as it:
         page = it.page
         for name in ("drive_drag", "coulomb_drag"):
             assert values(page, f"#candidate-{name}") == [given["probabilities"][name]]
         assert "99.1\u00a0%" in page.locator("#candidate-drive_drag").inner_text()
-        assert "0.2005 ± 0.0032 N m s/rad (95 % interval 0.1943 to 0.2067)" in page.locator(".verdict").inner_text().replace("\u00a0", " ")
+        assert "0.2005 ± 0.0032 N m s/rad (95 % interval 0.1943 to 0.2067)" in page.locator(
+            ".verdict"
+        ).inner_text().replace("\u00a0", " ")
         gap = given["gap"]
-        assert "Proof: drive_drag is added: rollouts miss by 1.08 instead of 1.93." in page.locator(".verdict").inner_text()
+        assert (
+            "Proof: drive_drag is added: rollouts miss by 1.08 instead of 1.93."
+            in page.locator(".verdict").inner_text()
+        )
         assert values(page, ".verdict p:last-child") == [gap["closed"], *gap["closed_95"]]
-        assert values(page, "#gap") == [gap["before"], gap["after"], gap["noise_floor"], gap["closed"], *gap["closed_95"]]
+        assert values(page, "#gap") == [
+            gap["before"],
+            gap["after"],
+            gap["noise_floor"],
+            gap["closed"],
+            *gap["closed_95"],
+        ]
         before, after = given["parameters"]["before"], given["parameters"]["after"]
         assert values(page, "#cohesion_pa tbody tr:first-child") == pytest.approx([3.6991, 3.1])
-        assert values(page, "#held-out-cohesion_pa tbody tr:first-child") == pytest.approx([3.6, 1.96 * 0.21, 3.05, 1.96 * 0.18], rel=1e-4)
+        assert values(page, "#held-out-cohesion_pa tbody tr:first-child") == pytest.approx(
+            [3.6, 1.96 * 0.21, 3.05, 1.96 * 0.18], rel=1e-4
+        )
         assert values(page, "#rollout-velocity tbody tr:last-child") == [0.12, 0.16, 0.125]
-        assert len(before["tan_phi"]) == len(after["tan_phi"]) == page.locator("#tan_phi tbody tr").count()
+        assert (
+            len(before["tan_phi"])
+            == len(after["tan_phi"])
+            == page.locator("#tan_phi tbody tr").count()
+        )
         assert values(page, ".matrix") == [810.0, 12.5, 450.0, 1.25]
         assert page.locator(".matrix .alike").count() == 1
         shown = page.locator("#content").inner_text()
-        for text in ("torque_1 row, speed, above 0.12 m/s", "lateral_bulldozing", "ab" * 32, "cd" * 32, "dune_3"):
+        for text in (
+            "torque_1 row, speed, above 0.12 m/s",
+            "lateral_bulldozing",
+            "ab" * 32,
+            "cd" * 32,
+            "dune_3",
+        ):
             assert text in shown
 
 
-def test_bars_are_as_long_as_the_probabilities_are_large(browser: Browser, written: Callable[[str], Path]) -> None:
+def test_bars_are_as_long_as_the_probabilities_are_large(
+    browser: Browser, written: Callable[[str], Path]
+) -> None:
     with opened(browser, written("confusable"), DESK) as it:
-        lengths = it.page.locator(".bar").evaluate_all("all => all.slice(0, 2).map(each => each.getBoundingClientRect().width)")
+        lengths = it.page.locator(".bar").evaluate_all(
+            "all => all.slice(0, 2).map(each => each.getBoundingClientRect().width)"
+        )
         assert lengths[0] / lengths[1] == pytest.approx(0.55 / 0.44, rel=0.01)
 
 
-def test_pictures_are_drawn_in_the_colours_of_light_and_dark(browser: Browser, written: Callable[[str], Path]) -> None:
+def test_pictures_are_drawn_in_the_colours_of_light_and_dark(
+    browser: Browser, written: Callable[[str], Path]
+) -> None:
     path = written("named")
     colours = []
     for scheme in ("light", "dark"):
         with opened(browser, path, DESK, scheme) as it:
-            colours.append(it.page.locator("figure svg text").first.evaluate("each => getComputedStyle(each).fill"))
-            assert it.page.locator("figure svg").first.evaluate("each => each.getBoundingClientRect().width") > 200
+            colours.append(
+                it.page.locator("figure svg text").first.evaluate(
+                    "each => getComputedStyle(each).fill"
+                )
+            )
+            assert (
+                it.page.locator("figure svg").first.evaluate(
+                    "each => each.getBoundingClientRect().width"
+                )
+                > 200
+            )
     assert colours == ["rgb(22, 25, 29)", "rgb(233, 235, 236)"]
 
 
-def test_the_keyboard_reaches_the_content_and_opens_a_table(browser: Browser, written: Callable[[str], Path]) -> None:
+def test_the_keyboard_reaches_the_content_and_opens_a_table(
+    browser: Browser, written: Callable[[str], Path]
+) -> None:
     with opened(browser, written("named"), PHONE) as it:
         page = it.page
         page.keyboard.press("Tab")
@@ -119,13 +168,18 @@ def test_the_keyboard_reaches_the_content_and_opens_a_table(browser: Browser, wr
         assert page.locator("figure table").first.is_visible()
 
 
-def test_a_band_of_a_run_is_drawn_where_its_numbers_say(browser: Browser, written: Callable[[str], Path]) -> None:
+def test_a_band_of_a_run_is_drawn_where_its_numbers_say(
+    browser: Browser, written: Callable[[str], Path]
+) -> None:
     with opened(browser, written("runs"), DESK) as it:
         page = it.page
         rows = page.locator("#run-1-cohesion tbody tr").evaluate_all(
-            "all => all.map(row => [...row.querySelectorAll('data')].map(each => Number(each.value)))"
+            "all => all.map(row => [...row.querySelectorAll('data')].map(each =>"
+            " Number(each.value)))"
         )
-        assert all(low_95 <= low <= mean <= high <= high_95 for mean, low, high, low_95, high_95, _ in rows)
+        assert all(
+            low_95 <= low <= mean <= high <= high_95 for mean, low, high, low_95, high_95, _ in rows
+        )
         truth = [row[-1] for row in rows]
         assert truth == sorted(truth)
         assert {round(each, 9) for each in truth} == {0.83, 1.8}

@@ -15,23 +15,34 @@ from tests.terrain_estimator.pages.runs import OBSERVATIONS, ORIGIN, one, report
 def test_the_same_runs_give_the_same_page_which_names_no_outside_address() -> None:
     text = report()
     assert text == run_page([run(), dataclasses.replace(run(12, true=False), name="rock")], ORIGIN)
-    assert re.findall(r"""(?:src|href)=["'](?![#"']|data:,)|url\((?!#)|@import|<script|//[a-z]+\.[a-z]""", text) == []
+    assert (
+        re.findall(
+            r"""(?:src|href)=["'](?![#"']|data:,)|url\((?!#)|@import|<script|//[a-z]+\.[a-z]""",
+            text,
+        )
+        == []
+    )
 
 
 def test_the_page_shows_the_last_estimate_beside_the_truth() -> None:
     text = one()
     mean, sd = 1e-3 * (900.0 + OBSERVATIONS - 1), 2.0 / OBSERVATIONS**0.5
     shown = [
-        float(each) for each in re.findall(r"c \[kPa\]</th>.*?</tr>", text, re.DOTALL) for each in re.findall(r'value="([^"]+)"', each)
+        float(each)
+        for each in re.findall(r"c \[kPa\]</th>.*?</tr>", text, re.DOTALL)
+        for each in re.findall(r'value="([^"]+)"', each)
     ]
-    assert shown == pytest.approx([mean, sd, mean - 1.96 * sd, mean + 1.96 * sd, 1.8, 100.0 * (mean - 1.8) / 1.8])
+    assert shown == pytest.approx(
+        [mean, sd, mean - 1.96 * sd, mean + 1.96 * sd, 1.8, 100.0 * (mean - 1.8) / 1.8]
+    )
     assert "tan phi is identified, c is not" in text
     assert "loose_sand then compact_sand with drive_drag 0.2 N m s/rad" in text
     assert "true change" in text
 
 
 def test_slip_and_sinkage_of_every_wheel_are_shown_over_time_as_means_of_equal_spans() -> None:
-    slip, sinkage = (re.search(rf'<figure id="run-1-{name}".*?</figure>', one(), re.DOTALL)[0] for name in ("slip", "sinkage"))  # type: ignore[index]
+    figures = r'<figure id="run-1-(?:slip|sinkage)".*?</figure>'
+    slip, sinkage = re.findall(figures, one(), re.DOTALL)
     for shown in (slip, sinkage):
         for wheel in ("front left", "front right", "rear left", "rear right"):
             assert f'<th scope="col">{wheel}</th>' in shown
@@ -55,8 +66,13 @@ def test_without_truth_none_is_drawn_and_the_page_says_so() -> None:
 def test_refused_observations_stand_with_their_count_and_what_to_do() -> None:
     text = one()
     assert Outcome.GATED.advice in text
-    assert re.search(r'GATED</code></th><td class="figure" data-label="Observations"><data value="10.0">10<', text)
-    assert re.search(r'wheel_slip</th><td class="figure"><data value="1000.0">1000<.*value="3.0">3<', text)
+    assert re.search(
+        r'GATED</code></th><td class="figure" data-label="Observations"><data value="10.0">10<',
+        text,
+    )
+    assert re.search(
+        r'wheel_slip</th><td class="figure"><data value="1000.0">1000<.*value="3.0">3<', text
+    )
     assert "GATED 10 times, from 50 to 51 s" in text
 
 

@@ -33,7 +33,11 @@ def table() -> TractionTable:
 
 
 def belief(
-    strength: tuple[float, float], sd: tuple[float, float] = (200.0, 0.03), *, identified: bool = True, changed: float = 0.0
+    strength: tuple[float, float],
+    sd: tuple[float, float] = (200.0, 0.03),
+    *,
+    identified: bool = True,
+    changed: float = 0.0,
 ) -> Belief:
     """A belief in a ground."""
     return Belief(np.array(strength), np.diag(np.array(sd) ** 2), (1.0,), identified, changed)
@@ -44,7 +48,9 @@ def simulated() -> Drive:
     """A level drive from firm onto soft ground."""
     constants = load_soil("loose_sand").constants()
     firm, soft = (torch.tensor(strength, dtype=torch.float64) for strength in (FIRM, SOFT))
-    ground = Ground([Patch(constants, firm, name="firm"), Patch(constants, soft, BORDER_M, name="soft")])
+    ground = Ground(
+        [Patch(constants, firm, name="firm"), Patch(constants, soft, BORDER_M, name="soft")]
+    )
     return simulate(ROVER, ground, "S1", 35.0, torch.Generator().manual_seed(1), 1, "flat")
 
 

@@ -29,10 +29,15 @@ def paired(late_ns: int, *topics: str, **values: float) -> int:
 
 
 def test_messages_are_paired_as_the_estimator_pairs_them() -> None:
-    assert (paired(10_000_000, *INPUT_TYPES), paired(10_000_000, *INPUT_TYPES, pairing_tolerance=0.02)) == (0, 20)
+    assert (
+        paired(10_000_000, *INPUT_TYPES),
+        paired(10_000_000, *INPUT_TYPES, pairing_tolerance=0.02),
+    ) == (0, 20)
     without_imu = [topic for topic in INPUT_TYPES if topic != "imu"]
     assert paired(0, *without_imu, pairing_timeout=0.1) == paired(0, *without_imu) + 4
-    assert paired(0, *without_imu, use_imu=False) == 20, "every instant at once: what is not used is not waited for"
+    assert paired(0, *without_imu, use_imu=False) == 20, (
+        "every instant at once: what is not used is not waited for"
+    )
 
 
 def observed(**values: bool) -> list[Observation]:
@@ -52,4 +57,6 @@ def test_a_sensor_that_is_switched_off_is_not_used() -> None:
     everything, last = observed(), -1
     assert np.isfinite(everything[last].torque).all()
     assert np.isnan(observed(use_torque=False)[last].torque).all()
-    assert observed(use_imu=False)[last].pitch == pytest.approx(everything[last].pitch + 0.02, abs=1e-3)
+    assert observed(use_imu=False)[last].pitch == pytest.approx(
+        everything[last].pitch + 0.02, abs=1e-3
+    )

@@ -17,7 +17,12 @@ from tests.terrain_estimator.planning.support import FIRM, ROVER, SOFT, belief, 
 LIMIT = 0.6
 
 
-def of(strength: tuple[float, float], sd: tuple[float, float] = (200.0, 0.03), slope: float = 0.0, deviation: float = 0.0) -> Margins:
+def of(
+    strength: tuple[float, float],
+    sd: tuple[float, float] = (200.0, 0.03),
+    slope: float = 0.0,
+    deviation: float = 0.0,
+) -> Margins:
     known = belief(strength, sd)
     return margins(table(), draw(known.mean, known.covariance, (1.0,)), slope, LIMIT, deviation)
 
@@ -32,7 +37,9 @@ def test_a_look_up_is_near_the_statics(strength: tuple[float, float], slope: flo
         torch.tensor([strength], dtype=torch.float64).expand(len(SLIPS), 2),
     )
     exact = climb(ROVER, constants, ground, torch.full_like(slips, slope), slips)
-    np.testing.assert_allclose(looked_up.ratio[0], exact.pull / (ROVER.weight * math.cos(slope)), atol=0.006)
+    np.testing.assert_allclose(
+        looked_up.ratio[0], exact.pull / (ROVER.weight * math.cos(slope)), atol=0.006
+    )
     np.testing.assert_allclose(looked_up.sinkage[0], exact.sinkage, rtol=0.05)
 
 
@@ -61,7 +68,9 @@ def test_the_steepest_slope_holds_with_the_confidence_that_it_claims() -> None:
     safe = of(FIRM, (500.0, 0.06)).slope_limit.lower
     grounds = np.random.default_rng(1).multivariate_normal(known.mean, known.covariance, 4000)
     holds = steepest(table(), 0, grounds, LIMIT, np.zeros(4000)) >= safe
-    assert 0.93 < holds.mean() < 0.97  # 4000 draws: a share of 0.95 is found within 0.014 in 99.99 % of the cases
+    assert (
+        0.93 < holds.mean() < 0.97
+    )  # 4000 draws: a share of 0.95 is found within 0.014 in 99.99 % of the cases
 
 
 def test_ground_that_does_not_hold_the_rover_is_told_from_ground_that_does() -> None:
@@ -81,7 +90,10 @@ def test_the_probability_alone_is_that_of_the_margins() -> None:
 
 
 def test_what_the_model_may_be_wrong_by_counts() -> None:
-    assert of(FIRM, (1.0, 0.001), deviation=0.05).available.lower < of(FIRM, (1.0, 0.001)).available.lower - 0.05 * ROVER.weight
+    assert (
+        of(FIRM, (1.0, 0.001), deviation=0.05).available.lower
+        < of(FIRM, (1.0, 0.001)).available.lower - 0.05 * ROVER.weight
+    )
 
 
 def test_a_quantile_follows_the_weights() -> None:

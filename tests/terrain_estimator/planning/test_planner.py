@@ -19,7 +19,16 @@ from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
 from terrain_estimator.ros_types import ESTIMATE
-from tests.terrain_estimator.planning.support import FIRM, METADATA, ROVER, SOFT, belief, drive, drive_gets_stuck, table
+from tests.terrain_estimator.planning.support import (
+    FIRM,
+    METADATA,
+    ROVER,
+    SOFT,
+    belief,
+    drive,
+    drive_gets_stuck,
+    table,
+)
 
 UNKNOWN = belief((2750.0, 0.6), (1300.0, 0.22), identified=False, changed=1.0)
 
@@ -42,7 +51,15 @@ def standing(stamp_ns: int = 0) -> Observation:
     """What is measured where the wheels do not turn: no slip, the pitch."""
     one = drive()[0][0]
     nothing = np.full(3, math.nan)
-    return dataclasses.replace(one, stamp_ns=stamp_ns, wheel_rate=np.zeros(3), velocity=0.0, pitch=0.02, slip=nothing, torque=nothing)
+    return dataclasses.replace(
+        one,
+        stamp_ns=stamp_ns,
+        wheel_rate=np.zeros(3),
+        velocity=0.0,
+        pitch=0.02,
+        slip=nothing,
+        torque=nothing,
+    )
 
 
 def before(axles: int) -> list[Observation]:
@@ -74,7 +91,9 @@ def test_on_ground_that_holds_it_goes_on() -> None:
     assert found.margins.slip.lower < found.slip < found.margins.slip.upper
 
 
-def test_with_the_front_wheels_alone_on_soft_ground_it_stops_though_the_rover_still_drives_well() -> None:
+def test_with_the_front_wheels_alone_on_soft_ground_it_stops_though_the_rover_still_drives_well() -> (
+    None
+):
     found = advice(before(1), UNKNOWN)
     assert found.reason is Reason.FRONT
     assert found.slip < 0.4
@@ -99,24 +118,36 @@ def test_the_words_say_what_is_not_judged_and_what_is_left_out() -> None:
     moving = before(0)
     assert words(advice(moving, belief(FIRM))) == "go on"
     left_out = words(advice(moving, belief(FIRM)), effect=["payload", "grousers"])
-    assert left_out == "go on; without what the model estimates beside c and tan phi: payload, grousers"
+    assert (
+        left_out
+        == "go on; without what the model estimates beside c and tan phi: payload, grousers"
+    )
     no_depth = [dataclasses.replace(each, sinkage=np.full(3, math.nan)) for each in moving]
-    assert words(advice(no_depth, belief(FIRM))).endswith("no sinkage of the front wheels; sinkage not judged: none was measured")
-    assert words(advice([standing()], UNKNOWN)).endswith("not identified; creep: nothing was measured on the move within the last seconds")
+    assert words(advice(no_depth, belief(FIRM))).endswith(
+        "no sinkage of the front wheels; sinkage not judged: none was measured"
+    )
+    assert words(advice([standing()], UNKNOWN)).endswith(
+        "not identified; creep: nothing was measured on the move within the last seconds"
+    )
 
 
 def test_known_weak_ground_under_the_rover_is_a_reason_to_stop() -> None:
     assert advice(before(0), belief(SOFT, (50.0, 0.01))).reason is Reason.TRACTION
 
 
-@pytest.mark.parametrize(("name", "value", "reason"), [("slip", 0.7, Reason.SLIP), ("sinkage", 0.08, Reason.SINKAGE)])
+@pytest.mark.parametrize(
+    ("name", "value", "reason"), [("slip", 0.7, Reason.SLIP), ("sinkage", 0.08, Reason.SINKAGE)]
+)
 def test_wheels_that_dig_in_are_a_reason_to_stop(name: str, value: float, reason: Reason) -> None:
-    dug = [dataclasses.replace(each, **{name: np.full(3, value), "torque": np.full(3, math.nan)}) for each in before(0)]  # type: ignore[arg-type]
+    changes: dict[str, Any] = {name: np.full(3, value), "torque": np.full(3, math.nan)}
+    dug = [dataclasses.replace(each, **changes) for each in before(0)]
     assert advice(dug, belief(FIRM)).reason is reason
 
 
 @pytest.mark.parametrize("value", [5.0, -1e6, 1e308, math.inf])
-@pytest.mark.parametrize("name", ["slip", "sinkage", "torque", "contact_angle", "wheel_rate", "pitch", "velocity"])
+@pytest.mark.parametrize(
+    "name", ["slip", "sinkage", "torque", "contact_angle", "wheel_rate", "pitch", "velocity"]
+)
 def test_a_few_absurd_readings_are_no_reason_to_stop(name: str, value: float) -> None:
     """A stop holds until it is withdrawn: one slip of 1e6 in the mean of two seconds was one."""
     moving = before(0)
@@ -145,7 +176,12 @@ def test_a_stop_holds_until_it_is_withdrawn_and_then_a_rover_that_stands_may_cre
         given.observe(standing(stamp))
     again = given.advise(stamps[49])
     assert again is not None
-    assert (again.reason, again.moving, again.speed_limit, again.rim_speed) == (Reason.FRONT, False, 0.0, 0.0)
+    assert (again.reason, again.moving, again.speed_limit, again.rim_speed) == (
+        Reason.FRONT,
+        False,
+        0.0,
+        0.0,
+    )
     given.resume()
     usual = advice(before(0), UNKNOWN).speed_limit
     for stamp in stamps[50:]:
@@ -155,7 +191,9 @@ def test_a_stop_holds_until_it_is_withdrawn_and_then_a_rover_that_stands_may_cre
         assert not crept.stop
         assert 0.0 < crept.speed_limit < usual
     for observation in moving[-20:]:
-        given.observe(dataclasses.replace(observation, stamp_ns=observation.stamp_ns + 10_000_000_000))
+        given.observe(
+            dataclasses.replace(observation, stamp_ns=observation.stamp_ns + 10_000_000_000)
+        )
     judged = given.advise(moving[-1].stamp_ns + 10_000_000_000)
     assert judged is not None
     assert judged.reason is Reason.FRONT  # what is measured on the move decides again
@@ -179,8 +217,14 @@ def test_ticking_encoders_are_told_from_driving() -> None:
     given.believe(UNKNOWN)
     assert given.advise(0) is None, "it drives, and has no slip"
     found = advice([ticking], UNKNOWN, standstill_speed=0.05)
-    assert (found.moving, found.speed_limit) == (False, 0.1), "it may creep so that it is seen to move"
-    with pytest.raises(ConfigError, match=r"too slow to be told from standing \(0\.2 m/s\).*or lower standstill_speed"):
+    assert (found.moving, found.speed_limit) == (
+        False,
+        0.1,
+    ), "it may creep so that it is seen to move"
+    with pytest.raises(
+        ConfigError,
+        match=r"too slow to be told from standing \(0\.2 m/s\).*or lower standstill_speed",
+    ):
         planner(standstill_speed=0.1)
 
 
@@ -190,7 +234,11 @@ BLIND: dict[str, dict[str, Any]] = {
     "slip of every wheel": {"slip": np.full(3, math.nan)},
     "driving forward": {"wheel_rate": np.full(3, -1.0), "velocity": -0.1},
     "pitch of a rover that stands": {"pitch": math.nan, "wheel_rate": np.zeros(3)},
-    "slip and wheel rates": {"slip": np.full(3, math.nan), "wheel_rate": np.full(3, math.nan), "velocity": 0.0},
+    "slip and wheel rates": {
+        "slip": np.full(3, math.nan),
+        "wheel_rate": np.full(3, math.nan),
+        "velocity": 0.0,
+    },
 }
 
 
@@ -205,7 +253,9 @@ def test_what_was_measured_before_the_window_is_no_advice_under_a_new_stamp(miss
     assert given.advise(last + 2_100_000_000) is None  # nothing paired any more
     assert given.advise(last - 60_000_000_000) is None  # estimates of a bag that loops came first
     for step in range(1, 31):
-        given.observe(dataclasses.replace(moving[-1], stamp_ns=last + step * 100_000_000, **BLIND[missing]))
+        given.observe(
+            dataclasses.replace(moving[-1], stamp_ns=last + step * 100_000_000, **BLIND[missing])
+        )
     assert given.advise(last + 3_000_000_000) is None
 
 
@@ -237,12 +287,18 @@ def test_each_parameter_changes_the_advice() -> None:
     unsure = belief((2000.0, 0.55), (900.0, 0.15))
     differences: dict[str, tuple[float, Callable[[Advice, Advice], bool]]] = {
         "slip_limit": (0.3, lambda a, b: b.margins.available.median < a.margins.available.median),
-        "pull_deviation": (0.1, lambda a, b: b.margins.slope_limit.lower < a.margins.slope_limit.lower),
+        "pull_deviation": (
+            0.1,
+            lambda a, b: b.margins.slope_limit.lower < a.margins.slope_limit.lower,
+        ),
         "window": (0.3, lambda a, b: a.slip != b.slip),
         "reaction_time": (5.0, lambda a, b: b.speed_limit < a.speed_limit),
         "deceleration": (0.01, lambda a, b: b.speed_limit < a.speed_limit),
         "sinkage_limit": (0.02, lambda a, b: (a.reason, b.reason) == (Reason.NONE, Reason.SINKAGE)),
-        "stop_probability": (0.001, lambda a, b: (a.reason, b.reason) == (Reason.NONE, Reason.TRACTION)),
+        "stop_probability": (
+            0.001,
+            lambda a, b: (a.reason, b.reason) == (Reason.NONE, Reason.TRACTION),
+        ),
     }
     plain = advice(before(0), unsure)
     for name, (value, differs) in differences.items():
@@ -263,8 +319,15 @@ def test_each_parameter_changes_the_advice() -> None:
 )
 def test_an_estimate_that_cannot_be_used_is_refused(name: str, value: Any, words: str) -> None:
     soils = ["loose_sand", "regolith"]
-    fields = {"soil": soils, "soil_probability": np.array([0.75, 0.25]), "covariance": np.array([1.0, 0.0, 0.0, 1.0])}
-    assert belief_of_message(Types().make(ESTIMATE, **fields), soils).soil_probability == (0.75, 0.25)
+    fields = {
+        "soil": soils,
+        "soil_probability": np.array([0.75, 0.25]),
+        "covariance": np.array([1.0, 0.0, 0.0, 1.0]),
+    }
+    assert belief_of_message(Types().make(ESTIMATE, **fields), soils).soil_probability == (
+        0.75,
+        0.25,
+    )
     with pytest.raises(ValueError, match=words):
         belief_of_message(Types().make(ESTIMATE, **fields | {name: value}), soils)
 

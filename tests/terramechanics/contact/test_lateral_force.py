@@ -32,7 +32,16 @@ def tensor(value: float) -> torch.Tensor:
 
 def found(slip: float, angle: float | None, points: int = 6) -> NDArray[np.float64]:
     turned = None if angle is None else tensor(angle)
-    forces = wheel_forces(tensor(slip), tensor(SINKAGE), SOIL.constants(), RADIUS, WIDTH, quadrature(points), None, turned)
+    forces = wheel_forces(
+        tensor(slip),
+        tensor(SINKAGE),
+        SOIL.constants(),
+        RADIUS,
+        WIDTH,
+        quadrature(points),
+        None,
+        turned,
+    )
     return np.asarray(forces.numpy() @ TYPICAL)
 
 
@@ -45,7 +54,9 @@ def integrated(slip: float, angle: float) -> NDArray[np.float64]:
 
     def sigma(theta: float) -> float:
         mapped = theta if theta > theta_m else theta_1 - theta * (theta_1 - theta_m) / theta_m
-        return (SOIL.k_c / WIDTH + SOIL.k_phi) * max(RADIUS * (cos(mapped) - cos(theta_1)), 0.0) ** SOIL.n
+        return (SOIL.k_c / WIDTH + SOIL.k_phi) * max(
+            RADIUS * (cos(mapped) - cos(theta_1)), 0.0
+        ) ** SOIL.n
 
     def shear(theta: float) -> tuple[float, float]:
         along = RADIUS * (theta_1 - theta - (1.0 - slip) * (sin(theta_1) - sin(theta)))
@@ -56,7 +67,11 @@ def integrated(slip: float, angle: float) -> NDArray[np.float64]:
 
     def total(f: Callable[[float], float]) -> float:
         ends = itertools.pairwise((0.0, theta_m, theta_1))
-        return RADIUS * WIDTH * sum(quad(f, a, b, epsabs=0.0, epsrel=1e-9, limit=200)[0] for a, b in ends)
+        return (
+            RADIUS
+            * WIDTH
+            * sum(quad(f, a, b, epsabs=0.0, epsrel=1e-9, limit=200)[0] for a, b in ends)
+        )
 
     return np.array(
         [
@@ -74,11 +89,16 @@ def test_forces_at_a_slip_angle_agree_with_adaptive_integration(angle: float) ->
         expected = integrated(slip, angle)
         scale = abs(expected[0]) * np.array([1.0, 1.0, RADIUS, 1.0])
         for points, tolerance in ((6, 3e-5), (24, 1e-8)):
-            assert np.abs((found(slip, angle, points) - expected) / scale).max() < tolerance, (slip, points)
+            assert np.abs((found(slip, angle, points) - expected) / scale).max() < tolerance, (
+                slip,
+                points,
+            )
 
 
 @pytest.mark.parametrize("slip", SLIPS)
-def test_without_a_slip_angle_there_is_no_lateral_force_and_nothing_else_changes(slip: float) -> None:
+def test_without_a_slip_angle_there_is_no_lateral_force_and_nothing_else_changes(
+    slip: float,
+) -> None:
     straight = found(slip, 0.0)
     assert straight[3] == 0.0
     np.testing.assert_allclose(straight[:3], found(slip, None), rtol=1e-12)
@@ -95,7 +115,9 @@ def test_to_the_other_side_the_lateral_force_turns_and_the_others_stay(slip: flo
 def test_both_directions_share_one_limit_of_the_shear_stress() -> None:
     angles = torch.tensor(ANGLES, dtype=torch.float64)
     slip, sinkage = torch.full_like(angles, 0.3), torch.full_like(angles, SINKAGE)
-    coefficients = wheel_forces(slip, sinkage, SOIL.constants(), RADIUS, WIDTH, quadrature(24), None, angles).numpy()
+    coefficients = wheel_forces(
+        slip, sinkage, SOIL.constants(), RADIUS, WIDTH, quadrature(24), None, angles
+    ).numpy()
     torque, lateral = coefficients[:, 2, 0] / RADIUS, coefficients[:, 3, 0]  # of a unit of cohesion
     area = RADIUS * WIDTH * math.acos(1.0 - SINKAGE / RADIUS)
     assert np.all(np.hypot(torque, lateral) < area)
@@ -105,7 +127,16 @@ def test_both_directions_share_one_limit_of_the_shear_stress() -> None:
 
 def test_scripted_and_plain_forces_at_a_slip_angle_are_the_same_numbers() -> None:
     slip = torch.linspace(-0.4, 0.9, 27, dtype=torch.float64)
-    arguments = (slip, torch.full_like(slip, SINKAGE), SOIL.constants(), RADIUS, WIDTH, quadrature(), None, torch.full_like(slip, 0.3))
+    arguments = (
+        slip,
+        torch.full_like(slip, SINKAGE),
+        SOIL.constants(),
+        RADIUS,
+        WIDTH,
+        quadrature(),
+        None,
+        torch.full_like(slip, 0.3),
+    )
     assert torch.equal(torch.jit.script(wheel_forces)(*arguments), wheel_forces(*arguments))
 
 
@@ -117,7 +148,9 @@ def test_the_side_of_a_wheel_resists_as_integrated() -> None:
         return depth**2 * (RADIUS - depth * math.cos(theta))
 
     expected = 7e4 * quad(pushed, 0.0, theta_1)[0]
-    assert float(side_resistance(tensor(7e4), tensor(SINKAGE), RADIUS, quadrature())) == pytest.approx(expected, rel=1e-8)
+    assert float(
+        side_resistance(tensor(7e4), tensor(SINKAGE), RADIUS, quadrature())
+    ) == pytest.approx(expected, rel=1e-8)
 
 
 def test_lateral_bulldozing_adds_to_the_lateral_force_alone_and_nothing_straight_ahead() -> None:
@@ -126,11 +159,15 @@ def test_lateral_bulldozing_adds_to_the_lateral_force_alone_and_nothing_straight
     where = Situation(rover, 0.0, torch.arange(1), none, none, none[:, 0])
     effect = LateralBulldozing(7e4)
     for angle in (-0.5, 0.5):
-        contact = Contact(none, none + SINKAGE, SOIL.constants(), SOIL.strength(), slip_angle=none + angle)
+        contact = Contact(
+            none, none + SINKAGE, SOIL.constants(), SOIL.strength(), slip_angle=none + angle
+        )
         forces = contact.forces(rover.wheel_radius, rover.wheel_width, quadrature())
         added = (effect.push(where, contact, forces) - forces)[0, 0]
         assert added[:3].tolist() == [0.0, 0.0, 0.0]
-        side = float(side_resistance(tensor(7e4), tensor(SINKAGE), rover.wheel_radius, quadrature()))
+        side = float(
+            side_resistance(tensor(7e4), tensor(SINKAGE), rover.wheel_radius, quadrature())
+        )
         assert float(added[3]) == pytest.approx(math.sin(angle) * side, rel=1e-9)
         pulled = (Bulldozing(1e4).push(where, contact, forces) - forces)[0, 0]
         assert pulled.tolist() == pytest.approx([0.0, -1e4 * SINKAGE**2, 0.0, 0.0])

@@ -43,7 +43,12 @@ def test_the_sinkage_carries_the_load(rover: str, soil: str) -> None:
     assert ground.forces(slip, sinkage)[:, 0].tolist() == pytest.approx(load.tolist(), rel=1e-10)
     for index in (0, 4, 9, 17):
         i, target = slip[index], float(load[index])
-        expected = optimize.brentq(lambda z, i=i, t=target: float(ground.forces(i, tensor(z)[0])[0]) - t, 1e-7, 0.05, xtol=1e-16)
+        expected = optimize.brentq(
+            lambda z, i=i, t=target: float(ground.forces(i, tensor(z)[0])[0]) - t,
+            1e-7,
+            0.05,
+            xtol=1e-16,
+        )
         assert float(sinkage[index]) == pytest.approx(expected, rel=1e-9)
 
 
@@ -54,12 +59,19 @@ def test_the_sinkages_are_those_of_the_two_rovers_on_sand() -> None:
         ("mars_rover", "loose_sand", 16e-3, 20e-3),
     ):
         load = tensor(load_rover(rover).weight / 6.0)
-        assert low < float(equilibrium_sinkage(wheel(rover, load_soil(soil)), tensor(0.1), load)) < high
+        assert (
+            low
+            < float(equilibrium_sinkage(wheel(rover, load_soil(soil)), tensor(0.1), load))
+            < high
+        )
 
 
 def test_no_load_gives_no_sinkage_and_too_much_load_the_deepest() -> None:
     ground = wheel("mars_rover", load_soil("loose_sand"))
-    sinkage = equilibrium_sinkage(ground, tensor(0.1, 0.1, 0.1), tensor(0.0, -5.0, 1e9)) / MARS.wheel_radius
+    sinkage = (
+        equilibrium_sinkage(ground, tensor(0.1, 0.1, 0.1), tensor(0.0, -5.0, 1e9))
+        / MARS.wheel_radius
+    )
     assert sinkage.tolist() == pytest.approx([SHALLOWEST, SHALLOWEST, DEEPEST], rel=1e-9)
 
 
@@ -67,8 +79,13 @@ def test_on_rigid_ground_the_wheel_does_not_sink_and_rolls_without_resistance() 
     """Stiffer by 10^6: sinkage falls like k^(-1 / (n + 1/2)), and the resistance goes with it."""
     soil = load_soil("loose_sand")
     load = tensor(MARS.weight / 6.0)
-    soft, rigid = wheel("mars_rover", soil), wheel("mars_rover", soil.with_values(k_phi=1e6 * soil.k_phi))
-    ratio = float(equilibrium_sinkage(rigid, tensor(0.0), load) / equilibrium_sinkage(soft, tensor(0.0), load))
+    soft, rigid = (
+        wheel("mars_rover", soil),
+        wheel("mars_rover", soil.with_values(k_phi=1e6 * soil.k_phi)),
+    )
+    ratio = float(
+        equilibrium_sinkage(rigid, tensor(0.0), load) / equilibrium_sinkage(soft, tensor(0.0), load)
+    )
     assert ratio == pytest.approx(1e6 ** (-1.0 / (soil.n + 0.5)), rel=0.1)
     slip, sinkage = free_rolling(rigid, load)
     assert 0.0 < float(rigid.forces(slip, sinkage)[0, 2]) < 0.01 * float(load) * MARS.wheel_radius
@@ -79,7 +96,9 @@ def test_on_rigid_ground_the_wheel_does_not_sink_and_rolls_without_resistance() 
 def test_slip_under_torque_reproduces_torque_and_load() -> None:
     ground = wheel("mars_rover", load_soil("loose_sand"))
     load = tensor(80.0, 110.0, 140.0)
-    torque = ground.forces(tensor(0.05, 0.2, 0.6), equilibrium_sinkage(ground, tensor(0.05, 0.2, 0.6), load))[:, 2]
+    torque = ground.forces(
+        tensor(0.05, 0.2, 0.6), equilibrium_sinkage(ground, tensor(0.05, 0.2, 0.6), load)
+    )[:, 2]
     slip, sinkage = slip_under_torque(ground, torque, load)
     assert slip.tolist() == pytest.approx([0.05, 0.2, 0.6], abs=1e-8)
     assert ground.forces(slip, sinkage)[:, 0].tolist() == pytest.approx(load.tolist(), rel=1e-9)
@@ -115,5 +134,10 @@ def test_braked_wheels_get_the_same_forces_alone_and_among_many() -> None:
     ground = wheel("mars_rover", load_soil("loose_sand"))
     slip = torch.linspace(-0.5, 0.9, 1000, dtype=torch.float64)
     sinkage = torch.full_like(slip, 0.018)
-    alone = torch.cat([ground.forces(part, depth) for part, depth in zip(slip.reshape(10, 100), sinkage.reshape(10, 100), strict=True)])
+    alone = torch.cat(
+        [
+            ground.forces(part, depth)
+            for part, depth in zip(slip.reshape(10, 100), sinkage.reshape(10, 100), strict=True)
+        ]
+    )
     torch.testing.assert_close(ground.forces(slip, sinkage), alone, rtol=1e-6, atol=1e-6)

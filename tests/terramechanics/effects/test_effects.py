@@ -33,7 +33,9 @@ SIZES = {
 
 def drive(plant: Plant | None = None, schedule: str = "S1") -> Drive:
     generator = torch.Generator().manual_seed(11)
-    ground = Ground.random_strength(LOOSE, BATCH, generator, cohesion=(1000.0, 3000.0), friction_angle=(0.5, 0.7))
+    ground = Ground.random_strength(
+        LOOSE, BATCH, generator, cohesion=(1000.0, 3000.0), friction_angle=(0.5, 0.7)
+    )
     return simulate(MARS, ground, schedule, 4.0, generator, BATCH, plant=plant)
 
 
@@ -59,13 +61,23 @@ def rms(values: Tensor) -> float:
 def situation(episodes: int = 1) -> Situation:
     wheels = torch.full((episodes, 3), 1.5, dtype=torch.float64)
     return Situation(
-        MARS, 1.0, torch.arange(episodes), torch.zeros_like(wheels), wheels, torch.full((episodes,), 0.15, dtype=torch.float64)
+        MARS,
+        1.0,
+        torch.arange(episodes),
+        torch.zeros_like(wheels),
+        wheels,
+        torch.full((episodes,), 0.15, dtype=torch.float64),
     )
 
 
 def contact(slip: float = 0.2, sinkage: float = 0.02) -> Contact:
     wheels = torch.ones(1, 3, dtype=torch.float64)
-    return Contact(slip * wheels, sinkage * wheels, LOOSE.constants().expand(1, 3, 6), LOOSE.strength().expand(1, 3, 2))
+    return Contact(
+        slip * wheels,
+        sinkage * wheels,
+        LOOSE.constants().expand(1, 3, 6),
+        LOOSE.strength().expand(1, 3, 2),
+    )
 
 
 @pytest.mark.parametrize("name", SIMULATED)
@@ -74,20 +86,34 @@ def test_an_effect_without_size_leaves_the_simulation_as_it_is(name: str) -> Non
     run = drive(Plant([make_effect(name, sizes)]))
     for series, plain in ((run.sample, nominal().sample), (run.seen, nominal().seen)):
         for item in fields(Sample):
-            torch.testing.assert_close(getattr(series, item.name), getattr(plain, item.name), rtol=1e-11, atol=1e-11, equal_nan=True)
+            torch.testing.assert_close(
+                getattr(series, item.name),
+                getattr(plain, item.name),
+                rtol=1e-11,
+                atol=1e-11,
+                equal_nan=True,
+            )
 
 
 def test_a_simulation_with_an_empty_plant_is_the_same_to_the_last_bit() -> None:
     run = drive(Plant([]))
     for item in fields(Sample):
-        torch.testing.assert_close(getattr(run.seen, item.name), getattr(nominal().sample, item.name), rtol=0.0, atol=0.0, equal_nan=True)
+        torch.testing.assert_close(
+            getattr(run.seen, item.name),
+            getattr(nominal().sample, item.name),
+            rtol=0.0,
+            atol=0.0,
+            equal_nan=True,
+        )
 
 
 @pytest.mark.parametrize("name", SIMULATED)
 def test_a_tenth_of_the_size_has_about_a_tenth_of_the_effect(name: str) -> None:
     signals = ("velocity", "slip", "sinkage", "torque", "pitch")
     whole, tenth = ([rms(moved(name, signal, share)) for signal in signals] for share in (1.0, 0.1))
-    largest = max(range(len(signals)), key=lambda k: whole[k] / rms(getattr(nominal().seen, signals[k])))
+    largest = max(
+        range(len(signals)), key=lambda k: whole[k] / rms(getattr(nominal().seen, signals[k]))
+    )
     # The exit angle, and with it the effect, goes like the root of the rebound.
     assert (2.0 if name == "exit_angle" else 4.0) < whole[largest] / tenth[largest] < 25.0
 
@@ -95,7 +121,11 @@ def test_a_tenth_of_the_size_has_about_a_tenth_of_the_effect(name: str) -> None:
 @pytest.mark.parametrize("name", SIMULATED)
 def test_episodes_of_one_batch_have_their_own_sizes(name: str) -> None:
     sizes = SIZES[name] * torch.tensor([0.0, 1.0, 0.0, 1.0], dtype=torch.float64)
-    run, plain, full = drive(Plant([make_effect(name, sizes)])).seen, nominal().seen, with_effect(name).seen
+    run, plain, full = (
+        drive(Plant([make_effect(name, sizes)])).seen,
+        nominal().seen,
+        with_effect(name).seen,
+    )
     for signal in ("velocity", "slip", "sinkage", "torque", "pitch"):
         mixed, without, whole = (getattr(series, signal) for series in (run, plain, full))
         torch.testing.assert_close(mixed[::2], without[::2], rtol=1e-6, atol=1e-8)
@@ -115,7 +145,10 @@ def test_an_effect_moves_a_signal_in_its_direction(name: str, signal: str, sign:
     assert sign * float(moved(name, signal).mean()) > 0.0
 
 
-@pytest.mark.parametrize("name", ["slope_bias", "odometry_scale", "sinkage_bias", "latency", "drive_drag", "coulomb_drag"])
+@pytest.mark.parametrize(
+    "name",
+    ["slope_bias", "odometry_scale", "sinkage_bias", "latency", "drive_drag", "coulomb_drag"],
+)
 def test_what_sensors_and_drives_do_does_not_move_the_rover(name: str) -> None:
     run, plain = with_effect(name).sample, nominal().sample
     for signal in ("velocity", "slip", "sinkage", "normal", "traction", "ground_torque", "pitch"):
@@ -125,8 +158,13 @@ def test_what_sensors_and_drives_do_does_not_move_the_rover(name: str) -> None:
 def test_sensor_effects_are_what_their_page_says() -> None:
     plain = nominal().seen
     torch.testing.assert_close(moved("slope_bias", "pitch"), torch.full_like(plain.pitch, 0.02))
-    torch.testing.assert_close(with_effect("slope_bias").seen.specific_force(MARS.gravity), plain.specific_force(MARS.gravity))
-    torch.testing.assert_close(moved("sinkage_bias", "sinkage"), torch.full_like(plain.sinkage, 0.002))
+    torch.testing.assert_close(
+        with_effect("slope_bias").seen.specific_force(MARS.gravity),
+        plain.specific_force(MARS.gravity),
+    )
+    torch.testing.assert_close(
+        moved("sinkage_bias", "sinkage"), torch.full_like(plain.sinkage, 0.002)
+    )
     torch.testing.assert_close(with_effect("odometry_scale").seen.slip, (plain.slip + 0.05) / 1.05)
     late = with_effect("latency").seen
     torch.testing.assert_close(late.slip[:, 3:], (plain.slip[:, 1:-2] + plain.slip[:, :-3]) / 2.0)
@@ -135,15 +173,28 @@ def test_sensor_effects_are_what_their_page_says() -> None:
 
 def test_drag_adds_to_the_motor_torque_what_its_law_says() -> None:
     torch.testing.assert_close(moved("drive_drag", "torque"), 0.5 * nominal().seen.wheel_rate)
-    torch.testing.assert_close(moved("coulomb_drag", "torque"), torch.full_like(nominal().seen.torque, 0.5))
+    torch.testing.assert_close(
+        moved("coulomb_drag", "torque"), torch.full_like(nominal().seen.torque, 0.5)
+    )
 
 
 def test_under_torque_commands_drag_is_lost_to_the_ground() -> None:
     run = drive(Plant([make_effect("coulomb_drag", 0.3)]), "S2").sample
-    loss = run.torque - run.ground_torque - nominal("S2").sample.torque + nominal("S2").sample.ground_torque
-    inertia = MARS.wheel_inertia * (run.wheel_rate - nominal("S2").sample.wheel_rate).diff(dim=1) / 0.1
-    torch.testing.assert_close((loss[:, 1:] - inertia)[:, :5], torch.full_like(inertia, 0.3)[:, :5], rtol=1e-6, atol=1e-6)
-    assert float((run.ground_torque - nominal("S2").sample.ground_torque)[:, :5].mean()) == pytest.approx(-0.3, abs=1e-3)
+    loss = (
+        run.torque
+        - run.ground_torque
+        - nominal("S2").sample.torque
+        + nominal("S2").sample.ground_torque
+    )
+    inertia = (
+        MARS.wheel_inertia * (run.wheel_rate - nominal("S2").sample.wheel_rate).diff(dim=1) / 0.1
+    )
+    torch.testing.assert_close(
+        (loss[:, 1:] - inertia)[:, :5], torch.full_like(inertia, 0.3)[:, :5], rtol=1e-6, atol=1e-6
+    )
+    assert float(
+        (run.ground_torque - nominal("S2").sample.ground_torque)[:, :5].mean()
+    ) == pytest.approx(-0.3, abs=1e-3)
 
 
 def test_payload_is_carried_and_accelerated_by_the_wheels() -> None:
@@ -153,23 +204,34 @@ def test_payload_is_carried_and_accelerated_by_the_wheels() -> None:
         cosine, sine = torch.cos(run.contact_angle), torch.sin(run.contact_angle)
         up = 2.0 * (run.normal * cosine + run.traction * sine).sum(-1)
         along = 2.0 * (run.traction * cosine - run.normal * sine).sum(-1)
-        torch.testing.assert_close(up, mass * MARS.gravity * torch.cos(run.pitch), rtol=1e-8, atol=1e-6)
-        torch.testing.assert_close(along, mass * run.specific_force(MARS.gravity), rtol=1e-8, atol=1e-6)
+        torch.testing.assert_close(
+            up, mass * MARS.gravity * torch.cos(run.pitch), rtol=1e-8, atol=1e-6
+        )
+        torch.testing.assert_close(
+            along, mass * run.specific_force(MARS.gravity), rtol=1e-8, atol=1e-6
+        )
 
 
 def test_bulldozing_takes_traction_but_no_torque() -> None:
     wheel, where = contact(), situation()
     forces = wheel.forces(MARS.wheel_radius, MARS.wheel_width, quadrature())
     pushed = make_effect("bulldozing", 1e4).push(where, wheel, forces) - forces
-    torch.testing.assert_close(pushed, torch.tensor([0.0, -4.0, 0.0], dtype=torch.float64).expand(1, 3, 3))
+    torch.testing.assert_close(
+        pushed, torch.tensor([0.0, -4.0, 0.0], dtype=torch.float64).expand(1, 3, 3)
+    )
 
 
 def test_grousers_push_forward_when_driven_and_backward_when_braked() -> None:
     where = situation()
     for slip, thrust in ((0.1, 5.0 * (1.0 - torch.e**-1.0)), (-0.1, -5.0 * (1.0 - torch.e**-1.0))):
         wheel = contact(slip)
-        added = make_effect("grousers", 5.0).push(where, wheel, torch.zeros(1, 3, 3, dtype=torch.float64))
-        torch.testing.assert_close(added[0, 0], torch.tensor([0.0, thrust, MARS.wheel_radius * thrust], dtype=torch.float64))
+        added = make_effect("grousers", 5.0).push(
+            where, wheel, torch.zeros(1, 3, 3, dtype=torch.float64)
+        )
+        torch.testing.assert_close(
+            added[0, 0],
+            torch.tensor([0.0, thrust, MARS.wheel_radius * thrust], dtype=torch.float64),
+        )
 
 
 def test_the_soil_laws_change_the_constants_that_they_name() -> None:
@@ -178,7 +240,9 @@ def test_the_soil_laws_change_the_constants_that_they_name() -> None:
     dug = make_effect("slip_sinkage", 0.5).contact(where, plain).constants[0]
     torch.testing.assert_close(dug[:, 0], n + 0.5 * 0.2)
     rolled = make_effect("multipass", 0.5).contact(where, plain).constants[0]
-    torch.testing.assert_close(rolled[:, 1], k_c * torch.tensor([1.0, 1.5, 2.0], dtype=torch.float64))
+    torch.testing.assert_close(
+        rolled[:, 1], k_c * torch.tensor([1.0, 1.5, 2.0], dtype=torch.float64)
+    )
     faster = make_effect("rate_dependence", 0.5).contact(where, plain).constants[0]
     torch.testing.assert_close(faster[:, 2], k_phi * (0.13 * 1.5 / 0.1) ** 0.5)
 
@@ -188,7 +252,10 @@ def test_a_failed_wheel_gets_the_share_of_torque_that_is_left_and_others_keep_th
     nodes = quadrature(12)
     for share in (0.3, 1.0):
         altered = make_effect("failed_wheel", share, axle=0).contact(where, plain)
-        before, after = (wheel.forces(MARS.wheel_radius, MARS.wheel_width, nodes)[0, :, 2] for wheel in (plain, altered))
+        before, after = (
+            wheel.forces(MARS.wheel_radius, MARS.wheel_width, nodes)[0, :, 2]
+            for wheel in (plain, altered)
+        )
         torch.testing.assert_close(after[0], (1.0 - share) * before[0], rtol=1e-5, atol=1e-4)
         assert altered.slip[0, 1:].tolist() == [0.3, 0.3]
     free = make_effect("failed_wheel", 1.0, axle=0).contact(where, plain)
@@ -196,15 +263,22 @@ def test_a_failed_wheel_gets_the_share_of_torque_that_is_left_and_others_keep_th
 
 
 def test_contact_behind_the_axle_carries_load_and_holds_back() -> None:
-    slip, sinkage = torch.tensor([0.2, -0.3], dtype=torch.float64), torch.tensor([0.02, 0.02], dtype=torch.float64)
+    slip, sinkage = (
+        torch.tensor([0.2, -0.3], dtype=torch.float64),
+        torch.tensor([0.02, 0.02], dtype=torch.float64),
+    )
     args = (slip, sinkage, LOOSE.constants(), MARS.wheel_radius, MARS.wheel_width)
     short = wheel_forces(*args, quadrature(24))
     assert torch.equal(short, wheel_forces(*args, quadrature(24), None))
-    torch.testing.assert_close(wheel_forces(*args, quadrature(24), torch.zeros(2, dtype=torch.float64)), short)
+    torch.testing.assert_close(
+        wheel_forces(*args, quadrature(24), torch.zeros(2, dtype=torch.float64)), short
+    )
     behind = entry_angle(0.4 * sinkage, MARS.wheel_radius)
     long = wheel_forces(*args, quadrature(24), behind)
     assert bool((long[:, 0, 2] > short[:, 0, 2]).all())
-    torch.testing.assert_close(wheel_forces(*args, quadrature(48), behind), long, rtol=1e-6, atol=1e-4)
+    torch.testing.assert_close(
+        wheel_forces(*args, quadrature(48), behind), long, rtol=1e-6, atol=1e-4
+    )
 
 
 def test_the_stresses_behind_the_axle_are_integrated_like_a_plain_sum() -> None:
@@ -217,17 +291,28 @@ def test_the_stresses_behind_the_axle_are_integrated_like_a_plain_sum() -> None:
     peak = float(c1 + c2 * slip) * entry
     count = 400_000
     theta = -reach + (entry + reach) * (torch.arange(count, dtype=torch.float64) + 0.5) / count
-    mirrored = torch.where(theta > peak, theta, entry - (theta + reach) * (entry - peak) / (peak + reach))
-    sigma = (k_c / b + k_phi) * (r * (torch.cos(mirrored) - torch.tensor(entry).cos())).clamp(min=0.0) ** n
-    j = r * ((entry - theta) - (1.0 - slip) * (torch.tensor(entry, dtype=torch.float64).sin() - torch.sin(theta)))
+    mirrored = torch.where(
+        theta > peak, theta, entry - (theta + reach) * (entry - peak) / (peak + reach)
+    )
+    sigma = (k_c / b + k_phi) * (r * (torch.cos(mirrored) - torch.tensor(entry).cos())).clamp(
+        min=0.0
+    ) ** n
+    j = r * (
+        (entry - theta)
+        - (1.0 - slip) * (torch.tensor(entry, dtype=torch.float64).sin() - torch.sin(theta))
+    )
     tau = (cohesion + sigma * tan_phi) * (1.0 - torch.exp(-j / shear))
     area = r * b * (entry + reach) / count
     expected = torch.stack([
         (tau * theta.sin() + sigma * theta.cos()).sum(), (tau * theta.cos() - sigma * theta.sin()).sum(), r * tau.sum(),
     ]) * area  # fmt: skip
-    one, depth, behind = (torch.tensor([value], dtype=torch.float64) for value in (slip, sinkage, reach))
+    one, depth, behind = (
+        torch.tensor([value], dtype=torch.float64) for value in (slip, sinkage, reach)
+    )
     wheel = Contact(one, depth, LOOSE.constants(), LOOSE.strength(), behind)
-    torch.testing.assert_close(wheel.forces(r, b, quadrature(24))[0], expected, rtol=1e-5, atol=1e-4)
+    torch.testing.assert_close(
+        wheel.forces(r, b, quadrature(24))[0], expected, rtol=1e-5, atol=1e-4
+    )
 
 
 class Tether(Effect):
@@ -245,11 +330,20 @@ def test_a_pull_on_the_body_is_balanced_by_the_wheels_and_shifts_load_to_the_rea
     generator = torch.Generator().manual_seed(2)
     ground = Ground.constant(LOOSE)
     plants = (None, Plant([Tether(20.0, 0.45)]))
-    runs = [simulate(MARS, ground, "S3", 1.0, generator.manual_seed(2), 1, Flat(), plant=plant) for plant in plants]
+    runs = [
+        simulate(MARS, ground, "S3", 1.0, generator.manual_seed(2), 1, Flat(), plant=plant)
+        for plant in plants
+    ]
     plain, held = (run.sample for run in runs)
-    torch.testing.assert_close(2.0 * held.traction.sum(-1), MARS.mass * held.acceleration + 20.0, rtol=1e-8, atol=1e-6)
+    torch.testing.assert_close(
+        2.0 * held.traction.sum(-1), MARS.mass * held.acceleration + 20.0, rtol=1e-8, atol=1e-6
+    )
     assert float(held.slip.mean()) > float(plain.slip.mean())
-    assert float((held.normal - plain.normal)[0, -1, 0]) < 0.0 < float((held.normal - plain.normal)[0, -1, 2])
+    assert (
+        float((held.normal - plain.normal)[0, -1, 0])
+        < 0.0
+        < float((held.normal - plain.normal)[0, -1, 2])
+    )
 
 
 def test_two_effects_act_together() -> None:
@@ -265,4 +359,6 @@ def test_many_braked_wheels_are_treated_apart_with_an_exit_angle_too() -> None:
     ground = (LOOSE.constants().expand(100, 3, 6), LOOSE.strength().expand(100, 3, 2))
     wheels = WheelGround.of(MARS, *ground, 12, Plant([make_effect("exit_angle", 0.3)]), where)
     few = wheels.rows(torch.arange(20))
-    torch.testing.assert_close(wheels.forces(slip, sinkage)[:20], few.forces(slip[:20], sinkage[:20]), rtol=1e-5, atol=1e-4)
+    torch.testing.assert_close(
+        wheels.forces(slip, sinkage)[:20], few.forces(slip[:20], sinkage[:20]), rtol=1e-5, atol=1e-4
+    )

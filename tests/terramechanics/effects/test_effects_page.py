@@ -17,16 +17,23 @@ def row(effect: Description) -> str:
     unit = "" if effect.unit == "1" else effect.unit
     limits = f"{effect.low:g} to {effect.high:g}"
     rows = ", ".join(effect.rows)
-    return f"| `{effect.name}` | {effect.sentence} | `{effect.coefficient}` | {unit} | {limits} | {rows} | {effect.source} |"
+    return (
+        f"| `{effect.name}` | {effect.sentence} | `{effect.coefficient}` | {unit} | {limits} |"
+        f" {rows} | {effect.source} |"
+    )
 
 
 def test_the_table_is_that_of_the_registry() -> None:
-    table = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    table = [
+        line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")
+    ]
     expected = [row(effect) for effect in EFFECTS.values()]
     assert table == expected, "\n".join(["the table has to be:", *expected])
 
 
-def test_every_effect_says_what_it_is_in_one_sentence_with_a_unit_a_source_and_a_range_around_nothing() -> None:
+def test_every_effect_says_what_it_is_in_one_sentence_with_a_unit_a_source_and_a_range_around_nothing() -> (
+    None
+):
     for name, effect in EFFECTS.items():
         assert effect.name == name
         assert effect.sentence.endswith(".")
@@ -37,5 +44,10 @@ def test_every_effect_says_what_it_is_in_one_sentence_with_a_unit_a_source_and_a
 
 
 def test_an_unknown_name_is_refused_with_the_list() -> None:
-    with pytest.raises(ConfigError, match=r"unknown effect 'mud'; known effects are slope_bias, bulldozing, .*lateral_bulldozing"):
+    with pytest.raises(
+        ConfigError,
+        match=(
+            r"unknown effect 'mud'; known effects are slope_bias, bulldozing, .*lateral_bulldozing"
+        ),
+    ):
         describe("mud")

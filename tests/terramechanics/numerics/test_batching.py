@@ -24,8 +24,15 @@ def test_mapped_wheel_forces_equal_those_of_each_wheel_alone() -> None:
     constants, nodes = load_soil("loose_sand").constants(), quadrature()
     slip = torch.tensor([-0.2, 0.1, 0.5], dtype=torch.float64)
     sinkage = torch.full_like(slip, 0.01)
-    mapped = torch.vmap(lambda i, z: wheel_forces(i, z, constants, 0.13, 0.16, nodes))(slip, sinkage)
-    alone = torch.stack([wheel_forces(i, z, constants, 0.13, 0.16, nodes) for i, z in zip(slip, sinkage, strict=True)])
+    mapped = torch.vmap(lambda i, z: wheel_forces(i, z, constants, 0.13, 0.16, nodes))(
+        slip, sinkage
+    )
+    alone = torch.stack(
+        [
+            wheel_forces(i, z, constants, 0.13, 0.16, nodes)
+            for i, z in zip(slip, sinkage, strict=True)
+        ]
+    )
     torch.testing.assert_close(mapped, alone, rtol=1e-12, atol=1e-12)
 
 

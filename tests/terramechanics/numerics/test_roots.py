@@ -18,31 +18,55 @@ def tensor(*values: float) -> Tensor:
 
 def test_a_bracketed_root_is_that_of_scipy() -> None:
     targets = tensor(-0.9, -0.2, 0.0, 0.3, 0.99)
-    found = bracketed_root(lambda x: torch.tanh(3.0 * x) - targets, tensor(*[-2.0] * 5), tensor(*[3.0] * 5), tolerance=1e-13)
-    expected = [optimize.brentq(lambda x, t=target: math.tanh(3.0 * x) - t, -2.0, 3.0, xtol=1e-14) for target in targets.tolist()]
+    found = bracketed_root(
+        lambda x: torch.tanh(3.0 * x) - targets,
+        tensor(*[-2.0] * 5),
+        tensor(*[3.0] * 5),
+        tolerance=1e-13,
+    )
+    expected = [
+        optimize.brentq(lambda x, t=target: math.tanh(3.0 * x) - t, -2.0, 3.0, xtol=1e-14)
+        for target in targets.tolist()
+    ]
     assert found.tolist() == pytest.approx(expected, abs=1e-11)
 
 
 def test_a_function_without_root_ends_at_the_nearer_end() -> None:
-    found = bracketed_root(lambda x: x - tensor(-5.0, 5.0, 0.25), tensor(0.0, 0.0, 0.0), tensor(1.0, 1.0, 1.0), tolerance=1e-12)
+    found = bracketed_root(
+        lambda x: x - tensor(-5.0, 5.0, 0.25),
+        tensor(0.0, 0.0, 0.0),
+        tensor(1.0, 1.0, 1.0),
+        tolerance=1e-12,
+    )
     assert found.tolist() == pytest.approx([0.0, 1.0, 0.25])
 
 
 def test_a_steep_function_that_holds_one_end_still_converges() -> None:
-    found = bracketed_root(lambda x: torch.exp(20.0 * x) - 2.0, tensor(-5.0), tensor(2.0), tolerance=1e-13, evaluations=100)
+    found = bracketed_root(
+        lambda x: torch.exp(20.0 * x) - 2.0,
+        tensor(-5.0),
+        tensor(2.0),
+        tolerance=1e-13,
+        evaluations=100,
+    )
     assert float(found) == pytest.approx(math.log(2.0) / 20.0, abs=1e-12)
 
 
 def residual(u: Tensor, index: Tensor) -> Tensor:
     """x^2 + y^2 = radius^2, y = x e^x, another radius in every episode."""
     radius = 1.0 + index.to(u.dtype)
-    return torch.stack([u[:, 0] ** 2 + u[:, 1] ** 2 - radius**2, u[:, 1] - u[:, 0] * torch.exp(u[:, 0])], dim=-1)
+    return torch.stack(
+        [u[:, 0] ** 2 + u[:, 1] ** 2 - radius**2, u[:, 1] - u[:, 0] * torch.exp(u[:, 0])], dim=-1
+    )
 
 
 def jacobian(u: Tensor, index: Tensor) -> Tensor:
     x, y = u.unbind(-1)
     del index
-    rows = [torch.stack([2.0 * x, 2.0 * y], dim=-1), torch.stack([-(1.0 + x) * torch.exp(x), torch.ones_like(x)], dim=-1)]
+    rows = [
+        torch.stack([2.0 * x, 2.0 * y], dim=-1),
+        torch.stack([-(1.0 + x) * torch.exp(x), torch.ones_like(x)], dim=-1),
+    ]
     return torch.stack(rows, dim=-2)
 
 
@@ -53,7 +77,9 @@ def test_quasi_newton_solves_every_episode() -> None:
     for episode in range(6):
         radius = episode + 1.0
         # Along y = x e^x one unknown is left.
-        x = optimize.brentq(lambda x, r=radius: math.hypot(x, x * math.exp(x)) - r, 0.0, 10.0, xtol=1e-14)
+        x = optimize.brentq(
+            lambda x, r=radius: math.hypot(x, x * math.exp(x)) - r, 0.0, 10.0, xtol=1e-14
+        )
         expected = [x, x * math.exp(x)]
         assert found[episode].tolist() == pytest.approx(expected, abs=1e-9)
 

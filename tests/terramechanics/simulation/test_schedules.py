@@ -9,7 +9,14 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.sinkage import WheelGround, free_rolling
-from terramechanics.simulation.schedules import Command, Schedule, SineRates, TorqueBands, make_profile, make_schedule
+from terramechanics.simulation.schedules import (
+    Command,
+    Schedule,
+    SineRates,
+    TorqueBands,
+    make_profile,
+    make_schedule,
+)
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Flat, Hills
 from terramechanics.terrain.soil import load_soil
@@ -38,7 +45,9 @@ def test_s1_is_two_sines_of_every_axle_about_a_cruise_speed() -> None:
         assert low <= float(values.min()) < low + 0.05 * (high - low)
         assert high - 0.05 * (high - low) < float(values.max()) <= high
     time = 12.3
-    wave = 0.6 * torch.sin(2 * math.pi * f[0] * time + p[0]) + 0.4 * torch.sin(2 * math.pi * f[1] * time + p[1])
+    wave = 0.6 * torch.sin(2 * math.pi * f[0] * time + p[0]) + 0.4 * torch.sin(
+        2 * math.pi * f[1] * time + p[1]
+    )
     expected = (v0 / 0.13).unsqueeze(-1) * (1.0 + 0.25 * wave)
     torch.testing.assert_close(drive.command(time), expected)
     assert not torch.equal(expected[:, 0], expected[:, 1])
@@ -61,7 +70,8 @@ def test_s2_redraws_torques_from_one_band_for_20_s_and_then_from_one_of_half() -
         assert float(band.max()) <= scale
         assert float(band.min()) >= low * scale
         assert float(band.max()) > 0.99 * scale
-    # Torques of neighbouring steps have nothing in common: a correlation of 200 * 200 * 3 pairs stays within 4 / sqrt(120000).
+    # Torques of neighbouring steps have nothing in common: a correlation of 200 * 200 * 3 pairs
+    # stays within 4 / sqrt(120000).
     centred = first - first.mean(0)
     correlation = (centred[1:] * centred[:-1]).sum() / (centred**2).sum()
     assert abs(float(correlation)) < 4.0 / math.sqrt(120000) + 1.0 / 200
@@ -72,7 +82,11 @@ def test_the_first_band_of_s2_pulls_and_the_second_does_not() -> None:
     assert isinstance(drive, TorqueBands)
     soil = load_soil("loose_sand")
     wheel = WheelGround.of(ROVER, soil.constants(), soil.strength(), 12)
-    free = float(wheel.forces(*free_rolling(wheel, torch.tensor([ROVER.weight / 6.0], dtype=torch.float64)))[0, 2])
+    free = float(
+        wheel.forces(*free_rolling(wheel, torch.tensor([ROVER.weight / 6.0], dtype=torch.float64)))[
+            0, 2
+        ]
+    )
     assert float(drive.low.min()) > free
     assert float(drive.high.max()) / 2.0 < free
 
@@ -96,11 +110,15 @@ def test_every_schedule_has_its_own_ground() -> None:
         for name in ("S1", "S2", "S3", "S4", "cmd_vel")
     }
     assert kinds == {"S1": Hills, "S2": Flat, "S3": Flat, "S4": Hills, "cmd_vel": Flat}
-    assert isinstance(make_profile("hills", "S3", ROVER, GROUND, 3, torch.Generator().manual_seed(1)), Hills)
+    assert isinstance(
+        make_profile("hills", "S3", ROVER, GROUND, 3, torch.Generator().manual_seed(1)), Hills
+    )
 
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:
-    with pytest.raises(ValueError, match="unknown schedule 'S5'; known schedules are S1, S2, S3, S4"):
+    with pytest.raises(
+        ValueError, match="unknown schedule 'S5'; known schedules are S1, S2, S3, S4"
+    ):
         schedule("S5")
     with pytest.raises(ValueError, match="unknown profile 'moon'; known profiles are flat, hills"):
         make_profile("moon", "S1", ROVER, GROUND, 1, torch.Generator())

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensor noise: its size, its independence, and the honesty of the published standard deviations.
 
-Spreads of n independent samples are compared with 4.5 / sqrt(2 n) of relative tolerance: a right model fails one such
-comparison in 150 000.
+Spreads of n independent samples are compared with 4.5 / sqrt(2 n) of relative tolerance: a right
+model fails one such comparison in 150 000.
 """
 
 import dataclasses
@@ -14,7 +14,14 @@ import torch
 from torch import Tensor
 
 from terramechanics.simulation.sample import Sample
-from terramechanics.simulation.sensors import Measurement, Noise, acceleration_bias, measure, measure_drive, per_wheel
+from terramechanics.simulation.sensors import (
+    Measurement,
+    Noise,
+    acceleration_bias,
+    measure,
+    measure_drive,
+    per_wheel,
+)
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.soil import load_soil
@@ -31,7 +38,9 @@ def truth(**values: float) -> Sample:
     filled: dict[str, Tensor] = {}
     for item in dataclasses.fields(Sample):
         shape = (SAMPLES, 3) if item.name in axles else (SAMPLES,)
-        filled[item.name] = torch.full(shape, {**scalars, **axles, **values}.get(item.name, 0.0), dtype=torch.float64)
+        filled[item.name] = torch.full(
+            shape, {**scalars, **axles, **values}.get(item.name, 0.0), dtype=torch.float64
+        )
     return Sample(**filled)
 
 
@@ -83,7 +92,9 @@ def test_published_deviations_follow_from_what_is_measured_not_from_the_truth() 
     rover = load_rover("mars_rover")
     result = measured(rover, truth())
     torch.testing.assert_close(result.slip_sd, torch.sqrt((0.05 * result.slip) ** 2 + 0.005**2))
-    torch.testing.assert_close(result.sinkage_sd, torch.sqrt((0.05 * result.sinkage) ** 2 + 0.0003**2))
+    torch.testing.assert_close(
+        result.sinkage_sd, torch.sqrt((0.05 * result.sinkage) ** 2 + 0.0003**2)
+    )
     floor = 0.01 * 0.3 * 0.13 * 185.0 * 3.72 / 6.0
     torch.testing.assert_close(result.torque_sd, torch.sqrt((0.03 * result.torque) ** 2 + floor**2))
     assert float(result.velocity_sd.min()) == float(result.velocity_sd.max()) == 0.01
@@ -111,7 +122,15 @@ def test_without_noise_the_truth_is_measured_and_deviations_stay_positive() -> N
     assert torch.equal(result.slip, sample.slip)
     assert torch.equal(result.velocity, sample.velocity)
     assert float(acceleration_bias(Noise(factor=0.0), 3, torch.Generator()).abs().max()) == 0.0
-    for name in ("slip_sd", "sinkage_sd", "contact_angle_sd", "torque_sd", "velocity_sd", "pitch_sd", "acceleration_sd"):
+    for name in (
+        "slip_sd",
+        "sinkage_sd",
+        "contact_angle_sd",
+        "torque_sd",
+        "velocity_sd",
+        "pitch_sd",
+        "acceleration_sd",
+    ):
         assert float(getattr(result, name).min()) > 0.0
 
 
@@ -135,9 +154,13 @@ def test_every_wheel_of_an_axle_has_the_axles_values_and_its_own_noise() -> None
     rover = load_rover("mars_rover")
     axles = truth()
     axles.slip[:, 0], axles.slip[:, 2] = 0.1, 0.4
-    constants, strength = Ground.constant(load_soil("loose_sand")).at(torch.zeros(SAMPLES, 3, dtype=torch.float64))
+    constants, strength = Ground.constant(load_soil("loose_sand")).at(
+        torch.zeros(SAMPLES, 3, dtype=torch.float64)
+    )
     others = dict.fromkeys(("contact", "normal", "traction", "ground_torque", "valid"), axles.slip)
-    wheels = per_wheel(rover, dataclasses.replace(axles, constants=constants, strength=strength, **others))
+    wheels = per_wheel(
+        rover, dataclasses.replace(axles, constants=constants, strength=strength, **others)
+    )
     assert wheels.slip[0].tolist() == [0.1, 0.1, 0.2, 0.2, 0.4, 0.4]
     assert wheels.constants.shape == (SAMPLES, 6, 6)
     result = measured(rover, wheels)

@@ -32,7 +32,9 @@ def test_a_sharp_change_comes_below_one_wheel_after_the_other() -> None:
 def test_a_gradual_change_is_linear_along_the_track() -> None:
     _, strength = Ground([Patch.of(LOOSE), Patch.of(COMPACT, start=4.6, transition=1.6)]).at(WHEELS)
     shares = [0.5, 0.25, 0.0]
-    assert strength[0, :, 0].tolist() == pytest.approx([LOOSE.cohesion + share * (COMPACT.cohesion - LOOSE.cohesion) for share in shares])
+    assert strength[0, :, 0].tolist() == pytest.approx(
+        [LOOSE.cohesion + share * (COMPACT.cohesion - LOOSE.cohesion) for share in shares]
+    )
 
 
 def test_random_strengths_are_uniform_in_their_ranges() -> None:
@@ -44,12 +46,22 @@ def test_random_strengths_are_uniform_in_their_ranges() -> None:
         width = high - low
         assert low <= float(drawn.min()) < low + 0.01 * width
         assert high - 0.01 * width < float(drawn.max()) <= high
-        assert float(drawn.mean()) == pytest.approx((low + high) / 2.0, abs=4.0 * width / math.sqrt(12.0 * 2000.0))
+        assert float(drawn.mean()) == pytest.approx(
+            (low + high) / 2.0, abs=4.0 * width / math.sqrt(12.0 * 2000.0)
+        )
     assert ground.at(torch.zeros(2000, 3, dtype=torch.float64))[0].shape == (2000, 3, 6)
 
 
 def test_patches_out_of_order_are_refused() -> None:
-    with pytest.raises(ValueError, match="the patch at 5 m must start behind the transition of the patch at 4 m"):
-        Ground([Patch.of(LOOSE), Patch.of(COMPACT, start=4.0, transition=2.0), Patch.of(LOOSE, start=5.0)])
+    with pytest.raises(
+        ValueError, match="the patch at 5 m must start behind the transition of the patch at 4 m"
+    ):
+        Ground(
+            [
+                Patch.of(LOOSE),
+                Patch.of(COMPACT, start=4.0, transition=2.0),
+                Patch.of(LOOSE, start=5.0),
+            ]
+        )
     with pytest.raises(ValueError, match="at least one patch"):
         Ground([])

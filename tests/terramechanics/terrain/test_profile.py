@@ -7,13 +7,28 @@ import math
 import pytest
 import torch
 
-from terramechanics.terrain.profile import MEAN_SLOPE, STEEPEST, WAVELENGTHS, Flat, Hills, Profile, Ramp, Sampled, Step, random_hills
+from terramechanics.terrain.profile import (
+    MEAN_SLOPE,
+    STEEPEST,
+    WAVELENGTHS,
+    Flat,
+    Hills,
+    Profile,
+    Ramp,
+    Sampled,
+    Step,
+    random_hills,
+)
 
 BATCH = 500
 
 
 def hills(capability: float = 1.0, seed: int = 1) -> Hills:
-    return random_hills(BATCH, torch.full((BATCH,), capability, dtype=torch.float64), torch.Generator().manual_seed(seed))
+    return random_hills(
+        BATCH,
+        torch.full((BATCH,), capability, dtype=torch.float64),
+        torch.Generator().manual_seed(seed),
+    )
 
 
 def sampled(spacing: float = 0.5) -> Sampled:
@@ -25,10 +40,24 @@ def sampled(spacing: float = 0.5) -> Sampled:
 
 
 @pytest.mark.parametrize(
-    "profile", [sampled(), Flat(), Ramp(0.1), Ramp(-0.2, start=0.5, blend=0.3), Step(0.1), Step(-0.05, length=0.4), hills()]
+    "profile",
+    [
+        sampled(),
+        Flat(),
+        Ramp(0.1),
+        Ramp(-0.2, start=0.5, blend=0.3),
+        Step(0.1),
+        Step(-0.05, length=0.4),
+        hills(),
+    ],
 )
 def test_slope_and_curvature_are_the_derivatives_of_height(profile: Profile) -> None:
-    x = torch.linspace(-1.0, 6.0, 83, dtype=torch.float64).expand(BATCH, -1).clone().requires_grad_()
+    x = (
+        torch.linspace(-1.0, 6.0, 83, dtype=torch.float64)
+        .expand(BATCH, -1)
+        .clone()
+        .requires_grad_()
+    )
     height, slope, curvature = profile.shape(x)
     if isinstance(profile, Flat):
         assert not height.any()
@@ -59,7 +88,9 @@ def test_a_ramp_ends_at_its_grade_and_a_step_at_its_rise() -> None:
 
 def test_random_hills_keep_their_bounds() -> None:
     drawn = hills()
-    _, slope, _ = drawn.shape(torch.linspace(0.0, 100.0, 2001, dtype=torch.float64).expand(BATCH, -1))
+    _, slope, _ = drawn.shape(
+        torch.linspace(0.0, 100.0, 2001, dtype=torch.float64).expand(BATCH, -1)
+    )
     steepest = slope.abs().amax(-1)
     assert float(steepest.max()) <= math.tan(STEEPEST)
     assert float(steepest.median()) > math.tan(STEEPEST) / 3.0
@@ -70,7 +101,9 @@ def test_random_hills_keep_their_bounds() -> None:
 
 
 def test_hills_are_no_steeper_than_half_of_what_the_rover_can_pull() -> None:
-    _, slope, _ = hills(capability=0.06).shape(torch.linspace(0.0, 100.0, 2001, dtype=torch.float64).expand(BATCH, -1))
+    _, slope, _ = hills(capability=0.06).shape(
+        torch.linspace(0.0, 100.0, 2001, dtype=torch.float64).expand(BATCH, -1)
+    )
     assert 0.01 < float(slope.abs().max()) <= 0.03
     assert not hills(capability=-0.1).shape(torch.ones(BATCH, 1, dtype=torch.float64))[1].any()
 

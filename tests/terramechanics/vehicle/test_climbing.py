@@ -20,7 +20,9 @@ ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 
 def of(slope: float, slip: float) -> tuple[float, float]:
     one = torch.ones(1, dtype=torch.float64)
-    result = climb(ROVER, SOIL.constants().unsqueeze(0), SOIL.strength().unsqueeze(0), slope * one, slip * one)
+    result = climb(
+        ROVER, SOIL.constants().unsqueeze(0), SOIL.strength().unsqueeze(0), slope * one, slip * one
+    )
     return float(result.pull), float(result.sinkage)
 
 

@@ -37,7 +37,8 @@ def installed_definition(type_name: str) -> Definition:
     """Return the definition that the sourced workspace installs.
 
     Raises:
-        BagError: the package or the type is not installed, or the name is not of the form pkg/msg/Name.
+        BagError: the package or the type is not installed, or the name is not of the form
+            pkg/msg/Name.
     """
     sources = _with_dependencies(type_name)
     text = sources.pop(type_name)
@@ -58,7 +59,10 @@ def type_hash(type_name: str, text: str) -> str:
         store.register(parse(type_name, text))
         return store.hash_rihs01(type_name)
     except (TypesysError, KeyError) as error:
-        msg = f"the definition of {type_name} is not complete ({error}): record the bag again, or repair the .msg file"
+        msg = (
+            f"the definition of {type_name} is not complete ({error}): record the bag again, or"
+            " repair the .msg file"
+        )
         raise BagError(msg) from error
 
 
@@ -72,14 +76,23 @@ def parse(type_name: str, text: str) -> Typesdict:
     try:
         types = get_types_from_msg(text, type_name)
         TopologicalSorter(
-            {name: [used for _, field in fields for used in _types_used(field)] for name, (_, fields) in types.items()}
+            {
+                name: [used for _, field in fields for used in _types_used(field)]
+                for name, (_, fields) in types.items()
+            }
         ).prepare()
     except CycleError as error:
-        msg = f"the definition of {type_name} contains itself ({' in '.join(error.args[1])}): repair the .msg file"
+        msg = (
+            f"the definition of {type_name} contains itself ({' in '.join(error.args[1])}): repair"
+            " the .msg file"
+        )
         raise BagError(msg) from error
     except TypesysError as error:
         reason = " ".join(str(error).split())[:80]
-        msg = f"the definition of {type_name} does not parse ({reason} ...): record the bag again, or repair the .msg file"
+        msg = (
+            f"the definition of {type_name} does not parse ({reason} ...): record the bag again, or"
+            " repair the .msg file"
+        )
         raise BagError(msg) from error
     return types
 
@@ -113,10 +126,21 @@ def _source(type_name: str) -> str:
             raise BagError(msg)
     try:
         path = Path(get_package_share_directory(package)) / "msg" / f"{short}.msg"
-    except (PackageNotFoundError, LookupError, OSError, ValueError) as error:  # OSError: no workspace at all is sourced
-        msg = f"{type_name}: package {package} is not installed; source the workspace first: . ros2_ws/setup.bash"
+    except (
+        PackageNotFoundError,
+        LookupError,
+        OSError,
+        ValueError,
+    ) as error:  # OSError: no workspace at all is sourced
+        msg = (
+            f"{type_name}: package {package} is not installed; source the workspace first: ."
+            " ros2_ws/setup.bash"
+        )
         raise BagError(msg) from error
     if not path.is_file():
-        msg = f"{type_name}: {path} does not exist; build the workspace again or correct the type's name"
+        msg = (
+            f"{type_name}: {path} does not exist; build the workspace again or correct the type's"
+            " name"
+        )
         raise BagError(msg)
     return path.read_text(encoding="utf-8")

@@ -56,7 +56,11 @@ class Span:
         spans = [part for part in parts if part.count]
         if not spans:
             return cls()
-        return cls(min(span.first_ns for span in spans), max(span.last_ns for span in spans), sum(span.count for span in spans))
+        return cls(
+            min(span.first_ns for span in spans),
+            max(span.last_ns for span in spans),
+            sum(span.count for span in spans),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +72,9 @@ class StoredMetadata:
     custom: dict[str, str] = field(default_factory=dict)
 
 
-def information(topics: Sequence[TopicCount], files: Mapping[str, Span], custom: dict[str, str]) -> dict[str, Any]:
+def information(
+    topics: Sequence[TopicCount], files: Mapping[str, Span], custom: dict[str, str]
+) -> dict[str, Any]:
     """Return the fields of ``rosbag2_bagfile_information`` for a bag of files, named in their order.
 
     Source: rosbag2_storage, ``yaml.hpp``, ``convert<BagMetadata>``.
@@ -119,22 +125,32 @@ def read_metadata(path: Path) -> StoredMetadata:
     """Read a metadata.yaml of any version.
 
     Raises:
-        BagError: it is not valid YAML, lacks a field, names another storage than MCAP or compressed files.
+        BagError: it is not valid YAML, lacks a field, names another storage than MCAP or compressed
+            files.
     """
     try:
         fields = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
         storage, mode = fields["storage_identifier"], fields.get("compression_mode") or ""
-        first, duration = fields["starting_time"]["nanoseconds_since_epoch"], fields["duration"]["nanoseconds"]
+        first, duration = (
+            fields["starting_time"]["nanoseconds_since_epoch"],
+            fields["duration"]["nanoseconds"],
+        )
         span = Span(int(first), int(first) + int(duration), int(fields["message_count"]))
         files = tuple(Path(name).name for name in fields["relative_file_paths"])
         stored = StoredMetadata(files, span, dict(fields.get("custom_data") or {}))
         compressed = str(mode).lower() not in {"", "none"}
     except Exception as error:
-        msg = f"{path} is damaged ({type(error).__name__}: {error}): delete it to read the .mcap files of the folder without it"
+        msg = (
+            f"{path} is damaged ({type(error).__name__}: {error}): delete it to read the .mcap"
+            " files of the folder without it"
+        )
         raise BagError(msg) from error
     if storage != "mcap" or compressed:
         what = f"storage {storage!r}" if storage != "mcap" else f"compression mode {mode!r}"
-        msg = f"{path}: {what} is not supported; convert it to uncompressed mcap with `ros2 bag convert` or `rosbags-convert`"
+        msg = (
+            f"{path}: {what} is not supported; convert it to uncompressed mcap with `ros2 bag"
+            " convert` or `rosbags-convert`"
+        )
         raise BagError(msg)
     return stored
 

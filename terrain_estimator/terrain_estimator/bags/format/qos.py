@@ -44,7 +44,11 @@ STATE = Qos(durability="transient_local", depth=10)
 
 def qos_text(profiles: tuple[Qos, ...]) -> str:
     """Return the YAML that a channel's ``offered_qos_profiles`` holds."""
-    return yaml.safe_dump([profile.as_dict() for profile in profiles], sort_keys=False) if profiles else ""
+    return (
+        yaml.safe_dump([profile.as_dict() for profile in profiles], sort_keys=False)
+        if profiles
+        else ""
+    )
 
 
 def parse_qos(text: str) -> tuple[Qos, ...]:

@@ -16,7 +16,12 @@ from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.definitions import Definition, installed_definition, parse
 
 Message = Any  # a dataclass made at run time: its attributes are the message's fields
-_CONVERT: dict[str, Callable[..., Any]] = {"string": str, "bool": bool, "float32": float, "float64": float}
+_CONVERT: dict[str, Callable[..., Any]] = {
+    "string": str,
+    "bool": bool,
+    "float32": float,
+    "float64": float,
+}
 _NUMPY_NAME = {"bool": "bool", "byte": "uint8", "char": "uint8", "octet": "uint8"}
 
 
@@ -29,22 +34,31 @@ class Types:
     def __init__(self) -> None:
         """Start without types."""
         self._store = Typestore()
-        self._plans: dict[str, tuple[type[Any], dict[str, Callable[[], Any]], dict[str, Callable[[Any], Any]]]] = {}
+        self._plans: dict[
+            str, tuple[type[Any], dict[str, Callable[[], Any]], dict[str, Callable[[Any], Any]]]
+        ] = {}
 
     def add(self, definition: Definition) -> None:
         """Add a type and those that it uses.
 
         Raises:
-            BagError: it does not parse, lacks a type that it uses, or another definition of the same name is there already.
+            BagError: it does not parse, lacks a type that it uses, or another definition of the
+                same name is there already.
         """
         try:
             self._store.register(parse(definition.type_name, definition.text))
             self._store.get_msgdef(definition.type_name)
         except KeyError as error:
-            msg = f"the definition of {definition.type_name} lacks {error}, which it uses; record the bag again"
+            msg = (
+                f"the definition of {definition.type_name} lacks {error}, which it uses; record the"
+                " bag again"
+            )
             raise BagError(msg) from error
         except TypesysError as error:
-            msg = f"{definition.type_name}: two different definitions in one bag ({error}); record with one version of the messages"
+            msg = (
+                f"{definition.type_name}: two different definitions in one bag ({error}); record"
+                " with one version of the messages"
+            )
             raise BagError(msg) from error
 
     def make(self, type_name: str, **fields: object) -> Message:
@@ -56,9 +70,15 @@ class Types:
             BagError: the type is not installed, or has no field of that name.
         """
         cls, defaults, converters = self._plan(type_name)
-        values = {name: converters[name](fields.pop(name)) if name in fields else default() for name, default in defaults.items()}
+        values = {
+            name: converters[name](fields.pop(name)) if name in fields else default()
+            for name, default in defaults.items()
+        }
         if fields:
-            msg = f"{type_name} has no field {', '.join(map(repr, fields))}: it has {', '.join(defaults)}"
+            msg = (
+                f"{type_name} has no field {', '.join(map(repr, fields))}: it has"
+                f" {', '.join(defaults)}"
+            )
             raise BagError(msg)
         return cls(**values)
 
@@ -78,14 +98,20 @@ class Types:
             msg = f"{len(data)} bytes are not a {type_name} ({error})"
             raise BagError(msg) from error
 
-    def _plan(self, type_name: str) -> tuple[type[Any], dict[str, Callable[[], Any]], dict[str, Callable[[Any], Any]]]:
+    def _plan(
+        self, type_name: str
+    ) -> tuple[type[Any], dict[str, Callable[[], Any]], dict[str, Callable[[Any], Any]]]:
         plan = self._plans.get(type_name)
         if plan is None:
             if type_name not in self._store.types:
                 self.add(installed_definition(type_name))
             fields = self._store.fielddefs[type_name][1]
             defaults = {name: self._default(field) for name, field in fields}
-            plan = (self._store.types[type_name], defaults, {name: _converter(field) for name, field in fields})
+            plan = (
+                self._store.types[type_name],
+                defaults,
+                {name: _converter(field) for name, field in fields},
+            )
             self._plans[type_name] = plan
         return plan
 

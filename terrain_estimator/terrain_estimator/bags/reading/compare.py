@@ -30,14 +30,20 @@ class Difference:
     def __str__(self) -> str:
         """Return the difference in words."""
         if not self.field:
-            return f"message {self.index}: {self.first} in the first bag, {self.second} in the second"
-        return f"message {self.index}, {self.field}: {self.first} in the first bag, {self.second} in the second"
+            return (
+                f"message {self.index}: {self.first} in the first bag, {self.second} in the second"
+            )
+        return (
+            f"message {self.index}, {self.field}: {self.first} in the first bag, {self.second} in"
+            " the second"
+        )
 
 
 def compare(bag_a: Path, topic_a: str, bag_b: Path, topic_b: str) -> Difference | None:
     """Compare the messages of two topics in the order of their log times; log times themselves do not count.
 
-    Messages are serialised again first: what a publisher leaves in the padding of CDR is not a value. NaN equals the same NaN.
+    Messages are serialised again first: what a publisher leaves in the padding of CDR is not a
+    value. NaN equals the same NaN.
 
     Returns:
         The first difference, or None where there is none.
@@ -60,7 +66,10 @@ def compare(bag_a: Path, topic_a: str, bag_b: Path, topic_b: str) -> Difference 
 
 def _canonical(reader: BagReader, topic: str) -> Iterator[tuple[bytes, str, Message]]:
     if topic not in reader.topics:
-        msg = f"{reader.path} has no topic {topic}: it has {', '.join(sorted(reader.topics)) or 'none'}"
+        msg = (
+            f"{reader.path} has no topic {topic}: it has"
+            f" {', '.join(sorted(reader.topics)) or 'none'}"
+        )
         raise BagError(msg)
     raw: RawMessage
     for raw in reader.messages([topic]):
@@ -75,17 +84,29 @@ def _presence(entry: object) -> str:
 def _first_field(first: Any, second: Any, path: str) -> tuple[str, str, str]:  # noqa: ANN401 (a field of any type)
     if dataclasses.is_dataclass(first):
         names = [field.name for field in dataclasses.fields(first)]
-        parts = [(f"{path}.{name}".lstrip("."), getattr(first, name), getattr(second, name)) for name in names]
+        parts = [
+            (f"{path}.{name}".lstrip("."), getattr(first, name), getattr(second, name))
+            for name in names
+        ]
     elif isinstance(first, list | np.ndarray) and len(first) == len(second):
-        parts = [(f"{path}[{index}]", one, other) for index, (one, other) in enumerate(zip(first, second, strict=True))]
+        parts = [
+            (f"{path}[{index}]", one, other)
+            for index, (one, other) in enumerate(zip(first, second, strict=True))
+        ]
     else:
         return path, repr(first), repr(second)
-    return next((_first_field(one, other, name) for name, one, other in parts if not _same(one, other)), (path, "?", "?"))
+    return next(
+        (_first_field(one, other, name) for name, one, other in parts if not _same(one, other)),
+        (path, "?", "?"),
+    )
 
 
 def _same(first: Any, second: Any) -> bool:  # noqa: ANN401 (a field of any type)
     if dataclasses.is_dataclass(first):
-        return all(_same(getattr(first, field.name), getattr(second, field.name)) for field in dataclasses.fields(first))
+        return all(
+            _same(getattr(first, field.name), getattr(second, field.name))
+            for field in dataclasses.fields(first)
+        )
     if isinstance(first, np.ndarray):
         return first.tobytes() == np.asarray(second).tobytes()
     if isinstance(first, list):

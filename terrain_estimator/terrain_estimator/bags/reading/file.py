@@ -13,7 +13,16 @@ from typing import BinaryIO
 
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, Header, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 from mcap.well_known import Profile
 
 from terrain_estimator.bags.errors import BagError
@@ -39,7 +48,9 @@ _OBJECT_BYTES = 200  # of a message in memory beside its data
 _LOG_TIME: Callable[[StoredMessage], int] = itemgetter(0)
 _FOREIGN = {
     b"#ROSBAG V": "a ROS 1 bag: convert it with `rosbags-convert`",
-    b"SQLite fo": "a bag of storage sqlite3: convert it with `rosbags-convert` or `ros2 bag convert`",
+    b"SQLite fo": (
+        "a bag of storage sqlite3: convert it with `rosbags-convert` or `ros2 bag convert`"
+    ),
 }
 
 
@@ -69,7 +80,10 @@ class McapFile:
             self._read_contents()
         except (McapError, struct.error, UnicodeDecodeError) as error:
             self.close()
-            msg = f"{path} is damaged ({type(error).__name__}: {error}); copy the file again from its source"
+            msg = (
+                f"{path} is damaged ({type(error).__name__}: {error}); copy the file again from its"
+                " source"
+            )
             raise BagError(msg) from error
         except BaseException:
             self.close()
@@ -82,8 +96,8 @@ class McapFile:
     def messages(self, wanted: frozenset[int]) -> Iterator[StoredMessage]:
         """Yield the messages of wanted channels by log time.
 
-        A file without chunk index (a recording that was not compacted) is read in its own order, put right within
-        ``WINDOW`` messages, so that memory does not grow with the file.
+        A file without chunk index (a recording that was not compacted) is read in its own order,
+        put right within ``WINDOW`` messages, so that memory does not grow with the file.
         """
         return self._by_chunk_index(wanted) if self._chunks else self._by_scan(wanted)
 
@@ -101,21 +115,35 @@ class McapFile:
         self._file.seek(0)
         head = self._file.read(len(MAGIC) + 1)
         if not head:
-            msg = f"{self.path} is empty (0 bytes): the recorder stopped before it wrote anything, or the copy failed"
+            msg = (
+                f"{self.path} is empty (0 bytes): the recorder stopped before it wrote anything, or"
+                " the copy failed"
+            )
             raise BagError(msg)
         if not head.startswith(MAGIC):
-            kind = next((text for start, text in _FOREIGN.items() if head.startswith(start)), "not an MCAP file: give a bag of ROS 2")
+            kind = next(
+                (text for start, text in _FOREIGN.items() if head.startswith(start)),
+                "not an MCAP file: give a bag of ROS 2",
+            )
             if MAGIC.startswith(head):
                 kind = f"cut after {len(head)} bytes, before its first record: copy it again"
             msg = f"{self.path} is {kind}"
             raise BagError(msg)
         first = next(scan(self._file, len(MAGIC), self._end), None)
         if first is None or not first.whole:
-            msg = f"{self.path} is cut within its header after {self._end} bytes: it holds no messages, copy it again"
+            msg = (
+                f"{self.path} is cut within its header after {self._end} bytes: it holds no"
+                " messages, copy it again"
+            )
             raise BagError(msg)
-        profile = parse(Header, first.payload).profile if first.opcode == Opcode.HEADER else "(no header)"
+        profile = (
+            parse(Header, first.payload).profile if first.opcode == Opcode.HEADER else "(no header)"
+        )
         if profile != Profile.ROS2:
-            msg = f"{self.path} has MCAP profile {profile!r}, not 'ros2': only bags of ROS 2 can be read"
+            msg = (
+                f"{self.path} has MCAP profile {profile!r}, not 'ros2': only bags of ROS 2 can be"
+                " read"
+            )
             raise BagError(msg)
 
     def _summary_start(self) -> int:
@@ -133,13 +161,19 @@ class McapFile:
             return 0
         if not 0 <= self._end - FOOTER_BYTES - footer.summary_start <= LARGEST_CONTENTS:
             place = f"byte {footer.summary_start} of {self._end}"
-            msg = f"{self.path} is damaged: its summary begins at {place}; copy the file again from its source"
+            msg = (
+                f"{self.path} is damaged: its summary begins at {place}; copy the file again from"
+                " its source"
+            )
             raise BagError(msg)
         self._file.seek(footer.summary_start)
         summary = self._file.read(self._end - FOOTER_BYTES - footer.summary_start)
         checked = zlib.crc32(tail[: -4 - len(MAGIC)], zlib.crc32(summary))
         if footer.summary_crc not in {0, checked}:
-            msg = f"{self.path} is damaged: its summary has a wrong checksum; copy the file again from its source"
+            msg = (
+                f"{self.path} is damaged: its summary has a wrong checksum; copy the file again"
+                " from its source"
+            )
             raise BagError(msg)
         return footer.summary_start
 
@@ -156,11 +190,17 @@ class McapFile:
                     self._read_metadata(parse(MetadataIndex, record.payload))
                 case _:
                     self._note(record)
-        if statistics is None or len(self.channels) != statistics.channel_count or len(self._chunks) != statistics.chunk_count:
+        if (
+            statistics is None
+            or len(self.channels) != statistics.channel_count
+            or len(self._chunks) != statistics.chunk_count
+        ):
             return False
         self.counts.update(statistics.channel_message_counts)
         if statistics.message_count:
-            self.span = Span(statistics.message_start_time, statistics.message_end_time, statistics.message_count)
+            self.span = Span(
+                statistics.message_start_time, statistics.message_end_time, statistics.message_count
+            )
         self._chunks.sort(key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset))
         return True
 
@@ -174,7 +214,9 @@ class McapFile:
         match record.opcode:
             case Opcode.CHUNK:
                 for inner in records_in(chunk_contents(record, self.path), record.offset):
-                    if inner.opcode != Opcode.CHUNK:  # which no chunk may hold: their nesting could have no end
+                    if (
+                        inner.opcode != Opcode.CHUNK
+                    ):  # which no chunk may hold: their nesting could have no end
                         self._note(inner)
             case _ if not record.whole:
                 return
@@ -191,7 +233,10 @@ class McapFile:
 
     def _count(self, message: StoredMessage) -> None:
         if message.channel_id not in self.channels:
-            msg = f"{self.path} is damaged: a message of channel {message.channel_id}, which is not described; copy the file again"
+            msg = (
+                f"{self.path} is damaged: a message of channel {message.channel_id}, which is not"
+                " described; copy the file again"
+            )
             raise BagError(msg)
         self.counts[message.channel_id] += 1
         self.span.add(message.log_time_ns)
@@ -202,23 +247,44 @@ class McapFile:
                 return
             yield record
         if self.finished:
-            msg = f"{self.path} is damaged: the end of its data is not where it should be; copy the file again from its source"
+            msg = (
+                f"{self.path} is damaged: the end of its data is not where it should be; copy the"
+                " file again from its source"
+            )
             raise BagError(msg)
 
     def _by_chunk_index(self, wanted: frozenset[int]) -> Iterator[StoredMessage]:
         waiting: list[StoredMessage] = []
         relevant = [
-            chunk for chunk in self._chunks if not chunk.message_index_offsets or not wanted.isdisjoint(chunk.message_index_offsets)
+            chunk
+            for chunk in self._chunks
+            if not chunk.message_index_offsets or not wanted.isdisjoint(chunk.message_index_offsets)
         ]
         for index, chunk in enumerate(relevant):
-            record = next(scan(self._file, chunk.chunk_start_offset, chunk.chunk_start_offset + chunk.chunk_length), None)
+            record = next(
+                scan(
+                    self._file,
+                    chunk.chunk_start_offset,
+                    chunk.chunk_start_offset + chunk.chunk_length,
+                ),
+                None,
+            )
             if record is None or record.opcode != Opcode.CHUNK or not record.whole:
-                msg = f"{self.path} is damaged: no chunk at byte {chunk.chunk_start_offset}; copy the file again from its source"
+                msg = (
+                    f"{self.path} is damaged: no chunk at byte {chunk.chunk_start_offset}; copy the"
+                    " file again from its source"
+                )
                 raise BagError(msg)
             waiting.extend(messages_in(chunk_contents(record, self.path), wanted))
             self._check_waiting(waiting)
             waiting.sort(key=_LOG_TIME)
-            following = relevant[index + 1].message_start_time if index + 1 < len(relevant) else waiting[-1].log_time_ns if waiting else 0
+            following = (
+                relevant[index + 1].message_start_time
+                if index + 1 < len(relevant)
+                else waiting[-1].log_time_ns
+                if waiting
+                else 0
+            )
             ready = bisect_right(waiting, following, key=_LOG_TIME)
             yield from waiting[:ready]
             del waiting[:ready]
@@ -243,6 +309,12 @@ class McapFile:
     def _check_waiting(self, waiting: list[StoredMessage]) -> None:
         """Small chunks can unpack to large ones that all share one time, so that none of their messages may go before the last is read."""
         if sum(_OBJECT_BYTES + len(message.data) for message in waiting) > LARGEST_RECORD:
-            size = f"more than {LARGEST_RECORD} bytes of messages are not in the order of their log times"
-            msg = f"{self.path} is damaged: {size}; copy the file again from its source, or write it anew with `ros2 bag convert`"
+            size = (
+                f"more than {LARGEST_RECORD} bytes of messages are not in the order of their log"
+                " times"
+            )
+            msg = (
+                f"{self.path} is damaged: {size}; copy the file again from its source, or write it"
+                " anew with `ros2 bag convert`"
+            )
             raise BagError(msg)

@@ -18,7 +18,13 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.definitions import Definition, installed_definition, type_hash
-from terrain_estimator.bags.format.metadata import METADATA_FILE, ROSBAG2_RECORD, Span, StoredMetadata, read_metadata
+from terrain_estimator.bags.format.metadata import (
+    METADATA_FILE,
+    ROSBAG2_RECORD,
+    Span,
+    StoredMetadata,
+    read_metadata,
+)
 from terrain_estimator.bags.format.types import Message, Types
 from terrain_estimator.bags.reading.file import McapFile
 
@@ -89,12 +95,21 @@ class BagReader:
     @property
     def notes(self) -> list[str]:
         """Return what a user should know about the state of the bag, one sentence each."""
-        return [self._unfinished_note(file) for file in self._files if not file.finished] + self._left_out + self.schema_differences()
+        return (
+            [self._unfinished_note(file) for file in self._files if not file.finished]
+            + self._left_out
+            + self.schema_differences()
+        )
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
         """Return the metadata records by name, without rosbag2's own."""
-        return {record.name: record.metadata for file in self._files for record in file.metadata if record.name != ROSBAG2_RECORD}
+        return {
+            record.name: record.metadata
+            for file in self._files
+            for record in file.metadata
+            if record.name != ROSBAG2_RECORD
+        }
 
     @property
     def custom(self) -> dict[str, str]:
@@ -108,7 +123,9 @@ class BagReader:
             topics: only these; names that the bag lacks are passed over. By default all.
         """
         wanted = frozenset(self.topics if topics is None else topics)
-        files = sorted((file for file in self._files if file.span.count), key=lambda file: file.span.first_ns)
+        files = sorted(
+            (file for file in self._files if file.span.count), key=lambda file: file.span.first_ns
+        )
         streams = [_of_file(file, wanted) for file in files]
         if _overlap(files):
             return heapq.merge(*streams, key=lambda message: message.log_time_ns)
@@ -125,7 +142,10 @@ class BagReader:
         try:
             return self.types.deserialize(message.data, message.type_name)
         except BagError as error:
-            msg = f"{self.path}: topic {message.topic} at log time {message.log_time_ns} ns: {error}; leave out this topic or record again"
+            msg = (
+                f"{self.path}: topic {message.topic} at log time {message.log_time_ns} ns: {error};"
+                " leave out this topic or record again"
+            )
             raise BagError(msg) from error
 
     def prepare(self, name: str) -> None:
@@ -138,7 +158,10 @@ class BagReader:
             return
         definition = self.topics[name].definition
         if definition is None:
-            msg = f"{self.path}: topic {name} is not CDR with .msg source, it cannot be decoded; convert the bag with `ros2 bag convert`"
+            msg = (
+                f"{self.path}: topic {name} is not CDR with .msg source, it cannot be decoded;"
+                " convert the bag with `ros2 bag convert`"
+            )
             raise BagError(msg)
         try:
             self.types.add(definition)
@@ -156,7 +179,10 @@ class BagReader:
         for name, expected in types.items():
             topic = self.topics.get(name)
             if topic is not None and topic.type_name != expected:
-                msg = f"{self.path}: topic {name} is a {topic.type_name}, expected {expected}; remap the topic or choose another bag"
+                msg = (
+                    f"{self.path}: topic {name} is a {topic.type_name}, expected {expected}; remap"
+                    " the topic or choose another bag"
+                )
                 raise BagError(msg)
         return frozenset(name for name in types if name in self.topics)
 
@@ -164,9 +190,12 @@ class BagReader:
         """Return a sentence for each type whose fields differ from the installed ones; the bag is read by its own."""
         definitions = {topic.type_name: topic.definition for topic in self.topics.values()}
         return [
-            f"{self.path}: {name} was recorded with another definition than the installed one; fields may be missing"
+            f"{self.path}: {name} was recorded with another definition than the installed one;"
+            " fields may be missing"
             for name, definition in definitions.items()
-            if definition and (installed := _installed_hash(name)) and installed != _hash(definition)
+            if definition
+            and (installed := _installed_hash(name))
+            and installed != _hash(definition)
         ]
 
     def close(self) -> None:
@@ -178,7 +207,12 @@ class BagReader:
         """Return the reader itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Close all files."""
         self.close()
 
@@ -189,16 +223,27 @@ class BagReader:
             except BagError as error:
                 if self._stored or not self._files or path != paths[-1]:
                     raise
-                self._left_out.append(f"{error}; this last file of an unfinished bag is left out")  # a power cut came as it was begun
+                self._left_out.append(
+                    f"{error}; this last file of an unfinished bag is left out"
+                )  # a power cut came as it was begun
 
     def _unfinished_note(self, file: McapFile) -> str:
-        start = f"{file.path} ends without a footer (the recorder was killed, or the copy is incomplete)"
+        start = (
+            f"{file.path} ends without a footer (the recorder was killed, or the copy is"
+            " incomplete)"
+        )
         if not file.span.count:
             return f"{start}; it holds no messages"
         missing = self.missing_s
         if missing is None or self._stored is None or file is not self._files[-1]:
-            return f"{start}; last message at {file.span.last_ns / 1e9:.3f} s, {file.span.duration_ns / 1e9:.3f} s after the first"
-        return f"{start}; {missing:.3f} s and {self._stored.span.count - self.span.count} messages are missing at the end"
+            return (
+                f"{start}; last message at {file.span.last_ns / 1e9:.3f} s,"
+                f" {file.span.duration_ns / 1e9:.3f} s after the first"
+            )
+        return (
+            f"{start}; {missing:.3f} s and {self._stored.span.count - self.span.count} messages are"
+            " missing at the end"
+        )
 
 
 def bag_name(path: Path) -> str:
@@ -222,7 +267,10 @@ def _files_of_folder(folder: Path) -> tuple[list[Path], StoredMetadata | None]:
     if (folder / METADATA_FILE).is_file():
         stored = read_metadata(folder / METADATA_FILE)
         if missing := [name for name in stored.files if not (folder / name).is_file()]:
-            msg = f"{folder}: {METADATA_FILE} lists {', '.join(missing)}, which is not there; copy it again, or read the other files singly"
+            msg = (
+                f"{folder}: {METADATA_FILE} lists {', '.join(missing)}, which is not there; copy it"
+                " again, or read the other files singly"
+            )
             raise BagError(msg)
         return [folder / name for name in stored.files], stored
     return numbered_files(folder), None
@@ -230,7 +278,10 @@ def _files_of_folder(folder: Path) -> tuple[list[Path], StoredMetadata | None]:
 
 def numbered_files(folder: Path) -> list[Path]:
     """Return the MCAP files of a folder in the order of their numbers. Raises BagError where there is none."""
-    files = sorted(folder.glob("*.mcap"), key=lambda file: (int((re.findall(r"_(\d+)\.mcap$", file.name) or ["0"])[0]), file.name))
+    files = sorted(
+        folder.glob("*.mcap"),
+        key=lambda file: (int((re.findall(r"_(\d+)\.mcap$", file.name) or ["0"])[0]), file.name),
+    )
     if not files:
         msg = f"{folder} is not a bag: it has neither {METADATA_FILE} nor an .mcap file"
         raise BagError(msg)
@@ -246,21 +297,40 @@ def _merge_topics(files: list[McapFile]) -> dict[str, TopicInfo]:
             type_name = schema.name if schema else ""
             known = topics.get(channel.topic)
             if known and known.type_name != type_name:
-                msg = f"{file.path}: topic {channel.topic} is a {known.type_name} and a {type_name}; split the bag with `ros2 bag convert`"
+                msg = (
+                    f"{file.path}: topic {channel.topic} is a {known.type_name} and a {type_name};"
+                    " split the bag with `ros2 bag convert`"
+                )
                 raise BagError(msg)
             counts[channel.topic] += file.counts[channel.id]
             definition = None
-            if schema and schema.encoding == SchemaEncoding.ROS2 and channel.message_encoding == MessageEncoding.CDR:
-                definition = Definition(type_name, schema.data.decode(errors="replace"), channel.metadata.get("topic_type_hash", ""))
+            if (
+                schema
+                and schema.encoding == SchemaEncoding.ROS2
+                and channel.message_encoding == MessageEncoding.CDR
+            ):
+                definition = Definition(
+                    type_name,
+                    schema.data.decode(errors="replace"),
+                    channel.metadata.get("topic_type_hash", ""),
+                )
             topics[channel.topic] = TopicInfo(
-                channel.topic, type_name, counts[channel.topic], definition, channel.metadata.get("offered_qos_profiles", "")
+                channel.topic,
+                type_name,
+                counts[channel.topic],
+                definition,
+                channel.metadata.get("offered_qos_profiles", ""),
             )
     return topics
 
 
 def _of_file(file: McapFile, topics: frozenset[str]) -> Iterator[RawMessage]:
     build = {
-        channel.id: partial(RawMessage, channel.topic, file.schemas[channel.schema_id].name if channel.schema_id in file.schemas else "")
+        channel.id: partial(
+            RawMessage,
+            channel.topic,
+            file.schemas[channel.schema_id].name if channel.schema_id in file.schemas else "",
+        )
         for channel in file.channels.values()
         if channel.topic in topics
     }

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records of one MCAP file: a scan that stops at a cut, and the contents of chunks.
 
-Source: MCAP file format, version 0. The mcap package's readers refuse an unfinished file or return a shortened last
-record without a word, hence a scan of our own that checks every length.
+Source: MCAP file format, version 0. The mcap package's readers refuse an unfinished file or return
+a shortened last record without a word, hence a scan of our own that checks every length.
 """
 
 import struct
@@ -26,7 +26,9 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time [ns], publish time [ns]
 LARGEST_RECORD = 2**30  # bytes; a damaged length must not ask for all memory
-LARGEST_CONTENTS = 2**27  # bytes that a chunk unpacks to, a hundred times what writers put into one, and of a summary
+LARGEST_CONTENTS = (
+    2**27
+)  # bytes that a chunk unpacks to, a hundred times what writers put into one, and of a summary
 
 
 class Record(NamedTuple):
@@ -85,21 +87,38 @@ def chunk_contents(record: Record, path: Path) -> bytes:
     """Return the uncompressed records of a chunk; of a chunk that the file's end cuts, those that are left.
 
     Raises:
-        BagError: a whole chunk is damaged, its compression is unknown, or the memory is too small for it.
+        BagError: a whole chunk is damaged, its compression is unknown, or the memory is too small
+            for it.
     """
     try:
         chunk = parse(Chunk, record.payload)
         data = _decompress(chunk, whole=record.whole)
     except MemoryError as error:
-        msg = f"{path}: the memory has no room for the chunk at byte {record.offset}; read it on a machine with more"
+        msg = (
+            f"{path}: the memory has no room for the chunk at byte {record.offset}; read it on a"
+            " machine with more"
+        )
         raise BagError(msg) from error
-    except (zstandard.ZstdError, McapError, struct.error, RuntimeError, ValueError, OSError) as error:
+    except (
+        zstandard.ZstdError,
+        McapError,
+        struct.error,
+        RuntimeError,
+        ValueError,
+        OSError,
+    ) as error:
         if not record.whole:
             return b""
-        msg = f"{path} is damaged: chunk at byte {record.offset} does not decompress ({error}); copy the file again from its source"
+        msg = (
+            f"{path} is damaged: chunk at byte {record.offset} does not decompress ({error}); copy"
+            " the file again from its source"
+        )
         raise BagError(msg) from error
     if record.whole and chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
-        msg = f"{path} is damaged: chunk at byte {record.offset} has a wrong checksum; copy the file again from its source"
+        msg = (
+            f"{path} is damaged: chunk at byte {record.offset} has a wrong checksum; copy the file"
+            " again from its source"
+        )
         raise BagError(msg)
     return data
 
@@ -121,9 +140,13 @@ def messages_in(data: bytes, wanted: frozenset[int]) -> Iterator[StoredMessage]:
         opcode, length = HEAD.unpack_from(data, position)
         following = position + HEAD.size + length
         if opcode == Opcode.MESSAGE and following <= end:
-            channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, position + HEAD.size)
+            channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(
+                data, position + HEAD.size
+            )
             if channel in wanted:
-                yield StoredMessage(log_time, channel, publish_time, data[position + size : following])
+                yield StoredMessage(
+                    log_time, channel, publish_time, data[position + size : following]
+                )
         position = following
 
 
@@ -150,6 +173,9 @@ def _decompress(chunk: Chunk, *, whole: bool) -> bytes:
             msg = f"compression {other!r} is unknown"
             raise ValueError(msg)
     if len(data) > claimed or (whole and len(data) < claimed):
-        msg = f"it unpacks to {'more' if len(data) > claimed else 'less'} than the {claimed} bytes that it claims"
+        msg = (
+            f"it unpacks to {'more' if len(data) > claimed else 'less'} than the {claimed} bytes"
+            " that it claims"
+        )
         raise ValueError(msg)
     return data

@@ -11,7 +11,10 @@ from terrain_estimator.bags.format.definitions import Definition, parse
 
 OURS = "msg_defs/"
 _BEGINNING = ((Nodetype.NAME, "std_msgs/msg/Header"), (Nodetype.BASE, ("uint64", 0)))
-_ENCAPSULATION, _FRAME_ID = 4, 12  # [bytes] before the message, and from there to the characters of the header's frame_id
+_ENCAPSULATION, _FRAME_ID = (
+    4,
+    12,
+)  # [bytes] before the message, and from there to the characters of the header's frame_id
 
 
 def is_sequenced(definition: Definition | None) -> bool:

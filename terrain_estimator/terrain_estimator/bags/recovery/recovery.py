@@ -38,10 +38,14 @@ class Recovery:
     """What came of a damaged bag."""
 
     span: Span = field(default_factory=Span)  # of the messages that were recovered
-    gaps: int = 0  # messages that are missing between others, by the sequence numbers of their topics
+    gaps: int = (
+        0  # messages that are missing between others, by the sequence numbers of their topics
+    )
     expected: int | None = None  # messages that there were, where metadata.yaml or the files say so
     damage: Damage = field(default_factory=Damage)
-    cut: int = 0  # messages that the end of the last file cuts; what follows a cut elsewhere is a gap
+    cut: int = (
+        0  # messages that the end of the last file cuts; what follows a cut elsewhere is a gap
+    )
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -65,7 +69,9 @@ def recover(source: Path, target: Path) -> Recovery:
     try:
         target.mkdir(parents=True)
     except FileExistsError as error:
-        raise BagError(f"{target} exists already: choose another name, bags are never overwritten") from error
+        raise BagError(
+            f"{target} exists already: choose another name, bags are never overwritten"
+        ) from error
     result = Recovery()
     try:
         _Recovering(source, target, result).run(files)
@@ -146,9 +152,16 @@ class _Recovering:
                     counts[topic] += 1
                     span.add(content.log_time)
                     self._count(topic, content.sequence)
-        topics = [TopicCount(each.name, each.type_name, each.type_hash, each.qos, counts[each.name]) for each in self._topics.values()]
+        topics = [
+            TopicCount(each.name, each.type_name, each.type_hash, each.qos, counts[each.name])
+            for each in self._topics.values()
+        ]
         damage = self._result.damage
-        left_out = {"bytes": str(damage.passed_over), "torn_messages": str(damage.torn), "chunks": str(damage.chunks)}
+        left_out = {
+            "bytes": str(damage.passed_over),
+            "torn_messages": str(damage.torn),
+            "chunks": str(damage.chunks),
+        }
         copier.take(Metadata(name="recover_bag", metadata={"file": path.name} | left_out))
         custom = self._stored.custom if self._stored else {}
         copier.finish({"serialized_metadata": dump(information(topics, {path.name: span}, custom))})
@@ -168,7 +181,9 @@ class _Recovering:
     def _note_topic(self, channel: Channel, type_name: str) -> None:
         if channel.topic not in self._topics:
             qos = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
-            self._topics[channel.topic] = TopicCount(channel.topic, type_name, channel.metadata.get("topic_type_hash", ""), qos)
+            self._topics[channel.topic] = TopicCount(
+                channel.topic, type_name, channel.metadata.get("topic_type_hash", ""), qos
+            )
 
     def _count(self, topic: str, sequence: int) -> None:
         self._topics[topic].count += 1

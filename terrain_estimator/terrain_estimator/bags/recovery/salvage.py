@@ -12,13 +12,27 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from terrain_estimator.bags.errors import BagError
-from terrain_estimator.bags.reading.records import HEAD, LARGEST_RECORD, MAGIC, MESSAGE_HEAD, Record, chunk_contents, parse, records_in
+from terrain_estimator.bags.reading.records import (
+    HEAD,
+    LARGEST_RECORD,
+    MAGIC,
+    MESSAGE_HEAD,
+    Record,
+    chunk_contents,
+    parse,
+    records_in,
+)
 
 _LARGEST_OPCODE = max(Opcode)
 _HEAD_LIKE = re.compile(rb"(?=[\x01-\x0f].{4}\x00{4})", re.DOTALL)
 """Opcode and length of a record below 4 GiB; random bytes look like it once in 70 GB."""
 _LINKS = 3  # records in a row that make sure that one begins here
-_KINDS = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata, Opcode.ATTACHMENT: Attachment}
+_KINDS = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.ATTACHMENT: Attachment,
+}
 
 
 @dataclass(slots=True)
@@ -54,7 +68,9 @@ def parsed(record: Record) -> McapRecord | None:
     """The record as mcap has it, None where it is of a kind that a copy makes anew. Raises what a damaged payload makes of it."""
     if record.opcode == Opcode.MESSAGE:
         channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(record.payload)
-        return Message(channel, log_time, record.payload[MESSAGE_HEAD.size :], publish_time, sequence)
+        return Message(
+            channel, log_time, record.payload[MESSAGE_HEAD.size :], publish_time, sequence
+        )
     kind = _KINDS.get(Opcode(record.opcode))
     return parse(kind, record.payload) if kind else None  # type: ignore[arg-type]
 
@@ -77,7 +93,12 @@ def _records(data: mmap, damage: Damage) -> Iterator[Record]:
             offset = following
             continue
         if found == end and opcode == Opcode.CHUNK:
-            yield Record(opcode, data[offset + HEAD.size : min(end, offset + HEAD.size + LARGEST_RECORD)], offset, whole=False)
+            yield Record(
+                opcode,
+                data[offset + HEAD.size : min(end, offset + HEAD.size + LARGEST_RECORD)],
+                offset,
+                whole=False,
+            )
         else:
             damage.passed_over += found - offset
             damage.torn += found == end and opcode == Opcode.MESSAGE
@@ -86,7 +107,14 @@ def _records(data: mmap, damage: Damage) -> Iterator[Record]:
 
 def _next(data: mmap, start: int, end: int) -> int:
     """Where the next record begins; ``end`` where none does."""
-    return next((match.start() for match in _HEAD_LIKE.finditer(data, start, end) if _begins(data, match.start(), end)), end)
+    return next(
+        (
+            match.start()
+            for match in _HEAD_LIKE.finditer(data, start, end)
+            if _begins(data, match.start(), end)
+        ),
+        end,
+    )
 
 
 def _begins(data: mmap, at: int, end: int) -> bool:

@@ -17,7 +17,8 @@ TEMPORARY_SUFFIX = ".compacting"
 def compact(path: Path, moved: Callable[[], None] = lambda: None) -> None:
     """Replace a finished file by one of the same records in compressed chunks.
 
-    A crash leaves the old file or the new one, and at most a temporary file beside it. ``moved`` is called at every step.
+    A crash leaves the old file or the new one, and at most a temporary file beside it. ``moved`` is
+    called at every step.
 
     Raises:
         OSError: no space or no permission; the old file is untouched then.

@@ -26,21 +26,33 @@ class Copier:
         """Copy a record; KeyError where a message or channel comes before what it refers to."""
         match record:
             case Schema() if record.id not in self._schemas:
-                self._schemas[record.id] = self._writer.register_schema(record.name, record.encoding, record.data)
+                self._schemas[record.id] = self._writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
             case Channel() if record.id not in self._channels:
                 schema = self._schemas[record.schema_id]
-                self._channels[record.id] = self._writer.register_channel(record.topic, record.message_encoding, schema, record.metadata)
+                self._channels[record.id] = self._writer.register_channel(
+                    record.topic, record.message_encoding, schema, record.metadata
+                )
             case Message():
                 channel = self._channels[record.channel_id]
-                self._writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+                self._writer.add_message(
+                    channel, record.log_time, record.data, record.publish_time, record.sequence
+                )
             case Metadata() if record.name == ROSBAG2_RECORD:
-                self._own_metadata = record.metadata  # a recording has two, the last one is complete
+                self._own_metadata = (
+                    record.metadata
+                )  # a recording has two, the last one is complete
             case Metadata():
                 self._writer.add_metadata(record.name, record.metadata)
             case Attachment():
-                self._writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+                self._writer.add_attachment(
+                    record.create_time, record.log_time, record.name, record.media_type, record.data
+                )
 
     def finish(self, own_metadata: dict[str, str] | None = None) -> None:
         """Finish the file; ``own_metadata`` takes the place of rosbag2's own copy of metadata.yaml."""
-        self._writer.add_metadata(ROSBAG2_RECORD, self._own_metadata if own_metadata is None else own_metadata)
+        self._writer.add_metadata(
+            ROSBAG2_RECORD, self._own_metadata if own_metadata is None else own_metadata
+        )
         self._writer.finish()

@@ -13,7 +13,13 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
 from terrain_estimator.bags.format.definitions import Definition
-from terrain_estimator.bags.format.metadata import ROSBAG2_RECORD, Span, TopicCount, dump, information
+from terrain_estimator.bags.format.metadata import (
+    ROSBAG2_RECORD,
+    Span,
+    TopicCount,
+    dump,
+    information,
+)
 from terrain_estimator.bags.format.qos import qos_text
 from terrain_estimator.bags.writing.syncing import Syncer, sync_folder
 
@@ -35,7 +41,9 @@ class Part:
         OSError: here and in every method that does not say otherwise, the disk is full or broken.
     """
 
-    def __init__(self, path: Path, custom: Mapping[str, str], sync_interval_s: float | None) -> None:
+    def __init__(
+        self, path: Path, custom: Mapping[str, str], sync_interval_s: float | None
+    ) -> None:
         """Begin the file; ``sync_interval_s`` is None where it is not recorded."""
         self.path = path
         self.span = Span()
@@ -48,7 +56,12 @@ class Part:
         self._syncer: Syncer | None = None
         try:
             chunks = not self._recording
-            self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, use_chunking=chunks)
+            self._writer = Writer(
+                self._file,
+                chunk_size=CHUNK_BYTES,
+                compression=CompressionType.ZSTD,
+                use_chunking=chunks,
+            )
             self._writer.start(profile=Profile.ROS2)
             if self._recording:
                 self._add_own_metadata()
@@ -73,7 +86,9 @@ class Part:
         """Register a topic."""
         count, definition = topic.count, topic.definition
         metadata = {"offered_qos_profiles": qos_text(count.qos), "topic_type_hash": count.type_hash}
-        channel = self._writer.register_channel(count.name, MessageEncoding.CDR, self._schema(definition), metadata)
+        channel = self._writer.register_channel(
+            count.name, MessageEncoding.CDR, self._schema(definition), metadata
+        )
         self._channels[count.name], self._counts[count.name] = channel, replace(count, count=0)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
@@ -85,7 +100,9 @@ class Part:
     def write(self, topic: Topic, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Append a message of a registered topic; its sequence number is the topic's count."""
         name = topic.count.name
-        self._writer.add_message(self._channels[name], log_time_ns, data, publish_time_ns, topic.count.count)
+        self._writer.add_message(
+            self._channels[name], log_time_ns, data, publish_time_ns, topic.count.count
+        )
         self._counts[name].count += 1
         self.span.add(log_time_ns)
         if self._syncer:
@@ -128,7 +145,9 @@ class Part:
     def _schema(self, definition: Definition) -> int:
         name = definition.type_name
         if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(name, SchemaEncoding.ROS2, definition.text.encode())
+            self._schemas[name] = self._writer.register_schema(
+                name, SchemaEncoding.ROS2, definition.text.encode()
+            )
         return self._schemas[name]
 
     def _add_own_metadata(self) -> None:

@@ -18,7 +18,8 @@ class Syncer:
 
         Args:
             file: open until after :meth:`stop`.
-            folder: holds the file's name, which is not on the disk before the first interval is over either.
+            folder: holds the file's name, which is not on the disk before the first interval is
+                over either.
             interval_s: [s] what a power cut may cost.
         """
         self._descriptor = file.fileno()

@@ -33,12 +33,15 @@ class _Job:
 class Worker:
     """Does one action after the other in a thread of its own.
 
-    The end of the process does not wait for this thread, as it does for those of a ThreadPoolExecutor: not where the disk hangs.
+    The end of the process does not wait for this thread, as it does for those of a
+    ThreadPoolExecutor: not where the disk hangs.
     """
 
     def __init__(self, name: str) -> None:
         """``name`` is that of the thread, which starts with the first action."""
-        self.moved_s = time.monotonic()  # by the steady clock: when an action ended, or said that it goes on
+        self.moved_s = (
+            time.monotonic()
+        )  # by the steady clock: when an action ended, or said that it goes on
         self._name = name
         self._jobs: deque[_Job] = deque()  # the first one is being done
         self._changed = threading.Condition()

@@ -45,10 +45,11 @@ class Split:
 class BagWriter:
     """Write messages to a new bag folder; use as a context manager.
 
-    Offline (the default) it writes zstd chunks. With ``recording=True`` it writes every message to the operating system
-    at once, without chunks, so that a kill loses nothing, and compacts a file to zstd chunks when it is complete: those that
-    a split leaves behind in a thread, the last one on a clean close. Leaving the context by an exception leaves an unfinished
-    file, which :class:`BagReader` reads, and no metadata.yaml.
+    Offline (the default) it writes zstd chunks. With ``recording=True`` it writes every message to
+    the operating system at once, without chunks, so that a kill loses nothing, and compacts a file
+    to zstd chunks when it is complete: those that a split leaves behind in a thread, the last one
+    on a clean close. Leaving the context by an exception leaves an unfinished file, which
+    :class:`BagReader` reads, and no metadata.yaml.
 
     Raises:
         BagExistsError: the folder exists already.
@@ -126,7 +127,14 @@ class BagWriter:
         """Say which files could not be compressed and why; empty where all are."""
         return "; ".join(self._uncompressed)
 
-    def add_topic(self, name: str, type_name: str, *, definition: Definition | None = None, qos: tuple[Qos, ...] = (Qos(),)) -> Topic:
+    def add_topic(
+        self,
+        name: str,
+        type_name: str,
+        *,
+        definition: Definition | None = None,
+        qos: tuple[Qos, ...] = (Qos(),),
+    ) -> Topic:
         """Register a topic.
 
         Args:
@@ -147,7 +155,9 @@ class BagWriter:
         self._topics[name] = topic
         return topic
 
-    def write(self, topic: Topic, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
+    def write(
+        self, topic: Topic, data: bytes, log_time_ns: int, publish_time_ns: int | None = None
+    ) -> None:
         """Append a serialised message.
 
         Args:
@@ -161,12 +171,16 @@ class BagWriter:
         """
         if len(self._settling) < UNSETTLED and self._split.due(self._part, log_time_ns):
             self._next_part()
-        self._part.write(topic, data, log_time_ns, log_time_ns if publish_time_ns is None else publish_time_ns)
+        self._part.write(
+            topic, data, log_time_ns, log_time_ns if publish_time_ns is None else publish_time_ns
+        )
         topic.count.count += 1
         while self._settling and self._settling[0][1].done():
             self._settling.pop(0)[1].result()
 
-    def write_message(self, topic: Topic, message: Message, log_time_ns: int, publish_time_ns: int | None = None) -> None:
+    def write_message(
+        self, topic: Topic, message: Message, log_time_ns: int, publish_time_ns: int | None = None
+    ) -> None:
         """Serialise and append a message made by ``types.make``."""
         self.write(topic, self.types.serialize(message), log_time_ns, publish_time_ns)
 
@@ -178,7 +192,8 @@ class BagWriter:
     def close(self) -> None:
         """Finish the last file, write metadata.yaml and, when recording, compact.
 
-        The bag is complete before that compaction starts, so nothing is lost if it fails (``compaction_error`` says why).
+        The bag is complete before that compaction starts, so nothing is lost if it fails
+        (``compaction_error`` says why).
         """
         if self._closed:
             return
@@ -187,7 +202,12 @@ class BagWriter:
         self._settler.move()
         for _, settled in self._settling:
             settled.result()
-        write_metadata(self.folder, information([topic.count for topic in self._topics.values()], self._spans, self._custom))
+        write_metadata(
+            self.folder,
+            information(
+                [topic.count for topic in self._topics.values()], self._spans, self._custom
+            ),
+        )
         self.whole = True
         self._compact(self._part)
         self._settler.end()
@@ -212,7 +232,12 @@ class BagWriter:
         """Return the writer itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Finish the bag, or leave it unfinished after an exception."""
         if kind is None:
             self.close()
@@ -281,4 +306,7 @@ def whole_bag(folder: str | os.PathLike[str]) -> Iterator[BagWriter]:
 
 
 def _cannot_write(folder: Path, error: OSError) -> BagError:
-    return BagError(f"cannot write a bag to {folder}: {error.strerror}; choose a folder that you may write, on a disk with room")
+    return BagError(
+        f"cannot write a bag to {folder}: {error.strerror}; choose a folder that you may write, on"
+        " a disk with room"
+    )

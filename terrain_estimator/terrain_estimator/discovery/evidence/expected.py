@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Expected log Bayes factors from linearised rows: what a mark in the rows gains over whatever else can explain it.
 
-Where the truth changes the rows by m beside noise of covariance S, a hypothesis that can change them by C s, with the runs' own unknowns u
-free under their priors, is expected to be worse, by the rule of ``equations``, by
+Where the truth changes the rows by m beside noise of covariance S, a hypothesis that can change
+them by C s, with the runs' own unknowns u free under their priors, is expected to be worse, by the
+rule of ``equations``, by
 
     1/2 min over u, s, D of  r' W r + tr(W S) - N + log det (S + D) - log det S + priors,   r = m - J u - C s,   W = (S + D)^-1
 
-with D the excess variance of each row of a run, which a wrong hypothesis takes for noise. For a small r it is the divergence of
-Kullback and Leibler 1951.
+with D the excess variance of each row of a run, which a wrong hypothesis takes for noise. For a
+small r it is the divergence of Kullback and Leibler 1951.
 """
 
 from collections.abc import Sequence
@@ -57,17 +58,23 @@ class Loss:
 
 
 def loss(
-    stages: Sequence[Stage], tables: Sequence[Tensor], ends: tuple[float, float] | None, excess: Sequence[Tensor] | None = None
+    stages: Sequence[Stage],
+    tables: Sequence[Tensor],
+    ends: tuple[float, float] | None,
+    excess: Sequence[Tensor] | None = None,
 ) -> Loss:
     """Of columns against a mark: ``tables`` [B, Q, 1 + K] of every run have the mark first.
 
-    The first column has a coefficient inside ``ends``, the others one of deviation 1 that grows with it; where ``ends`` is
-    None no column is used. ``excess`` is where to begin.
+    The first column has a coefficient inside ``ends``, the others one of deviation 1 that grows
+    with it; where ``ends`` is None no column is used. ``excess`` is where to begin.
     """
     spread = list(excess or [table[..., 0].square().mean(0) for table in tables])
     best = Loss(float("inf"), (), torch.zeros(0))
     for _ in range(_ROUNDS):
-        found = [_eliminated(place, table, own) for place, table, own in zip(stages, tables, spread, strict=True)]
+        found = [
+            _eliminated(place, table, own)
+            for place, table, own in zip(stages, tables, spread, strict=True)
+        ]
         gram = torch.stack([each[0] for each in found]).sum(0)
         mix, prior = _mixed(gram, ends)
         nats = 0.5 * prior
@@ -90,11 +97,17 @@ def _eliminated(place: Stage, table: Tensor, excess: Tensor) -> tuple[Tensor, Te
     """Products of the columns, the columns, and the priors' part, all with the own unknowns at their best for each column."""
     factor = cholesky(place.covariance + torch.diag_embed(excess * place.present))
     size = place.own.shape[2]
-    white = torch.linalg.solve_triangular(factor, torch.cat([place.own, table], 2), upper=False).flatten(0, 1)
+    white = torch.linalg.solve_triangular(
+        factor, torch.cat([place.own, table], 2), upper=False
+    ).flatten(0, 1)
     own, rest = white[:, :size], white[:, size:]
     cross = own.T @ rest
     best = torch.cholesky_solve(cross, cholesky(own.T @ own + torch.diag(place.precision)))
-    return rest.T @ rest - cross.T @ best, table - place.own @ best, best.T @ (place.precision.unsqueeze(1) * best)
+    return (
+        rest.T @ rest - cross.T @ best,
+        table - place.own @ best,
+        best.T @ (place.precision.unsqueeze(1) * best),
+    )
 
 
 def _mixed(gram: Tensor, ends: tuple[float, float] | None) -> tuple[Tensor, float]:
@@ -106,10 +119,14 @@ def _mixed(gram: Tensor, ends: tuple[float, float] | None) -> tuple[Tensor, floa
     prior = torch.zeros_like(mix[2:])
     for _ in range(_TIMES):
         prior = torch.full_like(mix[2:], max(abs(share), _SMALLEST) ** -2)
-        normal = gram[1:, 1:] + torch.diag(torch.cat([torch.full((1,), 1e-12, dtype=torch.float64), prior]))
+        normal = gram[1:, 1:] + torch.diag(
+            torch.cat([torch.full((1,), 1e-12, dtype=torch.float64), prior])
+        )
         share = min(max(float(torch.linalg.solve(normal, gram[1:, 0])[0]), ends[0]), ends[1])
     mix[1] = -share
-    mix[2:] = -torch.linalg.solve(gram[2:, 2:] + torch.diag(prior), gram[2:, 0] - share * gram[2:, 1])
+    mix[2:] = -torch.linalg.solve(
+        gram[2:, 2:] + torch.diag(prior), gram[2:, 0] - share * gram[2:, 1]
+    )
     return mix, float((prior * mix[2:].square()).sum())
 
 
@@ -122,10 +139,16 @@ def _excess(place: Stage, rest: Tensor, start: Tensor) -> Tensor:
     least = 1e-6 * (place.covariance.diagonal(dim1=1, dim2=2) * place.present).mean(0)
     excess = torch.maximum(start, least)
     for _ in range(_TIMES):
-        weight = torch.cholesky_inverse(cholesky(place.covariance + torch.diag_embed(excess * place.present)))
-        pull = (weight @ rest.unsqueeze(-1)).squeeze(-1).square() + (weight @ place.covariance @ weight).diagonal(dim1=1, dim2=2)
+        weight = torch.cholesky_inverse(
+            cholesky(place.covariance + torch.diag_embed(excess * place.present))
+        )
+        pull = (weight @ rest.unsqueeze(-1)).squeeze(-1).square() + (
+            weight @ place.covariance @ weight
+        ).diagonal(dim1=1, dim2=2)
         there = (weight.diagonal(dim1=1, dim2=2) * place.present).sum(0).clamp(min=1e-30)
-        excess = torch.maximum(excess * ((pull * place.present).sum(0) / there).clamp(0.05, 20.0), least)
+        excess = torch.maximum(
+            excess * ((pull * place.present).sum(0) / there).clamp(0.05, 20.0), least
+        )
     return excess
 
 

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batch Gauss-Newton over several runs, and the evidence of a hypothesis by Laplace's method.
 
-Given the shared unknowns (sizes of effects, weights of a discrepancy) the runs are independent: what a run contributes is
-its normal equations with its own unknowns eliminated (Schur complement), and contributions add up.
+Given the shared unknowns (sizes of effects, weights of a discrepancy) the runs are independent:
+what a run contributes is its normal equations with its own unknowns eliminated (Schur complement),
+and contributions add up.
 """
 
 import dataclasses
@@ -35,7 +36,9 @@ class Fit:
     point: Point
     objective: float  # misfit and priors at the minimum, as the last step foresees it
     log_evidence: float  # [nat] up to a constant of the runs
-    given: float  # [nat] the same, were the shared unknowns known to have their values at the minimum
+    given: (
+        float  # [nat] the same, were the shared unknowns known to have their values at the minimum
+    )
     covariance: Tensor  # [K, K] of the shared unknowns
     equations: tuple[Equations, ...]
     degrees: int  # rows of all blocks
@@ -77,7 +80,16 @@ def _normal(point: Point, equations: Sequence[Equations], shared: Shared) -> _No
         factors.append(factor)
         owns.append(gradient)
         crosses.append(cross)
-    return _Normal(objective, tuple(equations), tuple(factors), tuple(owns), tuple(crosses), schur, pull, volume)
+    return _Normal(
+        objective,
+        tuple(equations),
+        tuple(factors),
+        tuple(owns),
+        tuple(crosses),
+        schur,
+        pull,
+        volume,
+    )
 
 
 def _step(normal: _Normal, point: Point, shared: Shared) -> tuple[list[Tensor], Tensor, float]:
@@ -90,14 +102,18 @@ def _step(normal: _Normal, point: Point, shared: Shared) -> tuple[list[Tensor], 
         outside = torch.zeros_like(free)
         outside[:sizes] = (after[:sizes] < shared.low) | (after[:sizes] > shared.high)
         at_end = torch.zeros_like(free)
-        at_end[:sizes] = (point.shared[:sizes] <= shared.low) | (point.shared[:sizes] >= shared.high)
+        at_end[:sizes] = (point.shared[:sizes] <= shared.low) | (
+            point.shared[:sizes] >= shared.high
+        )
         blocked = outside & at_end & free
         if not bool(blocked.any()):
             break
         free = free & ~blocked
         move = _solved(normal, free)
     move = move.clone()
-    move[:sizes] = (point.shared[:sizes] + move[:sizes]).clamp(shared.low, shared.high) - point.shared[:sizes]
+    move[:sizes] = (point.shared[:sizes] + move[:sizes]).clamp(
+        shared.low, shared.high
+    ) - point.shared[:sizes]
     owns, promised = [], float(2.0 * normal.pull @ move - move @ normal.schur @ move)
     for factor, gradient, cross in zip(normal.factors, normal.own, normal.cross, strict=True):
         owns.append(torch.cholesky_solve((gradient - cross @ move).unsqueeze(1), factor).squeeze(1))
@@ -116,7 +132,9 @@ def _solved(normal: _Normal, free: Tensor) -> Tensor:
 def _moved(point: Point, owns: list[Tensor], move: Tensor, share: float) -> Point:
     runs = []
     for unknowns, step in zip(point.runs, owns, strict=True):
-        longest = max(float((step[:2].abs() / torch.tensor(LONGEST_STEP, dtype=torch.float64)).max()), 1.0)
+        longest = max(
+            float((step[:2].abs() / torch.tensor(LONGEST_STEP, dtype=torch.float64)).max()), 1.0
+        )
         runs.append(unknowns.moved(step * (share / longest)))
     return Point(tuple(runs), point.shared + share * move)
 
@@ -133,9 +151,9 @@ def fit(
 ) -> Fit:
     """Minimise the objective from ``start``.
 
-    ``columns`` [B, Q, F] of each run are those of a discrepancy. ``known`` [B, Q, M] are each run's columns of the soil
-    constants where they are known well enough from another fit: they need four fifths of the time. A step that does not
-    lower the objective is halved.
+    ``columns`` [B, Q, F] of each run are those of a discrepancy. ``known`` [B, Q, M] are each run's
+    columns of the soil constants where they are known well enough from another fit: they need four
+    fifths of the time. A step that does not lower the objective is halved.
     """
     point, share = start, 1.0
     best: tuple[Point, _Normal, float] | None = None
@@ -152,7 +170,9 @@ def fit(
             continue
         owns, move, promised = _step(normal, point, shared)
         best, share = (point, normal, promised), 1.0
-        if promised < settled + _RELATIVE * max(normal.objective - sum(each.degrees for each in equations), 0.0):
+        if promised < settled + _RELATIVE * max(
+            normal.objective - sum(each.degrees for each in equations), 0.0
+        ):
             break
         point = _moved(point, owns, move, 1.0)
     assert best is not None
@@ -160,16 +180,23 @@ def fit(
 
 
 _TOLERANCE = 0.5
-_RELATIVE = 1e-3  # [1] of the misfit in excess of the noise: what a wrong hypothesis need not settle
+_RELATIVE = (
+    1e-3  # [1] of the misfit in excess of the noise: what a wrong hypothesis need not settle
+)
 _SHORTEST = 0.05
 
 
-def _asks(point: Point, shared: Shared, columns: Sequence[Tensor], known: Sequence[Tensor | None]) -> list[Ask]:
+def _asks(
+    point: Point, shared: Shared, columns: Sequence[Tensor], known: Sequence[Tensor | None]
+) -> list[Ask]:
     """What to ask of every run at a point."""
     sizes = shared.low.shape[0]
     values = tuple(point.shared[:sizes].tolist())
     weights, steps = point.shared[sizes:], _inward(values, shared)
-    return [Ask(own, values, weights, own_columns, steps, kept) for own, own_columns, kept in zip(point.runs, columns, known, strict=True)]
+    return [
+        Ask(own, values, weights, own_columns, steps, kept)
+        for own, own_columns, kept in zip(point.runs, columns, known, strict=True)
+    ]
 
 
 Spreads = Callable[[Tensor, Tensor], Tensor]
@@ -186,24 +213,41 @@ def foresee(
 ) -> Fit:
     """Where one evaluation at ``start`` foresees the minimum: rows taken as linear, weights and ``spreads`` as they follow.
 
-    A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it. ``before`` are the equations of a
-    fit from which the start was taken: columns of the soil constants and inputs around which to expand are theirs.
+    A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it.
+    ``before`` are the equations of a fit from which the start was taken: columns of the soil
+    constants and inputs around which to expand are theirs.
     """
     count = start.shared.shape[0]
     asks = _asks(start, shared, columns, [each.by_constant for each in before])
-    equations = evaluate([dataclasses.replace(ask, away=each.away) for ask, each in zip(asks, before, strict=True)])
+    equations = evaluate(
+        [dataclasses.replace(ask, away=each.away) for ask, each in zip(asks, before, strict=True)]
+    )
     normal = _normal(start, equations, shared)
     for _ in range(_REWEIGHTED):
         owns, move, _ = _step(normal, start, shared)
         if spreads is not None:
-            shared = dataclasses.replace(shared, sd=spreads(start.shared + move, _covariance(normal).diagonal()))
-        equations = [linear(each, torch.cat([own, move]), count) for each, own in zip(equations, owns, strict=True)]
+            shared = dataclasses.replace(
+                shared, sd=spreads(start.shared + move, _covariance(normal).diagonal())
+            )
+        equations = [
+            linear(each, torch.cat([own, move]), count)
+            for each, own in zip(equations, owns, strict=True)
+        ]
         normal = _normal(start, equations, shared)
     owns, move, promised = _step(normal, start, shared)
     objective, degrees = normal.objective - promised, sum(each.degrees for each in equations)
     evidence = -0.5 * (objective + _volume(normal, shared))
     found = _moved(start, owns, move, 1.0)
-    return Fit(found, objective, evidence, _given(objective, normal, found, shared), _covariance(normal), tuple(equations), degrees, 1)
+    return Fit(
+        found,
+        objective,
+        evidence,
+        _given(objective, normal, found, shared),
+        _covariance(normal),
+        tuple(equations),
+        degrees,
+        1,
+    )
 
 
 def _covariance(normal: _Normal) -> Tensor:
@@ -216,13 +260,16 @@ _REWEIGHTED = 4
 
 def _volume(normal: _Normal, shared: Shared) -> float:
     """log det of the posterior's precision over the prior's."""
-    return normal.log_volume + float(log_determinant(cholesky(normal.schur)) + 2.0 * torch.log(shared.sd).sum())
+    return normal.log_volume + float(
+        log_determinant(cholesky(normal.schur)) + 2.0 * torch.log(shared.sd).sum()
+    )
 
 
 def _inward(values: tuple[float, ...], shared: Shared) -> tuple[float, ...]:
     """Steps of differences that stay inside the physical range."""
     return tuple(
-        -step if value + step > high else step for value, step, high in zip(values, shared.step, shared.high.tolist(), strict=True)
+        -step if value + step > high else step
+        for value, step, high in zip(values, shared.step, shared.high.tolist(), strict=True)
     )
 
 
@@ -232,10 +279,21 @@ def _finished(best: tuple[Point, _Normal, float], shared: Shared, iterations: in
     objective = normal.objective - min(max(promised, 0.0), 10.0)
     factor = cholesky(normal.schur)
     final = _moved(point, owns, move, 1.0)
-    evidence = -0.5 * (objective + _volume(normal, shared)) + _log_inside(final.shared, factor, shared)
+    evidence = -0.5 * (objective + _volume(normal, shared)) + _log_inside(
+        final.shared, factor, shared
+    )
     degrees = sum(equation.degrees for equation in normal.equations)
     covariance = torch.cholesky_inverse(factor)
-    return Fit(final, objective, evidence, _given(objective, normal, final, shared), covariance, normal.equations, degrees, iterations)
+    return Fit(
+        final,
+        objective,
+        evidence,
+        _given(objective, normal, final, shared),
+        covariance,
+        normal.equations,
+        degrees,
+        iterations,
+    )
 
 
 def _given(objective: float, normal: _Normal, point: Point, shared: Shared) -> float:
@@ -256,4 +314,6 @@ def _log_inside(values: Tensor, factor: Tensor, shared: Shared) -> float:
 
 def _mass(mean: Tensor, sd: Tensor, shared: Shared) -> Tensor:
     upper, lower = (shared.high - mean) / sd, (shared.low - mean) / sd
-    return 0.5 * (torch.special.erf(upper / math.sqrt(2.0)) - torch.special.erf(lower / math.sqrt(2.0)))
+    return 0.5 * (
+        torch.special.erf(upper / math.sqrt(2.0)) - torch.special.erf(lower / math.sqrt(2.0))
+    )

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well some runs can tell effects apart.
 
-Where effect i is missing at a typical size, its mark is what the rows change by. Effect j explains a part of it, with its size in its
-physical range and what else is not known of j free, and the runs' own unknowns explain another. What is left is the expected log Bayes
-factor of i over j, and with nothing in place of j the one of i over "nothing is missing" (``expected``).
+Where effect i is missing at a typical size, its mark is what the rows change by. Effect j explains
+a part of it, with its size in its physical range and what else is not known of j free, and the
+runs' own unknowns explain another. What is left is the expected log Bayes factor of i over j, and
+with nothing in place of j the one of i over "nothing is missing" (``expected``).
 """
 
 from collections.abc import Sequence
@@ -30,7 +31,9 @@ LEAST = 3.0
 class Mark:
     """What a hypothesis does to the rows of some runs."""
 
-    runs: tuple[Tensor, ...]  # [B, Q, 1 + F] at the typical size; then further changes by a deviation of each other thing not known of it
+    runs: tuple[
+        Tensor, ...
+    ]  # [B, Q, 1 + F] at the typical size; then further changes by a deviation of each other thing not known of it
     ends: tuple[float, float]  # [1] physical range of the size, in units of the typical one
 
     def joined(self, other: "Mark") -> "Mark":
@@ -61,11 +64,18 @@ def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidat
     names = [each.label for each in hypotheses]
     nats = matrix(stages, found)
     excited = [k for k in range(len(names)) if float(nats[k, k]) >= LEAST]
-    why = {name: "it acts sideways, which a planar rover does not show" for name, each in EFFECTS.items() if each.make is None}
+    why = {
+        name: "it acts sideways, which a planar rover does not show"
+        for name, each in EFFECTS.items()
+        if each.make is None
+    }
     for k, name in enumerate(names):
         if k not in excited:
             gain = max(float(nats[k, k]), 0.0)
-            why[name] = f"these runs do not excite it: at a typical size it is expected to gain {gain:.1g} nat"
+            why[name] = (
+                "these runs do not excite it: at a typical size it is expected to gain"
+                f" {gain:.1g} nat"
+            )
     return Isolability(tuple(names[k] for k in excited), nats[excited][:, excited], why)
 
 
@@ -82,7 +92,9 @@ def matrix(stages: Sequence[Stage], found: Sequence[Mark]) -> Tensor:
                 continue
             size = other.runs[0].shape[2]
             if _promise(alone.gram, slice(first, first + size)) > _PROMISING * alone.nats:
-                nats[i, j] = min(loss(stages, table(true, [other]), other.ends, alone.excess).nats, alone.nats)
+                nats[i, j] = min(
+                    loss(stages, table(true, [other]), other.ends, alone.excess).nats, alone.nats
+                )
             first += size
     return nats
 
@@ -93,7 +105,10 @@ _PROMISING = 0.01
 
 def table(true: Mark, others: Sequence[Mark]) -> list[Tensor]:
     """A mark and what others can do, [B, Q, 1 + K] of each run, as :func:`expected.loss` takes them."""
-    return [torch.cat([mine[..., :1], *rest], 2) for mine, *rest in zip(true.runs, *(other.runs for other in others), strict=True)]
+    return [
+        torch.cat([mine[..., :1], *rest], 2)
+        for mine, *rest in zip(true.runs, *(other.runs for other in others), strict=True)
+    ]
 
 
 def _promise(gram: Tensor, columns: slice) -> float:
@@ -104,7 +119,10 @@ def _promise(gram: Tensor, columns: slice) -> float:
 
 def stages_of(around: Candidate) -> list[Stage]:
     """The linearised rows of all runs under a candidate."""
-    return [stage(each, unknowns, each.excess) for each, unknowns in zip(around.fit.equations, around.fit.point.runs, strict=True)]
+    return [
+        stage(each, unknowns, each.excess)
+        for each, unknowns in zip(around.fit.equations, around.fit.point.runs, strict=True)
+    ]
 
 
 def marks(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> list[Mark]:
@@ -114,18 +132,28 @@ def marks(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> 
     def of_run(run: Blocks, where: tuple[Unknowns, Tensor]) -> list[Mark]:
         return run_marks(nominal, run, mask, hypotheses, *where)
 
-    every = study.contributions(of_run, [(own, each.away) for own, each in zip(found.point.runs, found.equations, strict=True)])
+    every = study.contributions(
+        of_run,
+        [(own, each.away) for own, each in zip(found.point.runs, found.equations, strict=True)],
+    )
     return [reduce(Mark.joined, each) for each in zip(*every, strict=True)]
 
 
 @torch.inference_mode()
 def run_marks(
-    nominal: Nominal, run: Blocks, mask: Tensor, hypotheses: Sequence[Hypothesis], unknowns: Unknowns, away: Tensor
+    nominal: Nominal,
+    run: Blocks,
+    mask: Tensor,
+    hypotheses: Sequence[Hypothesis],
+    unknowns: Unknowns,
+    away: Tensor,
 ) -> list[Mark]:
     """Marks of hypotheses in one run, around ``unknowns`` and with the rows expanded ``away`` from the measured inputs."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
-        return RunEquations(run, Laws(nominal, run, hypothesis.parts), mask).shortfall(unknowns, values, away)
+        return RunEquations(run, Laws(nominal, run, hypothesis.parts), mask).shortfall(
+            unknowns, values, away
+        )
 
     nothing = rows(NOTHING, ())
     found = []
@@ -135,5 +163,10 @@ def run_marks(
         for k in range(1, len(values)):
             moved = tuple(value + float(shared.sd[k]) * (n == k) for n, value in enumerate(values))
             changes.append(nothing - rows(hypothesis, moved) - changes[0])
-        found.append(Mark((torch.stack(changes, -1),), (float(shared.low[0]) / values[0], float(shared.high[0]) / values[0])))
+        found.append(
+            Mark(
+                (torch.stack(changes, -1),),
+                (float(shared.low[0]) / values[0], float(shared.high[0]) / values[0]),
+            )
+        )
     return found

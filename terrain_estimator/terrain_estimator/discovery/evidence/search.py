@@ -15,7 +15,13 @@ from terrain_estimator.discovery.hypotheses.contributions import Contributions, 
 from terrain_estimator.discovery.hypotheses.equations import Ask, Equations
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.hypotheses.physics import Nominal
-from terrain_estimator.discovery.hypotheses.point import PRIOR_THETA, Point, Shared, start_of, with_shared
+from terrain_estimator.discovery.hypotheses.point import (
+    PRIOR_THETA,
+    Point,
+    Shared,
+    start_of,
+    with_shared,
+)
 from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.rows import row_names
@@ -32,21 +38,31 @@ class Candidate:
     @property
     def sizes(self) -> list[tuple[str, float, float]]:
         """See Hypothesis.sizes."""
-        return self.hypothesis.sizes(self.fit.point.shared.tolist(), self.fit.covariance.diagonal().sqrt().tolist())
+        return self.hypothesis.sizes(
+            self.fit.point.shared.tolist(), self.fit.covariance.diagonal().sqrt().tolist()
+        )
 
 
 class Study:
     """Runs of one rover on one soil, and fits to them."""
 
     def __init__(
-        self, nominal: Nominal, runs: Sequence[Blocks], mask: Tensor | None = None, contributions: Contributions | None = None
+        self,
+        nominal: Nominal,
+        runs: Sequence[Blocks],
+        mask: Tensor | None = None,
+        contributions: Contributions | None = None,
     ) -> None:
         """``mask`` [R] is 1 for the rows that may be used, 0 for others; all where it is None.
 
         ``contributions`` computes what these runs contribute, by default here, one after the other.
         """
         self.nominal, self.runs = nominal, tuple(runs)
-        self.mask = torch.ones(len(row_names(nominal.rover.axles)), dtype=torch.float64) if mask is None else mask
+        self.mask = (
+            torch.ones(len(row_names(nominal.rover.axles)), dtype=torch.float64)
+            if mask is None
+            else mask
+        )
         self.contributions = contributions or here(self.runs)
         self._plain = no_columns(self.runs)
         self.nothing = self._nothing()
@@ -56,13 +72,24 @@ class Study:
 
     def _nothing(self) -> Candidate:
         strengths = [(PRIOR_THETA[0][0], PRIOR_THETA[1][0])] * len(self.runs)
-        start = start_of([velocities_of(run) for run in self.runs], self.nominal.uncertain.shape[0], strengths, 0)
+        start = start_of(
+            [velocities_of(run) for run in self.runs], self.nominal.uncertain.shape[0], strengths, 0
+        )
         unknown: list[Tensor | None] = [None] * len(self.runs)
         evaluate, columns = self._evaluate(NOTHING), self._plain.columns
         first = fit(evaluate, start, NOTHING.shared(), columns, unknown, most=3)
         # With columns of the soil constants from nearby an iteration takes a fifth of the time.
-        settled = fit(evaluate, first.point, NOTHING.shared(), columns, [each.by_constant for each in first.equations], most=9)
-        return Candidate(NOTHING, fit(evaluate, settled.point, NOTHING.shared(), columns, unknown, most=2))
+        settled = fit(
+            evaluate,
+            first.point,
+            NOTHING.shared(),
+            columns,
+            [each.by_constant for each in first.equations],
+            most=9,
+        )
+        return Candidate(
+            NOTHING, fit(evaluate, settled.point, NOTHING.shared(), columns, unknown, most=2)
+        )
 
     def equations_of_nothing(self) -> list[Equations]:
         """The equations of every run at the point at which "nothing is missing" fits best: those of its Fit are a step behind."""
@@ -70,7 +97,9 @@ class Study:
         none = torch.zeros(0, dtype=torch.float64)
         asks = [
             Ask(unknowns, (), none, columns, (), before.by_constant, before.away)
-            for unknowns, columns, before in zip(found.point.runs, self._plain.columns, found.equations, strict=True)
+            for unknowns, columns, before in zip(
+                found.point.runs, self._plain.columns, found.equations, strict=True
+            )
         ]
         return list(self._evaluate(NOTHING)(asks))
 
@@ -80,11 +109,19 @@ class Study:
         values[: start.shared.shape[0]] = start.shared
         return with_shared(start, values)
 
-    def foresee(self, hypothesis: Hypothesis, after: Candidate | None = None) -> tuple[Point, float]:
+    def foresee(
+        self, hypothesis: Hypothesis, after: Candidate | None = None
+    ) -> tuple[Point, float]:
         """What one evaluation says of a hypothesis: about where it fits best, and its log evidence."""
         before = (after or self.nothing).fit
         start = self._start(hypothesis, after)
-        found = foresee(self._evaluate(hypothesis), start, hypothesis.shared(), self._plain.columns, before.equations)
+        found = foresee(
+            self._evaluate(hypothesis),
+            start,
+            hypothesis.shared(),
+            self._plain.columns,
+            before.equations,
+        )
         return found.point, found.log_evidence
 
     def explain(self, hypothesis: Hypothesis, after: Candidate | None = None) -> Candidate:
@@ -94,7 +131,14 @@ class Study:
     def fit_from(self, hypothesis: Hypothesis, start: Point, *, most: int = 8) -> Candidate:
         """Fit a hypothesis from ``start`` with the columns of the soil constants of nothing."""
         known = [each.by_constant for each in self.nothing.fit.equations]
-        found = fit(self._evaluate(hypothesis), start, hypothesis.shared(), self._plain.columns, known, most=most)
+        found = fit(
+            self._evaluate(hypothesis),
+            start,
+            hypothesis.shared(),
+            self._plain.columns,
+            known,
+            most=most,
+        )
         return Candidate(hypothesis, found)
 
     def given(self, hypothesis: Hypothesis, values: Tensor) -> Candidate:
@@ -118,21 +162,32 @@ class Study:
     def with_discrepancy(self, candidate: Candidate) -> Candidate:
         """A candidate with a flexible discrepancy on top; the spread of its weights, row by row, is the most likely one.
 
-        The rows are exactly linear in the weights and in c and tan phi, so that one evaluation does: it is within 3 nat of a
-        fit to the end, in a third of the time.
+        The rows are exactly linear in the weights and in c and tan phi, so that one evaluation
+        does: it is within 3 nat of a fit to the end, in a third of the time.
         """
         weights = flexible(self.runs)
         sizes, first = candidate.hypothesis.shared(), candidate.fit.point.shared.shape[0]
         rows = row_names(self.nominal.rover.axles)
         row_of = torch.tensor([rows.index(column.row) for column in weights.names])
         spread = _first_spread(candidate.fit, len(rows))[row_of]
-        point = with_shared(candidate.fit.point, torch.cat([candidate.fit.point.shared, torch.zeros_like(spread)]))
+        point = with_shared(
+            candidate.fit.point, torch.cat([candidate.fit.point.shared, torch.zeros_like(spread)])
+        )
         shared = Shared(sizes.low, sizes.high, torch.cat([sizes.sd, spread]), sizes.step)
 
         def spreads(values: Tensor, variances: Tensor) -> Tensor:
-            return torch.cat([sizes.sd, _spread(values[first:].square() + variances[first:], row_of)])
+            return torch.cat(
+                [sizes.sd, _spread(values[first:].square() + variances[first:], row_of)]
+            )
 
-        found = foresee(self._evaluate(candidate.hypothesis), point, shared, weights.columns, candidate.fit.equations, spreads)
+        found = foresee(
+            self._evaluate(candidate.hypothesis),
+            point,
+            shared,
+            weights.columns,
+            candidate.fit.equations,
+            spreads,
+        )
         return Candidate(candidate.hypothesis, found, weights)
 
 
@@ -145,7 +200,12 @@ def _spread(power: Tensor, row_of: Tensor) -> Tensor:
 def _first_spread(found: Fit, rows: int) -> Tensor:
     """Deviations [R] of the weights of a row to begin with: what is left unexplained there."""
     excess = torch.stack([each.excess for each in found.equations]).mean(0)
-    noise = torch.stack([(each.factor @ each.factor.transpose(1, 2)).diagonal(dim1=1, dim2=2).mean(0) for each in found.equations]).mean(0)
+    noise = torch.stack(
+        [
+            (each.factor @ each.factor.transpose(1, 2)).diagonal(dim1=1, dim2=2).mean(0)
+            for each in found.equations
+        ]
+    ).mean(0)
     per_row = (excess + 0.01 * noise)[1:].clone()
     return (per_row / rows).sqrt()
 
@@ -170,7 +230,9 @@ WORTHLESS = 2.0
 """[nat] Largest foreseen gain of hypotheses that explain nothing: then only the best is fitted, to make sure of it."""
 
 
-def search(study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after: Candidate | None = None) -> list[Candidate]:
+def search(
+    study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after: Candidate | None = None
+) -> list[Candidate]:
     """The most probable hypotheses, best first; ``after`` is a candidate whose parts come first in all of them.
 
     What one evaluation foresees of each decides which are fitted.
@@ -182,7 +244,9 @@ def search(study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after:
     foreseen.sort(key=lambda each: -each[1])
     base = (after or study.nothing).fit.log_evidence
     gain = foreseen[0][1] - base
-    best = [each for each in foreseen[:FITTED] if each[1] - base > max(PROMISING * gain, WORTHLESS)] or foreseen[:1]
+    best = [
+        each for each in foreseen[:FITTED] if each[1] - base > max(PROMISING * gain, WORTHLESS)
+    ] or foreseen[:1]
     candidates = []
     for number, (point, _, hypothesis) in enumerate(best):
         say(0.5 + 0.5 * number / len(best), hypothesis.label)
@@ -193,7 +257,11 @@ def search(study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after:
 def _refined(study: Study, candidates: list[Candidate], base: float) -> list[Candidate]:
     """The best and its rivals fitted until nothing moves, where they gain anything over ``base``."""
     enough = RIVAL * (candidates[0].fit.log_evidence - base)
-    rivals = [each for each in candidates[:REFINED] if each.fit.log_evidence - base > max(enough, WORTHLESS)]
+    rivals = [
+        each
+        for each in candidates[:REFINED]
+        if each.fit.log_evidence - base > max(enough, WORTHLESS)
+    ]
     return ranked([study.refine(each) for each in rivals] + candidates[len(rivals) :])
 
 

@@ -10,5 +10,9 @@ from terrain_estimator.discovery import Thresholds
 
 def read_thresholds() -> Thresholds:
     """Those that come with the package."""
-    values = json.loads((files("terrain_estimator.discovery.evidence") / "thresholds.json").read_text(encoding="utf-8"))
+    values = json.loads(
+        (files("terrain_estimator.discovery.evidence") / "thresholds.json").read_text(
+            encoding="utf-8"
+        )
+    )
     return Thresholds(values["anything"], values["share"], values["apart"])

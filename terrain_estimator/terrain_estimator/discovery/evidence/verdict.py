@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """One rule from evidence to verdict: none, named, confusable or unknown.
 
-With L the log evidence of a hypothesis over "nothing is missing" and L+ that of the same with a discrepancy without a name on top:
+With L the log evidence of a hypothesis over "nothing is missing" and L+ that of the same with a
+discrepancy without a name on top:
 
 1. Nothing is missing where neither a named effect nor the discrepancy alone gains ``anything``.
-2. An effect is named where it closes at least the ``share`` of what can be explained at all, L / max(L, L+, L+ of nothing). A test
-   for "something is left" would not do: a right name whose law is slightly another leaves something too, and a wrong one gains
-   hundreds of nats as soon as anything is missing. What tells them apart is the share of the gap that a name closes.
-3. Every effect that closes the share and comes within ``apart`` of the best, relative to what the best gains, is as good an
-   explanation: together they are a confusable set.
-4. Two effects are named where together they close the ``share``, and the second gains ``anything`` and nearly all (SECOND_SHARE) that the
-   first leaves. A right name whose law is slightly another leaves something too, of which another effect takes a part.
+2. An effect is named where it closes at least the ``share`` of what can be explained at all, L /
+   max(L, L+, L+ of nothing). A test for "something is left" would not do: a right name whose law is
+   slightly another leaves something too, and a wrong one gains hundreds of nats as soon as anything
+   is missing. What tells them apart is the share of the gap that a name closes.
+3. Every effect that closes the share and comes within ``apart`` of the best, relative to what the
+   best gains, is as good an explanation: together they are a confusable set.
+4. Two effects are named where together they close the ``share``, and the second gains ``anything``
+   and nearly all (SECOND_SHARE) that the first leaves. A right name whose law is slightly another
+   leaves something too, of which another effect takes a part.
 
 The thresholds are calibrated by ``calibrate_discovery``.
 """
@@ -77,7 +80,9 @@ class Judgement:
     """The verdict, what it names, and how sure it is."""
 
     verdict: Verdict
-    named: tuple[Hypothesis, ...]  # one where named, several where confusable, the closest where unknown
+    named: tuple[
+        Hypothesis, ...
+    ]  # one where named, several where confusable, the closest where unknown
     probabilities: dict[str, float]  # of none, unknown and every effect; they add up to one
 
 
@@ -90,20 +95,27 @@ def judge(gains: Gains, thresholds: Thresholds) -> Judgement:
     if gains.explainable < thresholds.anything:
         verdict, named = Verdict.NONE, ()
     elif gains.share >= thresholds.share:
-        verdict, named = (Verdict.NAMED, (best,)) if len({each.names for each in alike}) == 1 else (Verdict.CONFUSABLE, alike)
+        verdict, named = (
+            (Verdict.NAMED, (best,))
+            if len({each.names for each in alike}) == 1
+            else (Verdict.CONFUSABLE, alike)
+        )
     return Judgement(verdict, named, _probabilities(gains, thresholds))
 
 
 SECOND_SHARE = 0.95
 """[1] Of what the first effect leaves the second closes at least so much. Two effects that were hidden together did so to 0.70 to 1
-(median 1, ten cases), the best second one beside a single effect of another law to 0.91 at most (slip_sinkage; twelve cases)."""
+(median 1, ten cases), the best second one beside a single effect of another law to 0.91 at most
+(slip_sinkage; twelve cases)."""
 
 
 def is_pair(single: Gains, pair: Gains, thresholds: Thresholds) -> bool:
     """Whether the best ``pair`` is an answer, and not the best ``single`` effect."""
     gained = pair.best - single.best
     left = max(single.explainable, pair.explainable) - single.best
-    return pair.share >= thresholds.share and gained >= max(thresholds.anything, SECOND_SHARE * left)
+    return pair.share >= thresholds.share and gained >= max(
+        thresholds.anything, SECOND_SHARE * left
+    )
 
 
 def _told_apart_by(gains: Gains, thresholds: Thresholds) -> float:
@@ -120,7 +132,9 @@ def _probabilities(gains: Gains, thresholds: Thresholds) -> dict[str, float]:
     something = _rise((gains.explainable - thresholds.anything) / (0.25 * thresholds.anything))
     known = _rise((gains.share - thresholds.share) / _SHARE_WIDTH)
     width = 0.5 * thresholds.apart * _told_apart_by(gains, thresholds)
-    weights = torch.softmax(torch.tensor([gain / width for _, gain in gains.named], dtype=torch.float64), 0).tolist()
+    weights = torch.softmax(
+        torch.tensor([gain / width for _, gain in gains.named], dtype=torch.float64), 0
+    ).tolist()
     probabilities = {"none": 1.0 - something, "unknown": something * (1.0 - known)}
     for (hypothesis, _), weight in zip(gains.named, weights, strict=True):
         name = " + ".join(hypothesis.names)
@@ -149,12 +163,19 @@ def leftovers(candidate: Candidate) -> list[Leftover]:
     if candidate.weights is None:
         return []
     first = candidate.fit.point.shared.shape[0] - len(candidate.weights.names)
-    weights, covariance = candidate.fit.point.shared[first:], candidate.fit.covariance[first:, first:]
+    weights, covariance = (
+        candidate.fit.point.shared[first:],
+        candidate.fit.covariance[first:, first:],
+    )
     groups: dict[Column, list[int]] = {}
     for index, column in enumerate(candidate.weights.names):
         groups.setdefault(Column(column.row, _signal(column.signal)), []).append(index)
     found = [
-        Leftover(column, float(weights[index] @ torch.linalg.solve(covariance[index][:, index], weights[index])), len(index))
+        Leftover(
+            column,
+            float(weights[index] @ torch.linalg.solve(covariance[index][:, index], weights[index])),
+            len(index),
+        )
         for column, index in groups.items()
     ]
     return sorted(found, key=lambda each: -each.strength)
@@ -166,7 +187,9 @@ def _signal(name: str) -> str:
     return "distance" if base.startswith("distance") else base
 
 
-def gains_of(nothing: Candidate, named: Sequence[Candidate], nothing_with: Candidate, best_with: Candidate) -> Gains:
+def gains_of(
+    nothing: Candidate, named: Sequence[Candidate], nothing_with: Candidate, best_with: Candidate
+) -> Gains:
     """The numbers of the rule from fits; ``named`` the most probable first."""
     base = nothing.fit.log_evidence
     return Gains(

@@ -35,17 +35,22 @@ class Law:
 class Contributions(Protocol):
     """Applies a function to every run that it holds, with an item for each.
 
-    Results come in the order of the runs whoever computed them, so that they are added up in that order.
+    Results come in the order of the runs whoever computed them, so that they are added up in that
+    order.
     """
 
-    def __call__(self, function: Callable[[Blocks, Item], Result], items: Sequence[Item], /) -> Sequence[Result]:
+    def __call__(
+        self, function: Callable[[Blocks, Item], Result], items: Sequence[Item], /
+    ) -> Sequence[Result]:
         """``function(run, item)`` of every run."""
 
 
 def here(runs: Sequence[Blocks]) -> Contributions:
     """The contributions of runs in this process, one after the other."""
 
-    def contributions(function: Callable[[Blocks, Item], Result], items: Sequence[Item], /) -> Sequence[Result]:
+    def contributions(
+        function: Callable[[Blocks, Item], Result], items: Sequence[Item], /
+    ) -> Sequence[Result]:
         return [function(run, item) for run, item in zip(runs, items, strict=True)]
 
     return contributions

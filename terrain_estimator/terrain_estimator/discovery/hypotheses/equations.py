@@ -2,16 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The normal equations of one run under a hypothesis: orthogonal distance regression on blocks of one second.
 
-Unknowns of a run: c [kPa], tan phi, M soil constants [prior deviations], accelerometer bias, one velocity at each joint of
-blocks. Shared by all runs: sizes of effects [units], weights of discrepancy columns. The objective is
+Unknowns of a run: c [kPa], tan phi, M soil constants [prior deviations], accelerometer bias, one
+velocity at each joint of blocks. Shared by all runs: sizes of effects [units], weights of
+discrepancy columns. The objective is
 
     SUM over blocks of r' (S + D)^-1 r + log det (S + D) - log det S + SUM over unknowns of ((x - mean) / sd)^2,   S = G G' + R
 
-with S moving with every unknown. D is diagonal, one excess variance for each row of a run: what the hypothesis leaves unexplained
-beyond the sensors' noise, at its most likely value (0 where nothing is left). So a hypothesis that cannot be right does not fight
-over residuals of a thousand deviations, and correlated noise counts as noise. log det S itself is left out on purpose: the load
-and moment rows are constraints on inputs and have no scale of their own, so that an effect which only rescales them
-(payload) would otherwise gain hundreds of nats by it.
+with S moving with every unknown. D is diagonal, one excess variance for each row of a run: what the
+hypothesis leaves unexplained beyond the sensors' noise, at its most likely value (0 where nothing
+is left). So a hypothesis that cannot be right does not fight over residuals of a thousand
+deviations, and correlated noise counts as noise. log det S itself is left out on purpose: the load
+and moment rows are constraints on inputs and have no scale of their own, so that an effect which
+only rescales them (payload) would otherwise gain hundreds of nats by it.
 """
 
 import dataclasses
@@ -43,7 +45,12 @@ class Unknowns:
     def moved(self, step: Tensor) -> "Unknowns":
         """Changed by ``step`` [P]."""
         sizes = [2, self.kappa.shape[0], 1, self.velocity.shape[0]]
-        return Unknowns(*(part + change for part, change in zip(self.parts(), torch.split(step, sizes), strict=True)))
+        return Unknowns(
+            *(
+                part + change
+                for part, change in zip(self.parts(), torch.split(step, sizes), strict=True)
+            )
+        )
 
     def parts(self) -> tuple[Tensor, ...]:
         """Its tensors in order."""
@@ -60,7 +67,9 @@ class Ask:
     columns: Tensor  # [B, Q, F] of a flexible discrepancy
     steps: tuple[float, ...]  # of the differences by each size
     known: Tensor | None  # [B, Q, M] columns of the soil constants where they need not be computed
-    away: Tensor | None = None  # inputs around which to expand the rows; where it is None they are looked for
+    away: Tensor | None = (
+        None  # inputs around which to expand the rows; where it is None they are looked for
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +86,9 @@ class Equations:
     present: Tensor  # [B, Q] 1 where a row is there
     ends: Tensor  # [B, 2] numbers of the velocities before and after
     excess: Tensor  # [Q] diagonal of D
-    jacobian: Tensor  # [B, Q, 2 + M + 3 + K] of theta, constants, bias, velocity before and after, shared
+    jacobian: (
+        Tensor  # [B, Q, 2 + M + 3 + K] of theta, constants, bias, velocity before and after, shared
+    )
     degrees: int  # rows that are present
     away: Tensor  # inputs around which the rows were expanded
 
@@ -96,7 +107,9 @@ class Averages:
 
 def _block_shape(values: Tensor, blocks: int, lead: int) -> Tensor:
     """[..., B n, ...] as [..., B, n, ...], with ``lead`` dimensions before."""
-    return values.reshape(*values.shape[:lead], blocks, values.shape[lead] // blocks, *values.shape[lead + 1 :])
+    return values.reshape(
+        *values.shape[:lead], blocks, values.shape[lead] // blocks, *values.shape[lead + 1 :]
+    )
 
 
 def averages(blocks: Blocks, used: Tensor) -> Averages:
@@ -105,7 +118,10 @@ def averages(blocks: Blocks, used: Tensor) -> Averages:
     scalars = blocks.packed[..., 8 * axles :]
     weight = row_weights(used, scalars[..., -2] * used[..., 0])
     count = scalars.shape[1]
-    return Averages(weight, torch.stack([scalars[..., 0].mean(1), scalars[..., 1].square().sum(1) / count**2], 1))
+    return Averages(
+        weight,
+        torch.stack([scalars[..., 0].mean(1), scalars[..., 1].square().sum(1) / count**2], 1),
+    )
 
 
 class RunEquations:
@@ -124,18 +140,28 @@ class RunEquations:
         rows = self._laws.rows(place, away, changes_too=known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
         average = averages(self._blocks, used)
-        present = torch.cat([torch.ones(count, 2, dtype=torch.float64), (used[..., 1:].sum(1) > 0.0).to(torch.float64)], 1)
+        present = torch.cat(
+            [
+                torch.ones(count, 2, dtype=torch.float64),
+                (used[..., 1:].sum(1) > 0.0).to(torch.float64),
+            ],
+            1,
+        )
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
 
         noise = _block_shape(rows.noise[0] @ theta, count, 0)  # [B, n, R, E]
         sources = torch.cat([noise[:, :, :1], noise], 2) * average.weight.unsqueeze(-1)
         sources = sources.transpose(1, 2).flatten(2)
         variance = _block_shape(rows.variance, count, 0)
-        spread = (torch.cat([variance[..., :1], variance], -1) * average.weight.square()).sum(1) + (1.0 - present)
+        spread = (torch.cat([variance[..., :1], variance], -1) * average.weight.square()).sum(1) + (
+            1.0 - present
+        )
         spread[:, 0] += average.measured[:, 1]
         spread[:, 1] += LINK_VARIANCE
         fixed = self._fixed(present)
-        joined = torch.stack([unknowns.bias.expand(count), *unknowns.velocity[self._blocks.ends].unbind(1)], -1)
+        joined = torch.stack(
+            [unknowns.bias.expand(count), *unknowns.velocity[self._blocks.ends].unbind(1)], -1
+        )
         short = average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
         short[:, 0] += average.measured[:, 0]
         columns = ask.columns * present.unsqueeze(-1)
@@ -146,25 +172,60 @@ class RunEquations:
         error = (sources.transpose(1, 2) @ weighted).view(count, rows.used.shape[0] // count, 1, -1)
 
         by_theta = torch.stack(
-            [average.of(_block_shape(rows.features[0, ..., k], count, 0) + self._moved(rows.noise[0, ..., k], error)) for k in (0, 1)], -1
+            [
+                average.of(
+                    _block_shape(rows.features[0, ..., k], count, 0)
+                    + self._moved(rows.noise[0, ..., k], error)
+                )
+                for k in (0, 1)
+            ],
+            -1,
         )
         if known is None:
-            change = _block_shape(rows.features[1:] @ theta, count, 1) + self._moved_all(rows.noise[1:] @ theta, error)
+            change = _block_shape(rows.features[1:] @ theta, count, 1) + self._moved_all(
+                rows.noise[1:] @ theta, error
+            )
             known = average.of(change).permute(1, 2, 0)
         by_size = [
-            average.of((self._corrected(place, away, error, theta, k, step) - self._base(rows, error, theta)) / step)
+            average.of(
+                (
+                    self._corrected(place, away, error, theta, k, step)
+                    - self._base(rows, error, theta)
+                )
+                / step
+            )
             for k, step in enumerate(ask.steps)
         ]
-        jacobian = torch.cat([by_theta, known, fixed, *(column.unsqueeze(-1) for column in by_size), columns], -1)
-        hessian, gradient = assembled(jacobian, factor, weighted, self._blocks.ends, len(ask.sizes) + ask.weights.shape[0])
+        jacobian = torch.cat(
+            [by_theta, known, fixed, *(column.unsqueeze(-1) for column in by_size), columns], -1
+        )
+        hessian, gradient = assembled(
+            jacobian, factor, weighted, self._blocks.ends, len(ask.sizes) + ask.weights.shape[0]
+        )
         misfit = float((residual * weighted.squeeze(-1)).sum()) + surplus
         ends, degrees = self._blocks.ends, int(present.sum())
-        return Equations(hessian, gradient, misfit, known, residual, factor, covariance, present, ends, excess, jacobian, degrees, away)
+        return Equations(
+            hessian,
+            gradient,
+            misfit,
+            known,
+            residual,
+            factor,
+            covariance,
+            present,
+            ends,
+            excess,
+            jacobian,
+            degrees,
+            away,
+        )
 
     def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], away: Tensor) -> Tensor:
         """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's mark."""
         count = self._blocks.packed.shape[0]
-        rows = self._laws.rows(Place(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False)
+        rows = self._laws.rows(
+            Place(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False
+        )
         average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
         return average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
@@ -179,11 +240,19 @@ class RunEquations:
 
     def _base(self, rows: Rows, error: Tensor, theta: Tensor) -> Tensor:
         count = self._blocks.packed.shape[0]
-        return _block_shape(rows.features[0] @ theta - rows.target, count, 0) + self._moved(rows.noise[0] @ theta, error)
+        return _block_shape(rows.features[0] @ theta - rows.target, count, 0) + self._moved(
+            rows.noise[0] @ theta, error
+        )
 
-    def _corrected(self, place: Place, away: Tensor, error: Tensor, theta: Tensor, index: int, step: float) -> Tensor:
+    def _corrected(
+        self, place: Place, away: Tensor, error: Tensor, theta: Tensor, index: int, step: float
+    ) -> Tensor:
         sizes = tuple(size + step * (k == index) for k, size in enumerate(place.values))
-        return self._base(self._laws.rows(Place(place.theta, place.kappa, sizes), away, changes_too=False), error, theta)
+        return self._base(
+            self._laws.rows(Place(place.theta, place.kappa, sizes), away, changes_too=False),
+            error,
+            theta,
+        )
 
     def _fixed(self, present: Tensor) -> Tensor:
         """Columns of accelerometer bias and of the velocities before and after, [B, Q, 3]."""
@@ -195,7 +264,9 @@ class RunEquations:
         return columns
 
 
-def assembled(jacobian: Tensor, factor: Tensor, weighted: Tensor, ends: Tensor, shared: int) -> tuple[Tensor, Tensor]:
+def assembled(
+    jacobian: Tensor, factor: Tensor, weighted: Tensor, ends: Tensor, shared: int
+) -> tuple[Tensor, Tensor]:
     """J' W J and J' W r of a whole run from those of its blocks; ``weighted`` [B, Q, 1] is W r, ``shared`` unknowns come last."""
     count, _, local = jacobian.shape
     first = local - 2 - shared
@@ -206,14 +277,25 @@ def assembled(jacobian: Tensor, factor: Tensor, weighted: Tensor, ends: Tensor, 
     pull = (jacobian.transpose(1, 2) @ weighted).squeeze(-1)
     index = places(count, first, ends, shared)
     pairs = (index.unsqueeze(2).expand(-1, -1, local), index.unsqueeze(1).expand(-1, local, -1))
-    hessian = torch.zeros(size, size, dtype=torch.float64).index_put_(pairs, information, accumulate=True)
-    return hessian, torch.zeros(size, dtype=torch.float64).index_put_((index,), pull, accumulate=True)
+    hessian = torch.zeros(size, size, dtype=torch.float64).index_put_(
+        pairs, information, accumulate=True
+    )
+    return hessian, torch.zeros(size, dtype=torch.float64).index_put_(
+        (index,), pull, accumulate=True
+    )
 
 
 def places(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
     """Where the unknowns of each block are among those of its run: [B, first + 2 + shared]."""
     own = first + int(ends.max()) + 1
-    return torch.cat([torch.arange(first).expand(count, -1), first + ends, torch.arange(own, own + shared).expand(count, -1)], 1)
+    return torch.cat(
+        [
+            torch.arange(first).expand(count, -1),
+            first + ends,
+            torch.arange(own, own + shared).expand(count, -1),
+        ],
+        1,
+    )
 
 
 def linear(equations: Equations, step: Tensor, shared: int) -> Equations:
@@ -228,14 +310,22 @@ def linear(equations: Equations, step: Tensor, shared: int) -> Equations:
     weighted = torch.cholesky_solve(equations.residual.unsqueeze(-1), factor)
     hessian, gradient = assembled(equations.jacobian, factor, weighted, equations.ends, shared)
     misfit = float((equations.residual * weighted.squeeze(-1)).sum()) + surplus
-    return dataclasses.replace(equations, hessian=hessian, gradient=gradient, misfit=misfit, factor=factor, excess=excess)
+    return dataclasses.replace(
+        equations, hessian=hessian, gradient=gradient, misfit=misfit, factor=factor, excess=excess
+    )
 
 
-def unexplained(covariance: Tensor, residual: Tensor, present: Tensor) -> tuple[Tensor, Tensor, float]:
+def unexplained(
+    covariance: Tensor, residual: Tensor, present: Tensor
+) -> tuple[Tensor, Tensor, float]:
     """D [Q] for these residuals, the Cholesky factor of S + D, and log det (S + D) - log det S over all blocks."""
     excess = excess_variance(covariance, residual, present)
     factor = cholesky(covariance + torch.diag_embed(excess * present))
-    return excess, factor, float((log_determinant(factor) - log_determinant(cholesky(covariance))).sum())
+    return (
+        excess,
+        factor,
+        float((log_determinant(factor) - log_determinant(cholesky(covariance))).sum()),
+    )
 
 
 ROUNDS = 8
@@ -246,7 +336,8 @@ LEAST_EXCESS = 1e-4
 def excess_variance(covariance: Tensor, residual: Tensor, present: Tensor) -> Tensor:
     """Most likely D [Q], the same in all blocks, for residuals [B, Q] with noise [B, Q, Q]; 0 or more.
 
-    At it SUM w_q^2 = SUM W_qq with W = (S + D)^-1 and w = W r; iterated as a ratio, which keeps D positive.
+    At it SUM w_q^2 = SUM W_qq with W = (S + D)^-1 and w = W r; iterated as a ratio, which keeps D
+    positive.
     """
     count = present.sum(0).clamp(min=1.0)
     noise = (covariance.diagonal(dim1=1, dim2=2) * present).sum(0) / count
@@ -255,6 +346,8 @@ def excess_variance(covariance: Tensor, residual: Tensor, present: Tensor) -> Te
     for _ in range(ROUNDS):
         weight = torch.cholesky_inverse(cholesky(covariance + torch.diag_embed(excess * present)))
         pull = (weight @ residual.unsqueeze(-1)).squeeze(-1)
-        ratio = (pull.square() * present).sum(0) / (weight.diagonal(dim1=1, dim2=2) * present).sum(0).clamp(min=1e-30)
+        ratio = (pull.square() * present).sum(0) / (weight.diagonal(dim1=1, dim2=2) * present).sum(
+            0
+        ).clamp(min=1e-30)
         excess = torch.maximum(excess * ratio.clamp(0.05, 20.0), least)
     return torch.where(count > 0.0, excess, 0.0)

@@ -24,8 +24,9 @@ SOIL_LAWS = ("bulldozing", "grousers", "slip_sinkage", "multipass", "rate_depend
 """Effects whose law of slip, sinkage or speed is an author's: another one fits the same ground with another size."""
 OTHER_SOIL_LAW, OTHER_LAW = 0.2, 0.05
 """[1] Relative deviation of the size of SOIL_LAWS and of other effects, beside what the fit leaves open. Where the hidden law was
-another one, the size at which the named one is closest to it lay 0 to 39 % and 0 to 6 % from the one that fits best (26 cases of seven
-effects, drawn for this), but that of grousers 50 to 170 %: the slip that mobilises them stands in for it."""
+another one, the size at which the named one is closest to it lay 0 to 39 % and 0 to 6 % from the
+one that fits best (26 cases of seven effects, drawn for this), but that of grousers 50 to 170 %:
+the slip that mobilises them stands in for it."""
 _START = 0.02
 """[1] Share of its range at which the search for the size of a one-sided effect begins."""
 _STEP = 0.01
@@ -46,13 +47,19 @@ class Hypothesis:
     @property
     def label(self) -> str:
         """Such as ``payload + failed_wheel (axle 2)``."""
-        words = [part.name if part.axle is None else f"{part.name} (axle {part.axle})" for part in self.parts]
+        words = [
+            part.name if part.axle is None else f"{part.name} (axle {part.axle})"
+            for part in self.parts
+        ]
         return " + ".join(words) or "none"
 
-    def sizes(self, values: Sequence[float], deviations: Sequence[float]) -> list[tuple[str, float, float]]:
+    def sizes(
+        self, values: Sequence[float], deviations: Sequence[float]
+    ) -> list[tuple[str, float, float]]:
         """Name, size and standard deviation of each effect, in the units of the registry; that its law is another one is counted.
 
-        ``values`` and ``deviations`` are those of the shared unknowns, in the order of :meth:`shared`.
+        ``values`` and ``deviations`` are those of the shared unknowns, in the order of
+        :meth:`shared`.
         """
         found, at = [], 0
         for part in self.parts:
@@ -66,23 +73,35 @@ class Hypothesis:
         """Ranges, priors and differences of the sizes, in the values that the fit moves (see ``Part.size``)."""
         bounds: list[tuple[float, float, float, float]] = []  # low, high, deviation, step
         for part in self.parts:
-            low, high = (part.value(end) if end else 0.0 for end in (describe(part.name).low, describe(part.name).high))
-            # Half of a one-sided range is two deviations from its end, as is half of a two-sided one from its middle.
+            low, high = (
+                part.value(end) if end else 0.0
+                for end in (describe(part.name).low, describe(part.name).high)
+            )
+            # Half of a one-sided range is two deviations from its end, as is half of a two-sided
+            # one from its middle.
             bounds.append((low, high, 0.5 * max(abs(low), abs(high)), _STEP * (high - low)))
-            bounds += [(-4.0 * each.sd, 4.0 * each.sd, each.sd, _STEP * each.sd) for each in part.beside]
+            bounds += [
+                (-4.0 * each.sd, 4.0 * each.sd, each.sd, _STEP * each.sd) for each in part.beside
+            ]
         table = torch.tensor(bounds, dtype=torch.float64).view(-1, 4)
         return Shared(table[:, 0], table[:, 1], table[:, 2], tuple(table[:, 3].tolist()))
 
     def typical(self) -> tuple[float, ...]:
         """Values of effects of typical size, in those that the fit moves."""
-        return tuple(value for part in self.parts for value in (part.value(TYPICAL[part.name]), *(0.0 for _ in part.beside)))
+        return tuple(
+            value
+            for part in self.parts
+            for value in (part.value(TYPICAL[part.name]), *(0.0 for _ in part.beside))
+        )
 
     def start(self) -> list[float]:
         """Values at which the search begins: 0, or a little inside of a one-sided range."""
         values = []
         for part in self.parts:
             described = describe(part.name)
-            values += [part.value(_START * described.high) if described.low >= 0.0 else 0.0] + [0.0] * len(part.beside)
+            values += [part.value(_START * described.high) if described.low >= 0.0 else 0.0] + [
+                0.0
+            ] * len(part.beside)
         return values
 
 
@@ -104,7 +123,10 @@ def singles(names: tuple[str, ...] = ()) -> list[Hypothesis]:
     for name in names or testable():
         description = describe(name)
         if description.make is None:
-            raise ConfigError(f"effect {name} is not testable here: it acts sideways, which a planar rover does not show")
+            raise ConfigError(
+                f"effect {name} is not testable here: it acts sideways, which a planar rover does"
+                " not show"
+            )
         axles: tuple[int | None, ...] = tuple(range(AXLES)) if description.by_axle else (None,)
         found += [Hypothesis((Part(name, axle),)) for axle in axles]
     return found

@@ -12,7 +12,15 @@ from torch import Tensor
 
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import make_effect
-from terramechanics.effects.laws import GROUSER_SLIP, SHALLOWEST, in_slip_range, reported_slip, sinkage_behind, slip_behind, uneven
+from terramechanics.effects.laws import (
+    GROUSER_SLIP,
+    SHALLOWEST,
+    in_slip_range,
+    reported_slip,
+    sinkage_behind,
+    slip_behind,
+    uneven,
+)
 from terramechanics.effects.soil import Grousers, LateralBulldozing, Multipass
 from terramechanics.simulation.plant import Effect, Payload, Plant, Situation
 from terramechanics.simulation.sample import Sample
@@ -68,7 +76,10 @@ class Part:
 
 _ROOTED = ("exit_angle",)  # the angle goes like the root of the rebound
 _BESIDE = {
-    "payload": (Beside("moment along the body", "kg m", 10.0), Beside("moment of height", "kg m", 10.0)),
+    "payload": (
+        Beside("moment along the body", "kg m", 10.0),
+        Beside("moment of height", "kg m", 10.0),
+    ),
     "multipass": (Beside("growth with later passes, less 1", "1", 0.5),),
     "odometry_scale": (Beside("unevenness from one axle to the next behind it", "1", 0.3),),
     "grousers": (Beside("logarithm of the slip that mobilises them", "1", 0.7),),
@@ -85,9 +96,15 @@ class PlacedLoad(Effect):
 
     def payload(self, where: Situation) -> Payload:
         """See Effect."""
-        mass = torch.full_like(where.velocity, self.mass if abs(self.mass) > _LIGHTEST else _LIGHTEST)
+        mass = torch.full_like(
+            where.velocity, self.mass if abs(self.mass) > _LIGHTEST else _LIGHTEST
+        )
         body = where.rover
-        return Payload(mass, body.centre_of_mass_x + self.along / mass, body.centre_of_mass_height + self.above / mass)
+        return Payload(
+            mass,
+            body.centre_of_mass_x + self.along / mass,
+            body.centre_of_mass_height + self.above / mass,
+        )
 
 
 @dataclass
@@ -99,12 +116,16 @@ class UnevenScale(Effect):
 
     def error(self, axles: int) -> Tensor:
         """Of the radius of each axle's wheels, [axles]."""
-        size, unevenness = (torch.tensor(value, dtype=torch.float64) for value in (self.size, self.unevenness))
+        size, unevenness = (
+            torch.tensor(value, dtype=torch.float64) for value in (self.size, self.unevenness)
+        )
         return uneven(size, unevenness, torch.arange(axles, dtype=torch.float64))
 
     def sensed(self, sample: Sample) -> Sample:
         """See Effect."""
-        return dataclasses.replace(sample, slip=reported_slip(sample.slip, self.error(sample.slip.shape[-1])))
+        return dataclasses.replace(
+            sample, slip=reported_slip(sample.slip, self.error(sample.slip.shape[-1]))
+        )
 
 
 _LIGHTEST = 1e-6  # [kg] of a load that has a place
@@ -120,7 +141,9 @@ def plant_of(parts: tuple[Part, ...], values: tuple[float, ...]) -> Plant:
     return Plant([part.effect(own) for part, own in zip(parts, _split(parts, values), strict=True)])
 
 
-def undone(parts: tuple[Part, ...], values: tuple[float, ...], packed: Tensor, blocks: Blocks) -> Tensor:
+def undone(
+    parts: tuple[Part, ...], values: tuple[float, ...], packed: Tensor, blocks: Blocks
+) -> Tensor:
     """Packed observations [n, 8 A + 9] with what the effects do to the sensors taken back."""
     for part, own in zip(parts, _split(parts, values), strict=True):
         if part.name == "odometry_scale":
@@ -164,7 +187,10 @@ def _without_delay(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
     here, slip = _axle_part(packed, blocks, 0)
     depth, sinkage = _axle_part(packed, blocks, 2)
     per_block = blocks.packed.shape[1]
-    faster, deeper = (rate.repeat_interleave(per_block, 0) for rate in (blocks.signals.slip_rate, blocks.signals.sinkage_rate))
+    faster, deeper = (
+        rate.repeat_interleave(per_block, 0)
+        for rate in (blocks.signals.slip_rate, blocks.signals.sinkage_rate)
+    )
     moved = _with(packed, here, in_slip_range(slip + size * faster))
     return _with(moved, depth, torch.maximum(sinkage + size * deeper, SHALLOWEST * sinkage))
 

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The regression rows of a run under a hypothesis: the nominal rows with named effects of terramechanics in them.
 
-Nothing is linearised in the size of an effect. Contact, push, payload and friction are the very functions that the
-simulator calls; what an effect does to a sensor is undone on the measured inputs.
+Nothing is linearised in the size of an effect. Contact, push, payload and friction are the very
+functions that the simulator calls; what an effect does to a sensor is undone on the measured
+inputs.
 """
 
 import math
@@ -56,8 +57,13 @@ class Nominal:
 
 def nominal_of(rover: Rover, soil: Soil) -> Nominal:
     """The nominal model; its rows know how they change with each uncertain soil constant."""
-    uncertain = uncertain_constants(soil.constants().unsqueeze(0), CONSTANTS_SD, rover.wheel_width)[0]
-    stand_in = torch.tensor([0.1, 0.01, 0.01 * rover.wheel_radius, 1e-3 * rover.wheel_radius, 0.0, 0.0, 0.0, 0.0], dtype=torch.float64)
+    uncertain = uncertain_constants(soil.constants().unsqueeze(0), CONSTANTS_SD, rover.wheel_width)[
+        0
+    ]
+    stand_in = torch.tensor(
+        [0.1, 0.01, 0.01 * rover.wheel_radius, 1e-3 * rover.wheel_radius, 0.0, 0.0, 0.0, 0.0],
+        dtype=torch.float64,
+    )
     contact = Contact(
         constants=soil.constants(),
         varied=torch.cat([torch.zeros(1, 6, dtype=torch.float64), 1e-3 * uncertain]),
@@ -119,35 +125,53 @@ class Laws:
     def rows(self, place: Place, away: Tensor, *, changes_too: bool) -> Rows:
         """Rows expanded ``away`` from the measured inputs; with their changes by the soil constants where asked for."""
         plant_, contact, packed = self._at(place)
-        return self._rows(packed, packed + away, contact if changes_too else values_alone(contact), place, plant_)
+        return self._rows(
+            packed, packed + away, contact if changes_too else values_alone(contact), place, plant_
+        )
 
     def _at(self, place: Place) -> tuple[Plant, Contact, Tensor]:
         acting, where, nominal = plant_of(self.parts, place.values), self._where, self._nominal
-        contact = nominal.contact._replace(constants=nominal.contact.constants + place.kappa @ nominal.uncertain)
+        contact = nominal.contact._replace(
+            constants=nominal.contact.constants + place.kappa @ nominal.uncertain
+        )
         if any(effect.payload(where) is not None for effect in acting.effects):
             contact = _loaded(contact, nominal.rover, acting.body(where))
         packed = undone(self.parts, place.values, self._flat, self._blocks)
         axles = nominal.rover.axles
         torque = packed[:, 6 * axles : 7 * axles] - acting.friction(where)
-        return acting, contact, torch.cat([packed[:, : 6 * axles], torque, packed[:, 7 * axles :]], 1)
+        return (
+            acting,
+            contact,
+            torch.cat([packed[:, : 6 * axles], torque, packed[:, 7 * axles :]], 1),
+        )
 
-    def _rows(self, packed: Tensor, likely: Tensor, contact: Contact, place: Place, acting: Plant) -> Rows:
+    def _rows(
+        self, packed: Tensor, likely: Tensor, contact: Contact, place: Place, acting: Plant
+    ) -> Rows:
         frame = frame_of(packed, contact)
         expanded = places(likely, frame, contact)
         varied = varied_inputs(expanded, contact)
         strength = place.theta * contact.column_unit[:2]
-        touching = plant.Contact(varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2))
+        touching = plant.Contact(
+            varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2)
+        )
         touching = acting.contact(self._where, touching)
         forces = self._forces(touching, contact)
         push = acting.push(self._where, touching, torch.zeros_like(forces[..., 0]))
         forces = torch.cat([forces[..., :2], (forces[..., 2] + push).unsqueeze(-1)], -1)
-        return rows_of_forces(frame, measured_forces(frame, expanded, changes(forces, varied.scale, contact)))
+        return rows_of_forces(
+            frame, measured_forces(frame, expanded, changes(forces, varied.scale, contact))
+        )
 
     def _forces(self, touching: plant.Contact, contact: Contact) -> Tensor:
         """The stress integrals, those of the last call where nothing that they depend on has changed: many effects act elsewhere."""
         changing = (touching.slip, touching.sinkage, touching.constants)
         kept = self._kept
-        if touching.exit_angle is None and kept and all(torch.equal(one, other) for one, other in zip(kept[0], changing, strict=True)):
+        if (
+            touching.exit_angle is None
+            and kept
+            and all(torch.equal(one, other) for one, other in zip(kept[0], changing, strict=True))
+        ):
             return kept[1]
         forces = _integrated(touching, contact)
         self._kept = None if touching.exit_angle is not None else (changing, forces)
@@ -166,14 +190,19 @@ def _integrated(touching: plant.Contact, contact: Contact) -> Tensor:
     for chosen in (braked, ~braked):
         index = chosen.nonzero().squeeze(1)
         slip, sinkage, *angle = (column[index] for column in flat)
-        found[index] = wheel_forces(slip, sinkage, constants[index], contact.radius, contact.width, contact.nodes, *angle)
+        found[index] = wheel_forces(
+            slip, sinkage, constants[index], contact.radius, contact.width, contact.nodes, *angle
+        )
     return found.view(*shape, 3, 3)
 
 
 def _loaded(contact: Contact, rover: Rover, body: Body) -> Contact:
-    mass, x, height = (float(torch.as_tensor(value).flatten()[0]) for value in (body.mass, body.x, body.height))
+    mass, x, height = (
+        float(torch.as_tensor(value).flatten()[0]) for value in (body.mass, body.x, body.height)
+    )
     centre = torch.tensor([x, height], dtype=torch.float64)
     geometry = contact.geometry
     return contact._replace(
-        body_scale=_body_scale(rover, mass), geometry=Geometry(geometry.axle_x, centre, geometry.pivot, geometry.radius)
+        body_scale=_body_scale(rover, mass),
+        geometry=Geometry(geometry.axle_x, centre, geometry.pivot, geometry.radius),
     )

@@ -49,7 +49,9 @@ def own_prior(unknowns: Unknowns) -> tuple[Tensor, Tensor]:
     return mean, precision
 
 
-def start_of(velocities: Sequence[Tensor], constants: int, theta: Sequence[tuple[float, float]], shared: int) -> Point:
+def start_of(
+    velocities: Sequence[Tensor], constants: int, theta: Sequence[tuple[float, float]], shared: int
+) -> Point:
     """A start at ``theta`` (c [kPa], tan phi) of each run, with given velocities at the joints and everything else at zero."""
     runs = tuple(
         Unknowns(

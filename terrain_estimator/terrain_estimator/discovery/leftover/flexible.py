@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A discrepancy without a name: Gaussian weights on smooth functions of the signals, in every row.
 
-It measures how much of the residual depends on anything at all, and tells in which row and on which signal.
+It measures how much of the residual depends on anything at all, and tells in which row and on which
+signal.
 """
 
 from collections.abc import Sequence
@@ -35,7 +36,9 @@ class Flexible:
 def no_columns(runs: Sequence[Blocks]) -> Flexible:
     """No discrepancy."""
     rows = len(row_names(runs[0].wheel_rate.shape[-1])) + 1
-    return Flexible((), tuple(torch.zeros(run.packed.shape[0], rows, 0, dtype=torch.float64) for run in runs))
+    return Flexible(
+        (), tuple(torch.zeros(run.packed.shape[0], rows, 0, dtype=torch.float64) for run in runs)
+    )
 
 
 def flexible(runs: Sequence[Blocks]) -> Flexible:
@@ -65,21 +68,51 @@ def flexible(runs: Sequence[Blocks]) -> Flexible:
 def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
     """Functions of the signals by name, [B] each; ``wheel_..._k`` for torque rows of axle k, ``each_`` for the body's rows."""
     time, distance, pitch = signals.time[:, 0], signals.distance[:, 0], signals.pitch[:, 0]
-    functions = {"constant": torch.ones_like(time), "time": time, "time^2": time**2, "pitch": pitch, "pitch^2": pitch**2}
-    functions |= {f"distance around {2 * k} m": torch.relu(1.0 - (distance - 2.0 * k).abs() / 2.0) for k in range(4)}
+    functions = {
+        "constant": torch.ones_like(time),
+        "time": time,
+        "time^2": time**2,
+        "pitch": pitch,
+        "pitch^2": pitch**2,
+    }
+    functions |= {
+        f"distance around {2 * k} m": torch.relu(1.0 - (distance - 2.0 * k).abs() / 2.0)
+        for k in range(4)
+    }
     turning = signals.pitch_rate[:, 0]
-    functions |= {"distance": distance, "pitch rate": turning, "time x pitch": time * pitch, "time x pitch rate": time * turning}
+    functions |= {
+        "distance": distance,
+        "pitch rate": turning,
+        "time x pitch": time * pitch,
+        "time x pitch rate": time * turning,
+    }
     for axle in range(axles):
-        slip, sinkage, speed = signals.slip[:, axle], signals.sinkage[:, axle], signals.speed[:, axle]
-        each = {"slip": slip, "sinkage": sinkage, "speed": speed, "slip rate": signals.slip_rate[:, axle]}
+        slip, sinkage, speed = (
+            signals.slip[:, axle],
+            signals.sinkage[:, axle],
+            signals.speed[:, axle],
+        )
+        each = {
+            "slip": slip,
+            "sinkage": sinkage,
+            "speed": speed,
+            "slip rate": signals.slip_rate[:, axle],
+        }
         deeper = signals.sinkage_rate[:, axle]
         own = each | {"slip^2": slip**2, "sinkage^2": sinkage**2, "sinkage rate": deeper}
         own |= {f"time x {name}": time * each[name] for name in ("slip", "sinkage", "slip rate")}
         functions |= {f"each_{name}_{axle}": value for name, value in each.items()}
         functions |= {f"wheel_{name}_{axle}": value for name, value in own.items()}
     slip, sinkage = signals.slip.mean(1), signals.sinkage.mean(1)
-    functions |= {"each_time x speed": time * signals.speed.mean(1), "each_time x slip": time * slip}
-    functions |= {"each_slip^2": slip**2, "each_sinkage^2": sinkage**2, "each_time x slip rate": time * signals.slip_rate.mean(1)}
+    functions |= {
+        "each_time x speed": time * signals.speed.mean(1),
+        "each_time x slip": time * slip,
+    }
+    functions |= {
+        "each_slip^2": slip**2,
+        "each_sinkage^2": sinkage**2,
+        "each_time x slip rate": time * signals.slip_rate.mean(1),
+    }
     return functions
 
 

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a row may disagree: regions of each signal, as columns of the rows of every run.
 
-A region is everything above or below a quantile of the signal over all runs, or the whole of it with a disagreement in
-proportion to the signal. Signals are those of the neighbouring seconds (see ``runs.Signals``), so that their noise is not that of
-the residual; rim speed and acceleration come from encoders. Where noise lasts longer than a second it is still correlated with
-that of the neighbours, and moves a row together with a signal: ``Region.alike`` bounds by how much. A signal that is mostly noise, such
-as the slope of level ground, is not used.
+A region is everything above or below a quantile of the signal over all runs, or the whole of it
+with a disagreement in proportion to the signal. Signals are those of the neighbouring seconds (see
+``runs.Signals``), so that their noise is not that of the residual; rim speed and acceleration come
+from encoders. Where noise lasts longer than a second it is still correlated with that of the
+neighbours, and moves a row together with a signal: ``Region.alike`` bounds by how much. A signal
+that is mostly noise, such as the slope of level ground, is not used.
 """
 
 import dataclasses
@@ -53,7 +54,11 @@ class Signal:
     @property
     def alike(self) -> float:
         """Bound of the correlation, between the noise of a row and this signal."""
-        return max((each.alike for each in self.noise), default=0.0) * self._share if self.noise else 0.0
+        return (
+            max((each.alike for each in self.noise), default=0.0) * self._share
+            if self.noise
+            else 0.0
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +118,14 @@ def signals(
     axles = nominal.rover.axles
     every = [run.signals for run in runs]
     gains = [_gain(run) for run in runs]
-    level = tuple(_jitter(run.packed[..., 8 * axles + 2], run.packed[..., 8 * axles + 3], math.degrees(1.0)) for run in runs)
+    level = tuple(
+        _jitter(run.packed[..., 8 * axles + 2], run.packed[..., 8 * axles + 3], math.degrees(1.0))
+        for run in runs
+    )
     shared = {
-        "slope": Signal("slope", "deg", tuple(torch.rad2deg(each.pitch[:, 0]) for each in every), level),
+        "slope": Signal(
+            "slope", "deg", tuple(torch.rad2deg(each.pitch[:, 0]) for each in every), level
+        ),
         "time": Signal("time", "s", tuple(each.time[:, 0] for each in every)),
         "distance": Signal("distance", "m", tuple(each.distance[:, 0] for each in every)),
         "acceleration": Signal("acceleration", "m/s^2", tuple(gain.mean(1) for gain in gains)),
@@ -139,7 +149,9 @@ def signals(
     return shared | mean | {each.name: each for each in single}, [shared | each for each in own]
 
 
-def _wheel(name: str, unit: str, factor: float, group: int, axle: int, runs: Sequence[Blocks]) -> Signal:
+def _wheel(
+    name: str, unit: str, factor: float, group: int, axle: int, runs: Sequence[Blocks]
+) -> Signal:
     """Slip or sinkage of one axle; ``group`` is its place among the packed groups, that of its deviation follows."""
     values, noise = [], []
     for run in runs:
@@ -152,9 +164,14 @@ def _wheel(name: str, unit: str, factor: float, group: int, axle: int, runs: Seq
 
 def _mean(parts: Sequence[Signal]) -> Signal:
     """The mean of one signal over the axles."""
-    values = tuple(torch.stack(each).mean(0) for each in zip(*(part.values for part in parts), strict=True))
+    values = tuple(
+        torch.stack(each).mean(0) for each in zip(*(part.values for part in parts), strict=True)
+    )
     noise = tuple(
-        Jitter(math.sqrt(sum(each.sd**2 for each in every)) / len(every), max(each.alike for each in every))
+        Jitter(
+            math.sqrt(sum(each.sd**2 for each in every)) / len(every),
+            max(each.alike for each in every),
+        )
         for every in zip(*(part.noise for part in parts), strict=True)
     )
     return dataclasses.replace(parts[0], values=values, noise=noise)
@@ -163,8 +180,8 @@ def _mean(parts: Sequence[Signal]) -> Signal:
 def _jitter(value: Tensor, sd: Tensor, factor: float) -> Jitter:
     """Noise of the mean over the neighbouring blocks, from measured values and their deviations [B, n].
 
-    What lasts from one sample to the next is told by their differences: half of their variance is missing where noise does. The
-    median keeps the few large differences of a sharp start out.
+    What lasts from one sample to the next is told by their differences: half of their variance is
+    missing where noise does. The median keeps the few large differences of a sharp start out.
     """
     count = value.shape[1]
     spread = (torch.diff(value, dim=1) / sd[:, 1:]).square().median() / _MEDIAN_SQUARE
@@ -192,18 +209,37 @@ def axle_name(axle: int, axles: int) -> str:
     return AXLES[axle] if axles == len(AXLES) else f"axle {axle + 1}"
 
 
-def _load(nominal: Nominal, runs: Sequence[Blocks], fitted: Sequence[Unknowns], axle: int, slip: Signal, sinkage: Signal) -> Signal:
+def _load(
+    nominal: Nominal,
+    runs: Sequence[Blocks],
+    fitted: Sequence[Unknowns],
+    axle: int,
+    slip: Signal,
+    sinkage: Signal,
+) -> Signal:
     """Normal force of one wheel [N] by slips and sinkages of the neighbouring seconds."""
     values, noise = [], []
     for run, unknowns, slips, sinks in zip(runs, fitted, slip.noise, sinkage.noise, strict=True):
         contact, where = nominal.contact, run.signals
         constants = contact.constants + unknowns.kappa @ nominal.uncertain
-        theta = torch.cat([unknowns.theta * contact.column_unit[:2], torch.ones(1, dtype=torch.float64)])
-        places = torch.tensor([[0.0, 0.0], [slips.sd, 0.0], [0.0, 1e-3 * sinks.sd]], dtype=torch.float64).unsqueeze(2)
+        theta = torch.cat(
+            [unknowns.theta * contact.column_unit[:2], torch.ones(1, dtype=torch.float64)]
+        )
+        places = torch.tensor(
+            [[0.0, 0.0], [slips.sd, 0.0], [0.0, 1e-3 * sinks.sd]], dtype=torch.float64
+        ).unsqueeze(2)
         moved = (where.slip[:, axle] + places[:, 0], where.sinkage[:, axle] + places[:, 1])
-        load = wheel_forces(*moved, constants, contact.radius, contact.width, contact.nodes)[..., 0, :] @ theta
+        load = (
+            wheel_forces(*moved, constants, contact.radius, contact.width, contact.nodes)[..., 0, :]
+            @ theta
+        )
         values.append(load[0])
-        noise.append(Jitter(float((load[1:] - load[0]).square().sum(0).mean().sqrt()), max(slips.alike, sinks.alike)))
+        noise.append(
+            Jitter(
+                float((load[1:] - load[0]).square().sum(0).mean().sqrt()),
+                max(slips.alike, sinks.alike),
+            )
+        )
     return Signal("load", "N", tuple(values), tuple(noise))
 
 
@@ -223,15 +259,28 @@ def _shapes(row: str, signal: Signal) -> list[tuple[Region, list[Tensor]]]:
         return []
     found: list[tuple[Region, list[Tensor]]] = []
     for above, shares in ((True, ABOVE), (False, BELOW)):
-        for end in dict.fromkeys(_rounded(float(torch.quantile(every, share)), high - low) for share in shares):
-            inside = [((value > end) if above else (value < end)).to(torch.float64) for value in signal.values]
+        for end in dict.fromkeys(
+            _rounded(float(torch.quantile(every, share)), high - low) for share in shares
+        ):
+            inside = [
+                ((value > end) if above else (value < end)).to(torch.float64)
+                for value in signal.values
+            ]
             count = float(torch.cat(inside).sum())
             if FEWEST <= count <= every.shape[0] - FEWEST:
-                found.append((Region(row, signal.name, _words(signal, end, above=above), signal.alike), inside))
+                found.append(
+                    (
+                        Region(row, signal.name, _words(signal, end, above=above), signal.alike),
+                        inside,
+                    )
+                )
     middle, change = 0.5 * (low + high), high - low
     ends = f"{_number(low, change)} to {_number(high, change)} {signal.unit}".rstrip()
     found.append(
-        (Region(row, signal.name, f"in proportion, from {ends}", signal.alike), [(value - middle) / change for value in signal.values])
+        (
+            Region(row, signal.name, f"in proportion, from {ends}", signal.alike),
+            [(value - middle) / change for value in signal.values],
+        )
     )
     return found
 

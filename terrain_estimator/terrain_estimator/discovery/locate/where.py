@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where simulation and measurement disagree: every row against every region of every signal, in words and numbers.
 
-Each region is a column of a row. Regressed on the innovations of the fit of "nothing missing" (``whitening``) its coefficient is what
-the row disagrees by there beyond what the fit can absorb. Its variance is that of independent innovations, of unit variance or of
-what the column leaves, whichever is larger; and more where what it leaves is autocorrelated: the larger one of what a first-order
-process and the sum of autocorrelations up to LAGS seconds with Bartlett's weights (Newey and West 1987) make of it. The p value is
-Student's with the effective number of seconds as degrees of freedom, adjusted after Holm 1979 for all rows, signals, regions and
-runs that were tried, so that the chance of any false entry at all is at most the level.
+Each region is a column of a row. Regressed on the innovations of the fit of "nothing missing"
+(``whitening``) its coefficient is what the row disagrees by there beyond what the fit can absorb.
+Its variance is that of independent innovations, of unit variance or of what the column leaves,
+whichever is larger; and more where what it leaves is autocorrelated: the larger one of what a
+first-order process and the sum of autocorrelations up to LAGS seconds with Bartlett's weights
+(Newey and West 1987) make of it. The p value is Student's with the effective number of seconds as
+degrees of freedom, adjusted after Holm 1979 for all rows, signals, regions and runs that were
+tried, so that the chance of any false entry at all is at most the level.
 """
 
 from collections.abc import Sequence
@@ -53,7 +55,9 @@ class Tests:
     """Regressions of columns on innovations: of every run, then of all together."""
 
     coefficient: Tensor  # [R + 1, K]
-    statistic: Tensor  # [R + 1, K] coefficient over its deviation; 0 where a run has nothing of the region
+    statistic: (
+        Tensor  # [R + 1, K] coefficient over its deviation; 0 where a run has nothing of the region
+    )
     degrees: Tensor  # [R + 1, K] effective number of seconds
     blocks: Tensor  # [R + 1] seconds
 
@@ -86,7 +90,9 @@ def _surest(found: Tests, adjusted: Floats) -> int:
     return int(np.lexsort((-found.statistic.abs().amax(0).numpy(), adjusted.min(0)))[0])
 
 
-def _without(left: Sequence[Tensor], columns: Sequence[Tensor], k: int) -> tuple[list[Tensor], list[Tensor]]:
+def _without(
+    left: Sequence[Tensor], columns: Sequence[Tensor], k: int
+) -> tuple[list[Tensor], list[Tensor]]:
     """What column ``k`` does not explain of the innovations and of the other columns, in every run by itself."""
     rest, others = [], []
     for e, g in zip(left, columns, strict=True):
@@ -102,7 +108,9 @@ def tests(left: Sequence[Tensor], columns: Sequence[Tensor]) -> Tests:
     parts = [_sums(e, g) for e, g in zip(left, columns, strict=True)]
     single = [_one(part) for part in parts]
     joint = _one([sum(each) for each in zip(*parts, strict=True)])
-    size, statistic, degrees = (torch.stack([each[i] for each in [*single, joint]]) for i in range(3))
+    size, statistic, degrees = (
+        torch.stack([each[i] for each in [*single, joint]]) for i in range(3)
+    )
     seconds = torch.tensor([float(len(each)) for each in left], dtype=torch.float64)
     return Tests(size, statistic, degrees, torch.cat([seconds, seconds.sum().unsqueeze(0)]))
 
@@ -117,7 +125,12 @@ def _sums(left: Tensor, columns: Tensor) -> list[Tensor]:
         gg.append((columns[early] * columns[late]).sum(0))
         ge.append((columns[early] * wide[late] + wide[early] * columns[late]).sum(0))
         ee.append((wide[early] * wide[late]).sum(0).expand_as(gg[-1]))
-    return [torch.stack(gg), torch.stack(ge), torch.stack(ee), torch.tensor(float(blocks), dtype=torch.float64)]
+    return [
+        torch.stack(gg),
+        torch.stack(ge),
+        torch.stack(ee),
+        torch.tensor(float(blocks), dtype=torch.float64),
+    ]
 
 
 def _one(sums: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
@@ -134,7 +147,11 @@ def _one(sums: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
     first = correlation[:1].clamp(0.0, LARGEST) ** lags
     tapered = correlation * (1.0 - lags / (LAGS + 1.0))
     white = (power[0] * gg[0]).sum(0)
-    surplus = torch.stack([2.0 * (power * gg[1:] * each).sum((0, 1)) for each in (first, tapered)]).amax(0).clamp(min=0.0)
+    surplus = (
+        torch.stack([2.0 * (power * gg[1:] * each).sum((0, 1)) for each in (first, tapered)])
+        .amax(0)
+        .clamp(min=0.0)
+    )
     variance = torch.where(some, white + surplus, 1.0)
     degrees = blocks * white / variance
     statistic = torch.where(some, size * safe / variance.sqrt(), 0.0)
@@ -144,8 +161,9 @@ def _one(sums: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
 def two_sided(found: Tests, alike: Tensor) -> Floats:
     """p values [R + 1, K] of single tests, before any adjustment.
 
-    ``alike`` [K] bounds the correlation that noise which lasts makes between a row and a signal: it may move a statistic by
-    ``alike`` times the root of the number of seconds, which counts for nothing.
+    ``alike`` [K] bounds the correlation that noise which lasts makes between a row and a signal: it
+    may move a statistic by ``alike`` times the root of the number of seconds, which counts for
+    nothing.
     """
     beyond = (found.statistic.abs() - alike * found.blocks.sqrt().unsqueeze(1)).clamp(min=0.0)
     return np.asarray(2.0 * student.sf(beyond.numpy(), found.degrees.clamp(min=1.0).numpy()))
@@ -161,7 +179,9 @@ def holm(chance: Floats) -> Floats:
     return adjusted.reshape(chance.shape)
 
 
-def _described(study: Study, region: Region, k: int, found: Tests, chance: Floats, adjusted: Floats) -> Disagreement:
+def _described(
+    study: Study, region: Region, k: int, found: Tests, chance: Floats, adjusted: Floats
+) -> Disagreement:
     """A region in words. Where all runs together say less than one by itself, it is that run's."""
     which = int(adjusted[:, k].argmin())
     together = len(study.runs)
@@ -170,10 +190,23 @@ def _described(study: Study, region: Region, k: int, found: Tests, chance: Float
     runs: tuple[str, ...] = tuple(names[which : which + 1])
     if which == together:
         alike = np.sign(found.coefficient[:together, k].numpy()) == np.sign(size)
-        runs = tuple(name for name, p, same in zip(names, chance[:together, k], alike, strict=True) if same and p < LEVEL)
+        runs = tuple(
+            name
+            for name, p, same in zip(names, chance[:together, k], alike, strict=True)
+            if same and p < LEVEL
+        )
     factor, unit = unit_of(region.row, study.nominal)
     strength, p = factor * size, float(adjusted[which, k])
-    return Disagreement(region.row, region.signal, region.words, strength, unit, p, runs, sentence(region, strength, unit, p, runs, names))
+    return Disagreement(
+        region.row,
+        region.signal,
+        region.words,
+        strength,
+        unit,
+        p,
+        runs,
+        sentence(region, strength, unit, p, runs, names),
+    )
 
 
 def unit_of(row: str, nominal: Nominal) -> tuple[float, str]:
@@ -187,19 +220,33 @@ def unit_of(row: str, nominal: Nominal) -> tuple[float, str]:
     return 1.0, "N m" if row.startswith("torque") else "m/s^2"
 
 
-def sentence(region: Region, strength: float, unit: str, p: float, runs: Sequence[str], every: Sequence[str]) -> str:
+def sentence(
+    region: Region, strength: float, unit: str, p: float, runs: Sequence[str], every: Sequence[str]
+) -> str:
     """Such as ``velocity row, slope above 6 deg uphill: accelerates 0.12 m/s^2 less than modelled (p < 1e-6, run_1, run_3)``."""
-    place = "everywhere" if region.signal in ("none", "wheel") else f"{region.signal} {region.words}"
+    place = (
+        "everywhere" if region.signal in ("none", "wheel") else f"{region.signal} {region.words}"
+    )
     more = "more" if strength > 0.0 else "less"
     said = f"{_MEASURED[region.row.split('_')[0]]} {abs(strength):.2g} {unit} {more} than modelled"
     certain = "p < 1e-6" if p < 1e-6 else f"p = {p:.1g}"
-    shown = "no run by itself" if not runs else "all runs" if len(runs) == len(every) else ", ".join(runs)
+    shown = (
+        "no run by itself"
+        if not runs
+        else "all runs"
+        if len(runs) == len(every)
+        else ", ".join(runs)
+    )
     return f"{row_words(region.row)}, {place}: {said} ({certain}, {shown})"
 
 
 def row_words(row: str) -> str:
     """Name of a row for a reader."""
-    return f"torque row of the {axle_name(int(row[-1]), 3)} wheels" if row.startswith("torque") else f"{row.replace('_', ' ')} row"
+    return (
+        f"torque row of the {axle_name(int(row[-1]), 3)} wheels"
+        if row.startswith("torque")
+        else f"{row.replace('_', ' ')} row"
+    )
 
 
 _MEASURED = {

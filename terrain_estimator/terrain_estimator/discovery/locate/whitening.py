@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a fit leaves, as a white series: the recursive residuals of a run.
 
-A fit absorbs part of what is missing, and residuals of one fit are correlated over blocks. With the run's own unknowns spread as
-their priors have them the rows of a run have the covariance V = S + D + J Lambda^-1 J'. In the order of time its Cholesky factor
-turns them into innovations: each row less what everything before it says of it (Brown, Durbin and Evans 1975). They are independent
-and of unit variance where nothing is missing, and a column g regressed on them gives the score test g' V^-1 r, in which what the fit can
-absorb does not count.
+A fit absorbs part of what is missing, and residuals of one fit are correlated over blocks. With the
+run's own unknowns spread as their priors have them the rows of a run have the covariance V = S + D
++ J Lambda^-1 J'. In the order of time its Cholesky factor turns them into innovations: each row
+less what everything before it says of it (Brown, Durbin and Evans 1975). They are independent and
+of unit variance where nothing is missing, and a column g regressed on them gives the score test g'
+V^-1 r, in which what the fit can absorb does not count.
 """
 
 from dataclasses import dataclass
@@ -32,7 +33,9 @@ class Whitening:
         """Innovations [B, Q, K] of columns [B, Q, K]; rows that are not there count as zero."""
         blocks, count, columns = rows.shape
         there = (rows * self.present.unsqueeze(-1)).reshape(blocks * count, columns)
-        return torch.linalg.solve_triangular(self.factor, there, upper=False).view(blocks, count, columns)
+        return torch.linalg.solve_triangular(self.factor, there, upper=False).view(
+            blocks, count, columns
+        )
 
 
 def whitening(equations: Equations, unknowns: Unknowns) -> Whitening:

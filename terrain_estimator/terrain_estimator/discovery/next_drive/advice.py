@@ -7,9 +7,13 @@ from collections.abc import Sequence
 from terrain_estimator.discovery.next_drive.next_drive import NextDrive
 
 BESIDES = {
-    "slope_bias": "stand still on level ground in two headings: only a tilted sensor reads two pitches",
+    "slope_bias": (
+        "stand still on level ground in two headings: only a tilted sensor reads two pitches"
+    ),
     "drive_drag": "lift the wheels and turn them at two rates: drag stays without soil",
-    "coulomb_drag": "lift the wheels and turn them in both directions: dry friction stays without soil",
+    "coulomb_drag": (
+        "lift the wheels and turn them in both directions: dry friction stays without soil"
+    ),
     "payload": "weigh the rover",
     "multipass": "drive off the own track (crab or turn), then on it: what the rut does disappears",
     "odometry_scale": "roll a measured distance on a hard floor: a wrong radius stays there",
@@ -23,9 +27,14 @@ def advise(names: Sequence[str], drives: Sequence[NextDrive]) -> str:
     """What would separate these effects; ``drives`` the best first. Empty for fewer than two effects."""
     if len(set(names)) <= 1:
         return ""
-    advice = [f"For {each} alone: {BESIDES[each]}" for each in sorted(set(names)) if each in BESIDES]
+    advice = [
+        f"For {each} alone: {BESIDES[each]}" for each in sorted(set(names)) if each in BESIDES
+    ]
     if drives:
         best, (true, other) = drives[0], drives[0].pair
-        told = f"Drive {best.seconds:.0f} s {best.words}: {best.nats:.0f} nat more are expected, if it is {true}, against {other}"
+        told = (
+            f"Drive {best.seconds:.0f} s {best.words}: {best.nats:.0f} nat more are expected, if it"
+            f" is {true}, against {other}"
+        )
         advice.insert(0, told)
     return ". ".join(advice)

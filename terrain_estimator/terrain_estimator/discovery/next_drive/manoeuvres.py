@@ -37,22 +37,46 @@ class Manoeuvre:
 
     name: str
     words: str
-    legs: tuple[float, float] = (1.0, 1.0)  # speed of its two halves, in units of the cruising speed
+    legs: tuple[float, float] = (
+        1.0,
+        1.0,
+    )  # speed of its two halves, in units of the cruising speed
     swing: float = 0.0  # [1] of each axle's rate by itself
-    square: tuple[float, float] = (0.0, 4.0)  # [1] amplitude, [s] period of a square wave in all rates
+    square: tuple[float, float] = (
+        0.0,
+        4.0,
+    )  # [1] amplitude, [s] period of a square wave in all rates
     hilly: bool = False
     firm: bool = False
 
 
 MANOEUVRES = (
     Manoeuvre("steady", "straight on level ground with all wheels at one rate"),
-    Manoeuvre("two_speeds", "straight on level ground, half of it at a third of the speed", (0.5, 1.5)),
+    Manoeuvre(
+        "two_speeds", "straight on level ground, half of it at a third of the speed", (0.5, 1.5)
+    ),
     Manoeuvre("starts", "starting and stopping sharply on level ground", square=(0.5, 4.0)),
-    Manoeuvre("axles_apart", "on level ground with each axle's rate swinging by itself, so that wheels slip differently", swing=SWING),
+    Manoeuvre(
+        "axles_apart",
+        "on level ground with each axle's rate swinging by itself, so that wheels slip differently",
+        swing=SWING,
+    ),
     Manoeuvre("slopes", "up and down slopes with all wheels at one rate", hilly=True),
-    Manoeuvre("slopes_apart", "up and down slopes with each axle's rate swinging by itself", swing=SWING, hilly=True),
-    Manoeuvre("firm_ground", "from the loose ground on to firm ground with each axle's rate swinging by itself", swing=SWING, firm=True),
-    Manoeuvre("firm_slopes", "over slopes of firm ground at two speeds", (0.5, 1.5), hilly=True, firm=True),
+    Manoeuvre(
+        "slopes_apart",
+        "up and down slopes with each axle's rate swinging by itself",
+        swing=SWING,
+        hilly=True,
+    ),
+    Manoeuvre(
+        "firm_ground",
+        "from the loose ground on to firm ground with each axle's rate swinging by itself",
+        swing=SWING,
+        firm=True,
+    ),
+    Manoeuvre(
+        "firm_slopes", "over slopes of firm ground at two speeds", (0.5, 1.5), hilly=True, firm=True
+    ),
 )
 
 
@@ -68,32 +92,52 @@ class Commands:
 
     def command(self, time: float) -> Tensor:
         """See Schedule."""
-        phase = 2.0 * math.pi * (time / SWING_PERIOD + torch.arange(self.axles, dtype=torch.float64) / self.axles)
+        phase = (
+            2.0
+            * math.pi
+            * (time / SWING_PERIOD + torch.arange(self.axles, dtype=torch.float64) / self.axles)
+        )
         factors = []
         for each in self.manoeuvres:
             amplitude, period = each.square
             high = math.floor(2.0 * time / period - 5e-7) % 2 == 0
             leg = each.legs[0 if time <= SECONDS / 2.0 else 1]
-            factors.append(leg * (1.0 + (amplitude if high else -amplitude)) * (1.0 + each.swing * torch.sin(phase)))
+            factors.append(
+                leg
+                * (1.0 + (amplitude if high else -amplitude))
+                * (1.0 + each.swing * torch.sin(phase))
+            )
         return (self.start_velocity / self.radius).unsqueeze(1) * torch.stack(factors)
 
 
-def drive(nominal: Nominal, strength: Tensor, manoeuvres: Sequence[Manoeuvre], plant: Plant, seed: int) -> list[Run]:
+def drive(
+    nominal: Nominal, strength: Tensor, manoeuvres: Sequence[Manoeuvre], plant: Plant, seed: int
+) -> list[Run]:
     """What is measured in each manoeuvre on ground of this ``strength`` (c [Pa], tan phi), with the effects of ``plant``."""
     rover, batch = nominal.rover, len(manoeuvres)
     generator = torch.Generator().manual_seed(seed)
     constants, here = nominal.soil.constants().expand(batch, 6), strength.expand(batch, 2)
-    firm = torch.tensor([[FIRMER if each.firm else 1.0] for each in manoeuvres], dtype=torch.float64)
+    firm = torch.tensor(
+        [[FIRMER if each.firm else 1.0] for each in manoeuvres], dtype=torch.float64
+    )
     stiffer = torch.cat([constants[:, :1], constants[:, 1:3] * firm, constants[:, 3:]], 1)
-    ground = Ground([Patch(constants, here), Patch(stiffer, here, start=FIRM_START, transition=0.5)])
-    slope = (drawbar_capability(rover, constants, here).clamp(min=0.0) / 2.0).clamp(max=math.tan(STEEPEST))
+    ground = Ground(
+        [Patch(constants, here), Patch(stiffer, here, start=FIRM_START, transition=0.5)]
+    )
+    slope = (drawbar_capability(rover, constants, here).clamp(min=0.0) / 2.0).clamp(
+        max=math.tan(STEEPEST)
+    )
     hilly = torch.tensor([float(each.hilly) for each in manoeuvres], dtype=torch.float64)
     one = torch.ones(batch, 1, dtype=torch.float64)
-    profile = Hills(0.0 * one, (slope * hilly).unsqueeze(1), 2.0 * math.pi / WAVELENGTH * one, 0.0 * one)
+    profile = Hills(
+        0.0 * one, (slope * hilly).unsqueeze(1), 2.0 * math.pi / WAVELENGTH * one, 0.0 * one
+    )
     cruise = torch.full((batch,), sum(rover.cruise_speed) / 2.0, dtype=torch.float64)
     commands = Commands(cruise, rover.wheel_radius, rover.axles, manoeuvres)
     driven = simulate(rover, ground, commands, SECONDS, generator, batch, profile, plant)
-    gain = torch.diff(driven.seen.wheel_rate, dim=1, prepend=driven.seen.wheel_rate[:, :1]) / TIME_STEP
+    gain = (
+        torch.diff(driven.seen.wheel_rate, dim=1, prepend=driven.seen.wheel_rate[:, :1]) / TIME_STEP
+    )
     seen = replace(driven.seen, torque=driven.seen.torque - rover.wheel_inertia * gain)
     packed = pack_measurement(measure_drive(rover, seen, Noise(), generator))
     time = TIME_STEP * torch.arange(packed.shape[1], dtype=torch.float64)

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What to drive next: which short drive would tell the effects in doubt apart best, by expected information.
 
-Each manoeuvre is simulated with each effect in doubt acting at its typical size, on ground as strong as the fit found it. What the
-drive adds is the expected log Bayes factor of the true effect over another one, with sizes shared by the runs at hand and the
-new one, less that of the runs at hand alone (``expected``). Of several pairs in doubt the one that gains least counts.
+Each manoeuvre is simulated with each effect in doubt acting at its typical size, on ground as
+strong as the fit found it. What the drive adds is the expected log Bayes factor of the true effect
+over another one, with sizes shared by the runs at hand and the new one, less that of the runs at
+hand alone (``expected``). Of several pairs in doubt the one that gains least counts.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,13 @@ from itertools import permutations
 import torch
 
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
-from terrain_estimator.discovery.evidence.isolability import Mark, marks, run_marks, stages_of, table
+from terrain_estimator.discovery.evidence.isolability import (
+    Mark,
+    marks,
+    run_marks,
+    stages_of,
+    table,
+)
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
 from terrain_estimator.discovery.hypotheses.equations import Ask, RunEquations, Unknowns
 from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
@@ -41,7 +48,10 @@ class NextDrive:
 
 
 def next_drives(
-    study: Study, doubtful: Sequence[Hypothesis], around: Candidate, manoeuvres: Sequence[Manoeuvre] = MANOEUVRES
+    study: Study,
+    doubtful: Sequence[Hypothesis],
+    around: Candidate,
+    manoeuvres: Sequence[Manoeuvre] = MANOEUVRES,
 ) -> list[NextDrive]:
     """These manoeuvres, the best first; none where fewer than two effects are in doubt. Ground and noise are those of ``around``."""
     doubtful = doubtful[:MOST]
@@ -66,7 +76,9 @@ def next_drives(
         if len(each) == len(pairs):
             worst = min(each, key=lambda pair: each[pair])
             labels = (doubtful[worst[0]].label, doubtful[worst[1]].label)
-            found.append(NextDrive(manoeuvre.name, manoeuvre.words, SECONDS, max(each[worst], 0.0), labels))
+            found.append(
+                NextDrive(manoeuvre.name, manoeuvre.words, SECONDS, max(each[worst], 0.0), labels)
+            )
     return sorted(found, key=lambda each: -each.nats)
 
 
@@ -75,7 +87,12 @@ def _apart(stages: Sequence[Stage], known: Sequence[Mark], pair: tuple[int, int]
     return loss(stages, table(true, [other]), other.ends).nats
 
 
-def _driven(study: Study, doubtful: Sequence[Hypothesis], theta: torch.Tensor, manoeuvres: Sequence[Manoeuvre]) -> list[list[Run]]:
+def _driven(
+    study: Study,
+    doubtful: Sequence[Hypothesis],
+    theta: torch.Tensor,
+    manoeuvres: Sequence[Manoeuvre],
+) -> list[list[Run]]:
     """The runs of all manoeuvres with each effect acting, one simulation for all."""
     strength = theta * study.nominal.contact.column_unit[:2]
     count = len(manoeuvres)
@@ -83,13 +100,20 @@ def _driven(study: Study, doubtful: Sequence[Hypothesis], theta: torch.Tensor, m
     for k, hypothesis in enumerate(doubtful):
         acting = torch.zeros(len(doubtful) * count, dtype=torch.float64)
         acting[k * count : (k + 1) * count] = 1.0
-        effects += [make_effect(part.name, TYPICAL[part.name] * acting, part.axle) for part in hypothesis.parts]
+        effects += [
+            make_effect(part.name, TYPICAL[part.name] * acting, part.axle)
+            for part in hypothesis.parts
+        ]
     runs = drive(study.nominal, strength, tuple(manoeuvres) * len(doubtful), Plant(effects), SEED)
     return [runs[k * count : (k + 1) * count] for k in range(len(doubtful))]
 
 
 def _seen(
-    study: Study, run: Run, doubtful: Sequence[Hypothesis], theta: torch.Tensor, excess: torch.Tensor
+    study: Study,
+    run: Run,
+    doubtful: Sequence[Hypothesis],
+    theta: torch.Tensor,
+    excess: torch.Tensor,
 ) -> tuple[Stage, list[Mark]] | None:
     """The rows of a new run, and what the effects in doubt do to them; None where the rover hardly moves."""
     nominal = study.nominal
@@ -98,8 +122,12 @@ def _seen(
     except RunError:
         return None
     constants = torch.zeros(nominal.uncertain.shape[0], dtype=torch.float64)
-    unknowns = Unknowns(theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks))
+    unknowns = Unknowns(
+        theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks)
+    )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
     ask = Ask(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
     equations = RunEquations(blocks, Laws(nominal, blocks, NOTHING.parts), study.mask).at(ask)
-    return stage(equations, unknowns, excess), run_marks(nominal, blocks, study.mask, doubtful, unknowns, equations.away)
+    return stage(equations, unknowns, excess), run_marks(
+        nominal, blocks, study.mask, doubtful, unknowns, equations.away
+    )

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from terrain_estimator.discovery.proof.resampling import Floats, Rows, interval, replicates, resampled
+from terrain_estimator.discovery.proof.resampling import (
+    Floats,
+    Rows,
+    interval,
+    replicates,
+    resampled,
+)
 from terrain_estimator.discovery.proof.scores import Predicted
 
 NEIGHBOURS = 5
@@ -21,20 +27,32 @@ class Gap:
     before: float
     after: float | None
     noise_floor: float  # what the error would be if the better model were true: noise, and what is not known of ground and sizes
-    closed: float | None  # [1] (before - after) / (before - noise_floor); None where there was no gap
+    closed: (
+        float | None
+    )  # [1] (before - after) / (before - noise_floor); None where there was no gap
     closed_95: tuple[float, float] | None  # None where chance alone may have made the gap
     improvement_95: tuple[float, float] | None  # of before - after
-    nll_improvement_95: tuple[float, float] | None  # [nat] of the negative log likelihood of one value
+    nll_improvement_95: (
+        tuple[float, float] | None
+    )  # [nat] of the negative log likelihood of one value
     replicates: int  # pieces of NEIGHBOURS seconds on which the intervals rest
 
 
 def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], seed: int) -> Gap:
     """The gap over all seconds of pieces of these ``lengths``, one after the other, with intervals by moving blocks."""
     pieces, every = replicates(lengths, NEIGHBOURS), np.arange(len(before.count))[None]
-    first, floor = _mean_square(before, before.misfit.numpy()), _mean_square(before, before.expected.numpy())
+    first, floor = (
+        _mean_square(before, before.misfit.numpy()),
+        _mean_square(before, before.expected.numpy()),
+    )
     if after is None:
-        return Gap(float(first(every)[0]), None, float(floor(every)[0]), None, None, None, None, pieces)
-    second, floor = _mean_square(after, after.misfit.numpy()), _mean_square(after, after.expected.numpy())
+        return Gap(
+            float(first(every)[0]), None, float(floor(every)[0]), None, None, None, None, pieces
+        )
+    second, floor = (
+        _mean_square(after, after.misfit.numpy()),
+        _mean_square(after, after.expected.numpy()),
+    )
     start, end, least = (float(error(every)[0]) for error in (first, second, floor))
 
     def improvement(rows: Rows) -> Floats:
@@ -52,7 +70,16 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
     drawn = resampled(lengths, NEIGHBOURS, np.random.default_rng(seed))
     ends = interval(closed, drawn)
     share = (start - end) / (start - least) if start > least else None
-    return Gap(start, end, least, share, ends, interval(improvement, drawn), interval(likelier, drawn), pieces)
+    return Gap(
+        start,
+        end,
+        least,
+        share,
+        ends,
+        interval(improvement, drawn),
+        interval(likelier, drawn),
+        pieces,
+    )
 
 
 def _mean_square(predicted: Predicted, total: Floats) -> Callable[[Rows], Floats]:

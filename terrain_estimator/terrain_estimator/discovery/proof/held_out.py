@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A held-out run in two halves, each of which is predicted with what the other one tells about the ground.
 
-c, tan phi, the soil constants and the accelerometer's bias are a run's own, so they have to be fitted to something: to the half
-that is not being judged. The sizes of effects are never fitted here, they come from other runs.
+c, tan phi, the soil constants and the accelerometer's bias are a run's own, so they have to be
+fitted to something: to the half that is not being judged. The sizes of effects are never fitted
+here, they come from other runs.
 """
 
 from dataclasses import dataclass
@@ -57,13 +58,19 @@ def long_enough(run: Blocks) -> Blocks:
     """The run, where it can be halved.
 
     Raises:
-        RunError: it is too short, or a half has no piece without a gap that is long enough for a rollout.
+        RunError: it is too short, or a half has no piece without a gap that is long enough for a
+            rollout.
     """
     count = len(run.packed)
     if count < 2 * SHORTEST_HALF:
-        raise RunError(f"{run.name}: {count} whole seconds, a held-out run needs at least {2 * SHORTEST_HALF}")
+        raise RunError(
+            f"{run.name}: {count} whole seconds, a held-out run needs at least {2 * SHORTEST_HALF}"
+        )
     if not all(half.pieces(PIECE) for half in _halved(run)):
-        raise RunError(f"{run.name}: a held-out run needs {PIECE} s in one piece in each half, there are gaps everywhere")
+        raise RunError(
+            f"{run.name}: a held-out run needs {PIECE} s in one piece in each half, there are gaps"
+            " everywhere"
+        )
     return run
 
 
@@ -87,12 +94,18 @@ def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Ha
 def _told(study: Study, models: tuple[Model, ...]) -> tuple[Ground, ...]:
     fits = _fits(study, models)
     return tuple(
-        Ground(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model)) for fit, model in zip(fits, models, strict=True)
+        Ground(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model))
+        for fit, model in zip(fits, models, strict=True)
     )
 
 
 def _fits(study: Study, models: tuple[Model, ...]) -> list[Fit]:
-    return [(study.given(model.hypothesis, model.values) if model.hypothesis.parts else study.nothing).fit for model in models]
+    return [
+        (
+            study.given(model.hypothesis, model.values) if model.hypothesis.parts else study.nothing
+        ).fit
+        for model in models
+    ]
 
 
 @torch.inference_mode()
@@ -105,7 +118,9 @@ def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tenso
     """Of a run's own unknowns but the velocities, then of the sizes; misfit beyond the sensors' noise counts for nothing."""
     sizes = model.values.shape[0]
     weighted = torch.zeros_like(equations.residual).unsqueeze(-1)
-    hessian, _ = assembled(equations.jacobian, cholesky(equations.covariance), weighted, equations.ends, sizes)
+    hessian, _ = assembled(
+        equations.jacobian, cholesky(equations.covariance), weighted, equations.ends, sizes
+    )
     _, precision = own_prior(unknowns)
     size, own = precision.shape[0], 3 + unknowns.kappa.shape[0]
     covariance = torch.cholesky_inverse(cholesky(hessian[:size, :size] + torch.diag(precision)))
@@ -118,7 +133,11 @@ def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equ
     told = half.grounds[number].unknowns
     columns = no_columns([half.blocks]).columns[0]
     mask = torch.ones(columns.shape[1] - 1, dtype=torch.float64)
-    there = Unknowns(told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64))
+    there = Unknowns(
+        told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64)
+    )
     none = torch.zeros(0, dtype=torch.float64)
-    ask = Ask(there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None)
+    ask = Ask(
+        there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None
+    )
     return Law(nominal, model.hypothesis.parts, mask)(half.blocks, ask)

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every row of a held-out second predicted from the second before it, with what the model says of its error.
 
-The velocity row is the mean velocity of a second, predicted from that of the second before and the forces in between; the others
-are those of the estimator. The covariance has the sensors' stated noise and what is not known of the ground and of sizes.
+The velocity row is the mean velocity of a second, predicted from that of the second before and the
+forces in between; the others are those of the estimator. The covariance has the sensors' stated
+noise and what is not known of the ground and of sizes.
 """
 
 import math
@@ -23,12 +24,20 @@ def one_step(equations: Equations, ground: Ground, follows: Tensor) -> Predicted
     residual, covariance, present = equations.residual, equations.covariance, equations.present
     own = ground.covariance.shape[0]
     sizes = equations.jacobian.shape[-1] - 5 - ground.unknowns.kappa.shape[0]
-    columns = torch.cat([equations.jacobian[..., : own - sizes], equations.jacobian[..., own - sizes + 2 :]], -1)
-    # Row 0 is the velocity at the start of a block, row 0 less row 1 that at its end: both measured, with an error.
+    columns = torch.cat(
+        [equations.jacobian[..., : own - sizes], equations.jacobian[..., own - sizes + 2 :]], -1
+    )
+    # Row 0 is the velocity at the start of a block, row 0 less row 1 that at its end: both
+    # measured, with an error.
     end = residual[:, 0] - residual[:, 1]
     end_variance = covariance[:, 0, 0] + covariance[:, 1, 1] - 2.0 * covariance[:, 0, 1]
     kept = torch.tensor([0, *range(2, residual.shape[1])])
-    error, change, spread, there = residual[:, kept], columns[:, kept].clone(), covariance[:, kept][:, :, kept].clone(), present[:, kept]
+    error, change, spread, there = (
+        residual[:, kept],
+        columns[:, kept].clone(),
+        covariance[:, kept][:, :, kept].clone(),
+        present[:, kept],
+    )
     error = error.clone()
     error[1:, 0] -= end[:-1]
     change[1:, 0] -= columns[:-1, 0] - columns[:-1, 1]
@@ -38,7 +47,9 @@ def one_step(equations: Equations, ground: Ground, follows: Tensor) -> Predicted
     pairs = there.unsqueeze(1) * there.unsqueeze(2)
     spread = spread * pairs + torch.diag_embed(1.0 - there)
     factor = cholesky(spread)
-    white = torch.linalg.solve_triangular(factor, (error * there).unsqueeze(-1), upper=False).squeeze(-1)
+    white = torch.linalg.solve_triangular(
+        factor, (error * there).unsqueeze(-1), upper=False
+    ).squeeze(-1)
     misfit, count = white.square().sum(1), there.sum(1)
     holds = there > 0.0
     return Predicted(
@@ -54,4 +65,7 @@ def one_step(equations: Equations, ground: Ground, follows: Tensor) -> Predicted
 def names(axles: int) -> tuple[tuple[str, str], ...]:
     """Name and unit of each row."""
     units = {"velocity": "m/s", "load": "1", "acceleration": "m/s^2"}
-    return tuple((name, "N m" if name.startswith("torque") else units.get(name, "1")) for name in row_names(axles))
+    return tuple(
+        (name, "N m" if name.startswith("torque") else units.get(name, "1"))
+        for name in row_names(axles)
+    )

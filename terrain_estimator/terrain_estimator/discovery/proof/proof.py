@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Does the model with the effect predict runs that it has not seen better than the model without?
 
-The rule: with the effect, rollouts of five seconds or predictions of one second get better on the held-out runs, by a 95 % interval
-above zero, or the runs as a whole are LIKELIER; and neither gets worse by an interval below zero. Else the effect is not added.
+The rule: with the effect, rollouts of five seconds or predictions of one second get better on the
+held-out runs, by a 95 % interval above zero, or the runs as a whole are LIKELIER; and neither gets
+worse by an interval below zero. Else the effect is not added.
 
-The measure of rollouts is the root mean square error of all signals, means over a second, in standard deviations of the sensors'
-noise: no model can talk it up by being less sure of itself. That of one second ahead is the log likelihood of all rows: c and tan phi
-of a single run may stand in for an effect in a rollout, while the rows together tell. That of whole runs is the log Bayes factor at the
-size that the other runs found, with a run's own unknowns integrated out: half a run that is judged by the other half has a c and a tan phi
-that make up for the effect wherever the halves are alike, a ground that the whole run need not allow.
+The measure of rollouts is the root mean square error of all signals, means over a second, in
+standard deviations of the sensors' noise: no model can talk it up by being less sure of itself.
+That of one second ahead is the log likelihood of all rows: c and tan phi of a single run may stand
+in for an effect in a rollout, while the rows together tell. That of whole runs is the log Bayes
+factor at the size that the other runs found, with a run's own unknowns integrated out: half a run
+that is judged by the other half has a c and a tan phi that make up for the effect wherever the
+halves are alike, a ground that the whole run need not allow.
 """
 
 import math
@@ -24,7 +27,14 @@ from terrain_estimator.discovery.evidence.search import Candidate
 from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.hypotheses.physics import Nominal
 from terrain_estimator.discovery.proof.gap import Gap, gap_of
-from terrain_estimator.discovery.proof.held_out import PIECE, Half, Model, equations_of, evidences, halves
+from terrain_estimator.discovery.proof.held_out import (
+    PIECE,
+    Half,
+    Model,
+    equations_of,
+    evidences,
+    halves,
+)
 from terrain_estimator.discovery.proof.one_step import names, one_step
 from terrain_estimator.discovery.proof.rollout import Simulated, Windows, simulated, windows_of
 from terrain_estimator.discovery.proof.scores import Predicted, Score, joined, regions_of, scores
@@ -70,7 +80,9 @@ class Proof:
     added: bool
     gap: Gap  # of rollouts of five seconds
     one_step_gap: Gap  # of predictions of one second, in what the model expects of its error
-    log_bayes_factor: float | None  # [nat] of the held-out runs, the effect over nothing; None where nothing is to be added
+    log_bayes_factor: (
+        float | None
+    )  # [nat] of the held-out runs, the effect over nothing; None where nothing is to be added
     rows: tuple[Score, ...]
     parameters: tuple[Strength, ...]
     rollout: Series  # of the signal that the model without the effect misses most, in the window where it was most wrong
@@ -83,12 +95,21 @@ class Proof:
         floor = f"sd of the sensors, the noise floor is {gap.noise_floor:.2f}"
         if gap.after is None or gap.improvement_95 is None or step is None:
             return f"nothing is added: rollouts of held-out runs miss by {gap.before:.2f} {floor}"
-        outcome = "is added" if self.added else "did not prove itself on held-out runs and is not added"
-        better = f"95 % interval of the improvement {gap.improvement_95[0]:.2f} to {gap.improvement_95[1]:.2f}"
-        likelier = (
-            f"one second ahead a value is {step[0]:.3f} to {step[1]:.3f} nat likelier, the runs as a whole {self.log_bayes_factor:.0f} nat"
+        outcome = (
+            "is added" if self.added else "did not prove itself on held-out runs and is not added"
         )
-        return f"{self.effect} {outcome}: rollouts miss by {gap.after:.2f} instead of {gap.before:.2f} {floor} ({better}); {likelier}"
+        better = (
+            f"95 % interval of the improvement {gap.improvement_95[0]:.2f} to"
+            f" {gap.improvement_95[1]:.2f}"
+        )
+        likelier = (
+            f"one second ahead a value is {step[0]:.3f} to {step[1]:.3f} nat likelier, the runs as"
+            f" a whole {self.log_bayes_factor:.0f} nat"
+        )
+        return (
+            f"{self.effect} {outcome}: rollouts miss by {gap.after:.2f} instead of {gap.before:.2f}"
+            f" {floor} ({better}); {likelier}"
+        )
 
     def plain(self) -> dict[str, Any]:
         """As parts of finding.json."""
@@ -111,7 +132,13 @@ def _judged(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> _Judged
     return _Judged(halves(nominal, models, run), evidences(nominal, models, run))
 
 
-def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks], seed: int = 0, spread: Spread = map) -> Proof:
+def prove(
+    nominal: Nominal,
+    candidate: Candidate | None,
+    runs: Sequence[Blocks],
+    seed: int = 0,
+    spread: Spread = map,
+) -> Proof:
     """Confront ``candidate``, which was fitted to other runs, with the held-out ``runs``; None where nothing is to be added.
 
     ``seed`` of resampling, and of the terrains that the noise of the angles allows.
@@ -119,17 +146,26 @@ def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks],
     Raises:
         RunError: a run is too short.
     """
-    models: tuple[Model, ...] = (Model(NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64)),)
+    models: tuple[Model, ...] = (
+        Model(NOTHING, torch.zeros(0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64)),
+    )
     if candidate is not None:
-        models += (Model(candidate.hypothesis, candidate.fit.point.shared, candidate.fit.covariance),)
+        models += (
+            Model(candidate.hypothesis, candidate.fit.point.shared, candidate.fit.covariance),
+        )
     told = list(spread(partial(_judged, nominal, models), runs))
     judged = [half for each in told for half in each.halves]
     likelier = sum(each.evidences[-1] - each.evidences[0] for each in told)
     regions = _joined(regions_of(runs))
     stepped = [_one_step(nominal, judged, number, model) for number, model in enumerate(models)]
     windows = windows_of(nominal, judged)
-    driven = [simulated(nominal, judged, windows, number, model, seed) for number, model in enumerate(models)]
-    rolled = [compared(windows.measured, each.signals, each.changes, each.by_terrain) for each in driven]
+    driven = [
+        simulated(nominal, judged, windows, number, model, seed)
+        for number, model in enumerate(models)
+    ]
+    rolled = [
+        compared(windows.measured, each.signals, each.changes, each.by_terrain) for each in driven
+    ]
 
     lengths = [len(half.blocks.packed) for half in judged]
     pieces = [PIECE * int((windows.half == number).sum()) for number in range(len(judged))]
@@ -137,7 +173,12 @@ def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks],
     seconds = _seconds(windows, lengths)
     axles = nominal.rover.axles
     rows = scores("one_step", names(axles), regions, *_pair(stepped))
-    rows += scores("rollout", signal_names(axles), {name: here[seconds] for name, here in regions.items()}, *_pair(rolled))
+    rows += scores(
+        "rollout",
+        signal_names(axles),
+        {name: here[seconds] for name, here in regions.items()},
+        *_pair(rolled),
+    )
     return Proof(
         "" if candidate is None else candidate.hypothesis.label,
         better(gap, step_gap, likelier),
@@ -152,7 +193,9 @@ def prove(nominal: Nominal, candidate: Candidate | None, runs: Sequence[Blocks],
 
 def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
     """The rule, from rollouts, predictions of one second, and the log Bayes factor [nat]."""
-    intervals = [ends for ends in (gap.improvement_95, step_gap.nll_improvement_95) if ends is not None]
+    intervals = [
+        ends for ends in (gap.improvement_95, step_gap.nll_improvement_95) if ends is not None
+    ]
     proven = likelier >= LIKELIER or any(low > 0.0 for low, _ in intervals)
     return proven and all(high > 0.0 for _, high in intervals)
 
@@ -162,7 +205,16 @@ def _pair(each: Sequence[Predicted]) -> tuple[Predicted, Predicted | None]:
 
 
 def _one_step(nominal: Nominal, judged: Sequence[Half], number: int, model: Model) -> Predicted:
-    return joined([one_step(equations_of(nominal, half, number, model), half.grounds[number], half.blocks.follows()) for half in judged])
+    return joined(
+        [
+            one_step(
+                equations_of(nominal, half, number, model),
+                half.grounds[number],
+                half.blocks.follows(),
+            )
+            for half in judged
+        ]
+    )
 
 
 def _joined(regions: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
@@ -182,13 +234,21 @@ def _strength(half: Half, number: int) -> Strength:
     def pair(table: list[list[float]], index: int, unit: float) -> tuple[float, float | None]:
         return unit * table[0][index], unit * table[1][index] if len(table) > 1 else None
 
-    columns = [pair(table, index, unit) for index, unit in ((0, 1000.0), (1, 1.0)) for table in (means, spreads)]
+    columns = [
+        pair(table, index, unit)
+        for index, unit in ((0, 1000.0), (1, 1.0))
+        for table in (means, spreads)
+    ]
     # What a half is judged by, the other half told.
     return Strength(half.blocks.name, 1 - number, *columns)
 
 
 def _pictures(
-    axles: int, judged: Sequence[Half], windows: Windows, driven: Sequence[Simulated], before: Predicted
+    axles: int,
+    judged: Sequence[Half],
+    windows: Windows,
+    driven: Sequence[Simulated],
+    before: Predicted,
 ) -> tuple[Series, Series]:
     window = int(before.misfit.view(-1, PIECE).sum(1).argmax())
     signal = int((before.error / before.sd).square().nanmean(0).argmax())
@@ -197,8 +257,20 @@ def _pictures(
     time = start + windows.step * (torch.arange(1, PIECE * BLOCK) - 0.5 * (BLOCK - 1))
 
     def series(k: int) -> Series:
-        columns = [windows.measured.values[window, :, k], *(each.signals[window, :, k] for each in driven)]
-        measured, first, *second = (tuple(x if math.isfinite(x) else None for x in column.tolist()) for column in columns)
-        return Series(half.name, *signal_names(axles)[k], tuple(time.tolist()), measured, first, second[0] if second else None)
+        columns = [
+            windows.measured.values[window, :, k],
+            *(each.signals[window, :, k] for each in driven),
+        ]
+        measured, first, *second = (
+            tuple(x if math.isfinite(x) else None for x in column.tolist()) for column in columns
+        )
+        return Series(
+            half.name,
+            *signal_names(axles)[k],
+            tuple(time.tolist()),
+            measured,
+            first,
+            second[0] if second else None,
+        )
 
     return series(signal), series(0)

@@ -35,8 +35,11 @@ def resampled(lengths: Sequence[int], block: int, generator: np.random.Generator
 def interval(statistic: Callable[[Rows], Floats], rows: Rows) -> tuple[float, float] | None:
     """95 % interval (percentiles) of ``statistic``, which takes row numbers [SAMPLES, n] to [SAMPLES].
 
-    None where the statistic is not defined (NaN) in so many resamplings that an end of the interval is one of them.
+    None where the statistic is not defined (NaN) in so many resamplings that an end of the interval
+    is one of them.
     """
     values = np.nan_to_num(statistic(rows), nan=-np.inf)
-    low, high = np.quantile(values, [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], method="nearest")
+    low, high = np.quantile(
+        values, [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], method="nearest"
+    )
     return (float(low), float(high)) if np.isfinite(low) else None

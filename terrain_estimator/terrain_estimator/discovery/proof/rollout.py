@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Five seconds of a held-out run simulated from the wheel rates alone, against what every sensor measured.
 
-A window starts in the measured velocity of its first observation. From then on the simulation knows the wheel rates and the terrain
-along the track; slip, sinkage, torque and velocity are its own, and pass through what the effects do to the sensors.
+A window starts in the measured velocity of its first observation. From then on the simulation knows
+the wheel rates and the terrain along the track; slip, sinkage, torque and velocity are its own, and
+pass through what the effects do to the sensors.
 """
 
 from collections.abc import Sequence
@@ -62,8 +63,15 @@ def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
     axles = nominal.rover.axles
     firsts = [torch.tensor(half.blocks.pieces(PIECE), dtype=torch.long) for half in halves]
     index = [first.unsqueeze(1) + torch.arange(PIECE) for first in firsts]
-    packed = torch.cat([half.blocks.packed[here].flatten(1, 2) for half, here in zip(halves, index, strict=True)])
-    rate = torch.cat([half.blocks.wheel_rate[here].flatten(1, 2) for half, here in zip(halves, index, strict=True)])
+    packed = torch.cat(
+        [half.blocks.packed[here].flatten(1, 2) for half, here in zip(halves, index, strict=True)]
+    )
+    rate = torch.cat(
+        [
+            half.blocks.wheel_rate[here].flatten(1, 2)
+            for half, here in zip(halves, index, strict=True)
+        ]
+    )
     gone = (packed[..., 8 * axles] * packed[..., -2]).sum(1)
     return Windows(
         half=torch.repeat_interleave(torch.tensor([len(first) for first in firsts])),
@@ -76,24 +84,46 @@ def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
     )
 
 
-def simulated(nominal: Nominal, halves: Sequence[Half], windows: Windows, number: int, model: Model, seed: int) -> Simulated:
+def simulated(
+    nominal: Nominal, halves: Sequence[Half], windows: Windows, number: int, model: Model, seed: int
+) -> Simulated:
     """Simulate all windows under the model of that ``number``; ``seed`` of the other terrains."""
     generator = torch.Generator().manual_seed(seed)
     values = tuple(model.values.tolist())
     parts = model.hypothesis.parts
-    clean = [undone(parts, values, half.blocks.packed.flatten(0, 1), half.blocks) for half in halves]
+    clean = [
+        undone(parts, values, half.blocks.packed.flatten(0, 1), half.blocks) for half in halves
+    ]
     terrain = _terrain(nominal, windows, clean)
-    others = [_terrain(nominal, windows, [noisier(each, nominal.rover.axles, generator) for each in clean]) for _ in range(TERRAINS)]
+    others = [
+        _terrain(
+            nominal, windows, [noisier(each, nominal.rover.axles, generator) for each in clean]
+        )
+        for _ in range(TERRAINS)
+    ]
     centres, factors = zip(*(_known(half.grounds[number]) for half in halves), strict=True)
-    centre, columns = torch.stack(centres)[windows.half], torch.stack(factors)[windows.half].unbind(-1)
+    centre, columns = (
+        torch.stack(centres)[windows.half],
+        torch.stack(factors)[windows.half].unbind(-1),
+    )
     start = windows.velocity[:, 0]
     grounds = [centre, centre, *(centre + column for column in columns), *([centre] * TERRAINS)]
     terrains = [terrain] * (2 + len(columns)) + others
     starts = [start, start + windows.velocity[:, 1], *([start] * (len(columns) + TERRAINS))]
-    found = _drive(nominal, windows, torch.cat(grounds), _together(terrains), torch.cat(starts), plant_of(parts, values))
+    found = _drive(
+        nominal,
+        windows,
+        torch.cat(grounds),
+        _together(terrains),
+        torch.cat(starts),
+        plant_of(parts, values),
+    )
     found = found.view(len(grounds), *windows.measured.values.shape)
     base, changes, by_terrain = torch.split(found, [1, 1 + len(columns), TERRAINS])
-    by_size = [_drive(nominal, windows, centre, terrain, start, plant_of(parts, sizes)).unsqueeze(0) for sizes in _other_sizes(model)]
+    by_size = [
+        _drive(nominal, windows, centre, terrain, start, plant_of(parts, sizes)).unsqueeze(0)
+        for sizes in _other_sizes(model)
+    ]
     return Simulated(base[0], torch.cat([changes, *by_size]) - base, by_terrain - base)
 
 
@@ -114,7 +144,9 @@ def _other_sizes(model: Model) -> list[tuple[float, ...]]:
     found = []
     for column in cholesky(model.covariance).T:
         there = model.values + column
-        there = torch.where((there < shared.low) | (there > shared.high), model.values - column, there)
+        there = torch.where(
+            (there < shared.low) | (there > shared.high), model.values - column, there
+        )
         found.append(tuple(there.clamp(shared.low, shared.high).tolist()))
     return found
 
@@ -126,20 +158,34 @@ def _terrain(nominal: Nominal, windows: Windows, clean: Sequence[Tensor]) -> Sam
         first = windows.first[windows.half == number]
         if len(first):
             track = track_of(packed, nominal.rover)
-            parts.append(profile_of(track, track.distance[BLOCK * first], windows.longest, nominal.rover))
+            parts.append(
+                profile_of(track, track.distance[BLOCK * first], windows.longest, nominal.rover)
+            )
     return _together(parts)
 
 
 def _together(parts: Sequence[Sampled]) -> Sampled:
     return Sampled(
-        torch.cat([part.slope for part in parts]), torch.cat([part.curvature for part in parts]), parts[0].start, parts[0].spacing
+        torch.cat([part.slope for part in parts]),
+        torch.cat([part.curvature for part in parts]),
+        parts[0].start,
+        parts[0].spacing,
     )
 
 
-def _drive(nominal: Nominal, windows: Windows, grounds: Tensor, terrain: Sampled, start: Tensor, plant: Plant) -> Tensor:
+def _drive(
+    nominal: Nominal,
+    windows: Windows,
+    grounds: Tensor,
+    terrain: Sampled,
+    start: Tensor,
+    plant: Plant,
+) -> Tensor:
     """Signals [G W, T - 1, R] on ``grounds`` [G W, 2 + M] from velocities ``start`` [G W]."""
     rover, times = nominal.rover, len(grounds) // len(windows.first)
-    strength = grounds[:, :2].clamp(min=WEAKEST) * torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
+    strength = grounds[:, :2].clamp(min=WEAKEST) * torch.tensor(
+        [PA_PER_UNIT, 1.0], dtype=torch.float64
+    )
     soil = Soil([Patch(nominal.contact.constants + grounds[:, 2:] @ nominal.uncertain, strength)])
     rate = windows.rate.repeat(times, 1, 1)
     simulation = Simulation(rover, soil, terrain, start, windows.step, plant)

@@ -31,7 +31,9 @@ class Predicted:
 
 def joined(parts: Sequence[Predicted]) -> Predicted:
     """One after the other."""
-    return Predicted(*(torch.cat([getattr(part, name) for part in parts]) for name in Predicted.__slots__))
+    return Predicted(
+        *(torch.cat([getattr(part, name) for part in parts]) for name in Predicted.__slots__)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +52,31 @@ class Score:
 
 
 def scores(
-    kind: str, rows: Sequence[tuple[str, str]], regions: Mapping[str, Tensor], before: Predicted, after: Predicted | None
+    kind: str,
+    rows: Sequence[tuple[str, str]],
+    regions: Mapping[str, Tensor],
+    before: Predicted,
+    after: Predicted | None,
 ) -> list[Score]:
     """Every row (name, unit) in every region ([N] bool), then all rows together; regions without a value are left out."""
     found = []
     for region, here in regions.items():
         there = here & (before.count > 0.0)
         if bool(there.any()):
-            first, second = _together(before, there), None if after is None else _together(after, there)
-            found.append(_score(kind, ("all rows", "standard deviations"), region, int(before.count[there].sum()), first, second))
+            first, second = (
+                _together(before, there),
+                None if after is None else _together(after, there),
+            )
+            found.append(
+                _score(
+                    kind,
+                    ("all rows", "standard deviations"),
+                    region,
+                    int(before.count[there].sum()),
+                    first,
+                    second,
+                )
+            )
     for k, (row, unit) in enumerate(rows):
         for region, here in regions.items():
             there = here & torch.isfinite(before.error[:, k])
@@ -66,14 +84,27 @@ def scores(
                 there = there & torch.isfinite(after.error[:, k])
             if bool(there.any()):
                 second = None if after is None else _of(after, k, there)
-                found.append(_score(kind, (row, unit), region, int(there.sum()), _of(before, k, there), second))
+                found.append(
+                    _score(
+                        kind, (row, unit), region, int(there.sum()), _of(before, k, there), second
+                    )
+                )
     return found
 
 
-_Numbers = tuple[float, float, float, float]  # error, negative log likelihood, coverage, and the error that is expected
+_Numbers = tuple[
+    float, float, float, float
+]  # error, negative log likelihood, coverage, and the error that is expected
 
 
-def _score(kind: str, row: tuple[str, str], region: str, count: int, before: _Numbers, after: _Numbers | None) -> Score:
+def _score(
+    kind: str,
+    row: tuple[str, str],
+    region: str,
+    count: int,
+    before: _Numbers,
+    after: _Numbers | None,
+) -> Score:
     error, nll, coverage = ((before[i], None if after is None else after[i]) for i in range(3))
     return Score(kind, row[0], region, row[1], count, (after or before)[3], error, nll, coverage)
 
@@ -81,9 +112,16 @@ def _score(kind: str, row: tuple[str, str], region: str, count: int, before: _Nu
 def _together(predicted: Predicted, there: Tensor) -> _Numbers:
     count = predicted.count[there].sum()
     away = (predicted.error / predicted.sd)[there]
-    error, expected = ((values[there].sum() / count).sqrt() for values in (predicted.misfit, predicted.expected))
+    error, expected = (
+        (values[there].sum() / count).sqrt() for values in (predicted.misfit, predicted.expected)
+    )
     inside = (away.abs() < INTERVAL).sum() / torch.isfinite(away).sum()
-    return float(error), float(predicted.surprise[there].sum() / count), float(inside), float(expected)
+    return (
+        float(error),
+        float(predicted.surprise[there].sum() / count),
+        float(inside),
+        float(expected),
+    )
 
 
 def _of(predicted: Predicted, row: int, there: Tensor) -> _Numbers:
@@ -101,7 +139,8 @@ def rms(values: Tensor) -> float:
 def regions_of(runs: Sequence[Blocks]) -> list[dict[str, Tensor]]:
     """Where each block of some runs belongs, [B] bool by the name of the region: by slope, speed, slip and time.
 
-    By the signals of the neighbouring seconds, as that of a second itself has its noise in common with the second's rows.
+    By the signals of the neighbouring seconds, as that of a second itself has its noise in common
+    with the second's rows.
     """
     speed, slip = (torch.cat([signal(run) for run in runs]).median() for signal in (_speed, _slip))
     return [_regions(run, float(speed), float(slip)) for run in runs]

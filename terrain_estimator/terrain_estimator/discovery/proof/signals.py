@@ -24,26 +24,37 @@ class Measured:
 def names(axles: int) -> tuple[tuple[str, str], ...]:
     """Signals and their units."""
     wheels = (("slip", "1"), ("sinkage", "m"), ("torque", "N m"))
-    return (("velocity", "m/s"), *((f"{name}_{k}", unit) for name, unit in wheels for k in range(axles)))
+    return (
+        ("velocity", "m/s"),
+        *((f"{name}_{k}", unit) for name, unit in wheels for k in range(axles)),
+    )
 
 
 def measured(packed: Tensor, axles: int) -> Measured:
     """The signals of packed observations [W, T - 1, 8 A + 9] in the order of ``names``."""
     wheels = packed[..., : 8 * axles].reshape(*packed.shape[:2], 8, axles)
-    velocity, velocity_sd = packed[..., 8 * axles : 8 * axles + 1], packed[..., 8 * axles + 1 : 8 * axles + 2]
+    velocity, velocity_sd = (
+        packed[..., 8 * axles : 8 * axles + 1],
+        packed[..., 8 * axles + 1 : 8 * axles + 2],
+    )
     values = torch.cat([velocity, wheels[:, :, 0], wheels[:, :, 2], wheels[:, :, 6]], -1)
-    return Measured(values, torch.cat([velocity_sd, wheels[:, :, 1], wheels[:, :, 3], wheels[:, :, 7]], -1))
+    return Measured(
+        values, torch.cat([velocity_sd, wheels[:, :, 1], wheels[:, :, 3], wheels[:, :, 7]], -1)
+    )
 
 
 def compared(seen: Measured, base: Tensor, changes: Tensor, by_terrain: Tensor) -> Predicted:
     """Errors of all seconds of all windows [W PIECE, R]; arguments as in ``rollout.Simulated``.
 
-    ``misfit`` is in units of the sensors' noise alone, which no model can talk up; what a model is not sure of is in ``expected``.
+    ``misfit`` is in units of the sensors' noise alone, which no model can talk up; what a model is
+    not sure of is in ``expected``.
     """
     error, sensor = _means(seen.values - base), _means(seen.sd.square(), 1).sqrt()
     terrain = _means(by_terrain).square().mean([0, 1, 2]).expand_as(error)
     unknown = _means(changes).square().sum(0) + terrain
-    error, sensor, unknown = (values.reshape(-1, values.shape[-1]) for values in (error, sensor, unknown))
+    error, sensor, unknown = (
+        values.reshape(-1, values.shape[-1]) for values in (error, sensor, unknown)
+    )
     sd = (sensor.square() + unknown).sqrt()
     there = torch.isfinite(error / sd)
 
@@ -63,7 +74,9 @@ def compared(seen: Measured, base: Tensor, changes: Tensor, by_terrain: Tensor) 
 def _means(values: Tensor, power: int = 0) -> Tensor:
     """Means over each second, [..., W, T - 1, R] to [..., W, PIECE, R]; with ``power`` 1 the variances of means."""
     first = torch.full_like(values[..., :1, :], math.nan)
-    seconds = torch.cat([first, values], -2).reshape(*values.shape[:-2], PIECE, BLOCK, values.shape[-1])
+    seconds = torch.cat([first, values], -2).reshape(
+        *values.shape[:-2], PIECE, BLOCK, values.shape[-1]
+    )
     there = torch.isfinite(seconds)
     count = there.sum(-2)
     mean = torch.where(there, seconds, 0.0).sum(-2) / count.clamp(min=1) ** (1 + power)

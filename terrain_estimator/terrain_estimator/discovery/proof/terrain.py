@@ -34,18 +34,32 @@ class Track:
 def track_of(packed: Tensor, rover: Rover) -> Track:
     """The track of linked observations [n, 8 A + 9]: a smoothing spline through the slopes below all wheels.
 
-    How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and Wahba 1979).
+    How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and
+    Wahba 1979).
     """
     axles = rover.axles
     angle, angle_sd = packed[:, 4 * axles : 5 * axles], packed[:, 5 * axles : 6 * axles]
-    velocity, pitch, pitch_sd, step = packed[:, 8 * axles], packed[:, 8 * axles + 2], packed[:, 8 * axles + 3], packed[:, -2]
+    velocity, pitch, pitch_sd, step = (
+        packed[:, 8 * axles],
+        packed[:, 8 * axles + 2],
+        packed[:, 8 * axles + 3],
+        packed[:, -2],
+    )
     moved = velocity * torch.cos(pitch) * step
     distance = torch.cumsum(moved, 0) - moved[0]
     steep = angle + pitch.unsqueeze(1)
-    place = distance.unsqueeze(1) + torch.tensor(rover.axle_x, dtype=torch.float64) + rover.wheel_radius * torch.sin(angle)
+    place = (
+        distance.unsqueeze(1)
+        + torch.tensor(rover.axle_x, dtype=torch.float64)
+        + rover.wheel_radius * torch.sin(angle)
+    )
     weight = 1.0 / (angle_sd.square() + pitch_sd.square().unsqueeze(1))
-    x, y, w = _binned(place.flatten().numpy(), torch.tan(steep).flatten().numpy(), weight.flatten().numpy())
-    return Track(distance, _smooth(x, y, w, SHARPEST / rover.wheel_radius), (float(x[0]), float(x[-1])))
+    x, y, w = _binned(
+        place.flatten().numpy(), torch.tan(steep).flatten().numpy(), weight.flatten().numpy()
+    )
+    return Track(
+        distance, _smooth(x, y, w, SHARPEST / rover.wheel_radius), (float(x[0]), float(x[-1]))
+    )
 
 
 def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
@@ -53,7 +67,9 @@ def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
     again = packed.clone()
     for first, count in ((4 * axles, axles), (8 * axles + 2, 1)):
         here, spread = slice(first, first + count), slice(first + count, first + 2 * count)
-        again[:, here] += packed[:, spread] * torch.randn(len(packed), count, generator=generator, dtype=torch.float64)
+        again[:, here] += packed[:, spread] * torch.randn(
+            len(packed), count, generator=generator, dtype=torch.float64
+        )
     return again
 
 
@@ -65,11 +81,15 @@ def profile_of(track: Track, origins: Tensor, length: float, rover: Rover) -> Sa
     places = origins.unsqueeze(1) + start + SPACING * torch.arange(count, dtype=torch.float64)
     inside = places.clamp(*track.ends)
     slope = torch.from_numpy(track.spline(inside.numpy()))
-    bend = torch.where(inside == places, torch.from_numpy(track.spline.derivative()(inside.numpy())), 0.0)
+    bend = torch.where(
+        inside == places, torch.from_numpy(track.spline.derivative()(inside.numpy())), 0.0
+    )
     return Sampled(slope, bend, start, SPACING)
 
 
-def _binned(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _binned(
+    x: np.ndarray, y: np.ndarray, w: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     width = max(min(BIN, (x.max() - x.min()) / (2 * LEAST)), 1e-6)
     number = np.floor((x - x.min()) / width).astype(np.intp)
     total = np.bincount(number, w)

@@ -35,12 +35,18 @@ class Diagnosis:
         nats = [[round(each, 1) for each in row] for row in self.isolability.nats.tolist()]
         return {
             "where": [asdict(each) for each in self.where],
-            "isolability": {"names": list(self.isolability.names), "nats": nats, "not_testable": self.isolability.not_testable},
+            "isolability": {
+                "names": list(self.isolability.names),
+                "nats": nats,
+                "not_testable": self.isolability.not_testable,
+            },
             "next_drives": [asdict(each) for each in self.next_drives],
         }
 
 
-def diagnose(study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, say: Progress) -> Diagnosis:
+def diagnose(
+    study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, say: Progress
+) -> Diagnosis:
     """Look at the runs of ``study`` after the verdict."""
     say(0.95, "where it disagrees")
     found = tuple(disagreements(study))
@@ -48,13 +54,18 @@ def diagnose(study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, s
     around = study.nothing if finding.judgement.verdict is Verdict.NONE else finding.best
     apart = isolability(study, hypotheses, around)
     say(0.97, "what to drive next")
-    return Diagnosis(found, apart, tuple(next_drives(study, in_doubt(finding, hypotheses, apart), around)))
+    return Diagnosis(
+        found, apart, tuple(next_drives(study, in_doubt(finding, hypotheses, apart), around))
+    )
 
 
-def in_doubt(finding: Finding, hypotheses: Sequence[Hypothesis], apart: Isolability) -> list[Hypothesis]:
+def in_doubt(
+    finding: Finding, hypotheses: Sequence[Hypothesis], apart: Isolability
+) -> list[Hypothesis]:
     """The effects between which a next drive should decide.
 
-    Those that are confusable; a named effect and the one that it would be mistaken for; the two closest where it is unknown.
+    Those that are confusable; a named effect and the one that it would be mistaken for; the two
+    closest where it is unknown.
     """
     judgement = finding.judgement
     close = judgement.named

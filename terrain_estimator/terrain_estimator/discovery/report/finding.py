@@ -30,7 +30,9 @@ class Finding:
     gains: Gains
     candidates: tuple[Candidate, ...]  # named hypotheses, the most probable first
     nothing: Candidate
-    depends: tuple[Leftover, ...]  # where nothing is added: on what the residual depends, the strongest first
+    depends: tuple[
+        Leftover, ...
+    ]  # where nothing is added: on what the residual depends, the strongest first
     left: tuple[Leftover, ...]  # the same beside the best name
 
     @property
@@ -43,41 +45,60 @@ class Finding:
         return next(each for each in self.candidates if each.hypothesis == hypothesis)
 
 
-def investigate(study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, say: Progress) -> Finding:
+def investigate(
+    study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, say: Progress
+) -> Finding:
     """Fit all hypotheses, pairs with the best one where it leaves something, and judge."""
     say(0.05, "nothing missing")
     free = study.with_discrepancy(study.nothing)
     found = search(study, hypotheses, lambda share, label: say(0.1 + 0.5 * share, label))
     base = study.nothing.fit.log_evidence
-    # Where neither a name nor the discrepancy comes near to gaining anything, both together do not either.
+    # Where neither a name nor the discrepancy comes near to gaining anything, both together do not
+    # either.
     clear = max(found[0].fit.log_evidence, free.fit.log_evidence) - base < 0.5 * thresholds.anything
     best_with = found[0] if clear else study.with_discrepancy(found[0])
     gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable - gains.best >= thresholds.anything:
-        pairs = _beside(study, hypotheses, found[0], lambda share, label: say(0.6 + 0.35 * share, label))
+        pairs = _beside(
+            study, hypotheses, found[0], lambda share, label: say(0.6 + 0.35 * share, label)
+        )
         if pairs:
             pair_with = study.with_discrepancy(pairs[0])
-            paired = dataclasses.replace(gains_of(study.nothing, pairs, free, pair_with), single=gains.best)
+            paired = dataclasses.replace(
+                gains_of(study.nothing, pairs, free, pair_with), single=gains.best
+            )
             if is_pair(gains, paired, thresholds):
                 found, gains, best_with = [*pairs, *found], paired, pair_with
     judgement = judge(gains, thresholds)
     # What one evaluation already showed to be far behind was not fitted.
     unlikely = {name: 0.0 for hypothesis in hypotheses for name in hypothesis.names}
     judgement = dataclasses.replace(judgement, probabilities=unlikely | judgement.probabilities)
-    return Finding(judgement, gains, tuple(found), study.nothing, tuple(leftovers(free)), tuple(leftovers(best_with)))
+    return Finding(
+        judgement,
+        gains,
+        tuple(found),
+        study.nothing,
+        tuple(leftovers(free)),
+        tuple(leftovers(best_with)),
+    )
 
 
-def _beside(study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, say: Progress) -> list[Candidate]:
+def _beside(
+    study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, say: Progress
+) -> list[Candidate]:
     """The most probable pairs of ``first`` and another effect."""
     names = set(first.hypothesis.names)
-    others = [together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)]
+    others = [
+        together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)
+    ]
     return search(study, others, say, after=first) if others else []
 
 
 def settled(finding: Finding, proof: Proof | None) -> Finding:
     """The finding after the held-out runs were asked: a name that did not prove itself there is not given as the answer.
 
-    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None) the verdict stands unproven.
+    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None)
+    the verdict stands unproven.
     """
     judgement = finding.judgement
     if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):

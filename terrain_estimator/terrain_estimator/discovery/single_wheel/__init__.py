@@ -2,14 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effect does the model of one wheel on a testbed lack? Steady states: sinkage, drawbar pull and lateral force at a load and slip.
 
-- ``cells``: what was measured, replicates of one setting together, and what the contact model says of it.
+- ``cells``: what was measured, replicates of one setting together, and what the contact model says
+  of it.
 - ``fit``: the most probable parameters of a hypothesis and its evidence.
-- ``investigation``: all hypotheses, the verdict by the rule of drives (``discovery/verdict.py``), and cells that are held out.
+- ``investigation``: all hypotheses, the verdict by the rule of drives (``discovery/verdict.py``),
+  and cells that are held out.
 
 c and tan phi are nuisances here: without drive torque they are not identified.
 """
 
 from terrain_estimator.discovery.single_wheel.cells import Cells, Rig, Row, cells_of
-from terrain_estimator.discovery.single_wheel.investigation import Outcome, investigate_wheel, of_one_wheel, shown_by_one_wheel
+from terrain_estimator.discovery.single_wheel.investigation import (
+    Outcome,
+    investigate_wheel,
+    of_one_wheel,
+    shown_by_one_wheel,
+)
 
-__all__ = ["Cells", "Outcome", "Rig", "Row", "cells_of", "investigate_wheel", "of_one_wheel", "shown_by_one_wheel"]
+__all__ = [
+    "Cells",
+    "Outcome",
+    "Rig",
+    "Row",
+    "cells_of",
+    "investigate_wheel",
+    "of_one_wheel",
+    "shown_by_one_wheel",
+]

@@ -75,18 +75,35 @@ def cells_of(rows: Sequence[Row], reference: frozenset[str] = frozenset()) -> Ce
             near.append(row)
 
     def mean(name: str) -> Tensor:
-        return torch.tensor([math.fsum(getattr(row, name) for row in group) / len(group) for group in groups], dtype=torch.float64)
+        return torch.tensor(
+            [math.fsum(getattr(row, name) for row in group) / len(group) for group in groups],
+            dtype=torch.float64,
+        )
 
     tables = tuple(group[0].table for group in groups)
     acts = torch.tensor([table not in reference for table in tables])
     measured = torch.stack([mean(name) for name in ROWS], 1)
-    return Cells(tables, mean("slip"), mean("load"), mean("wheel_rate"), mean("slip_angle"), measured, tuple(map(len, groups)), acts)
+    return Cells(
+        tables,
+        mean("slip"),
+        mean("load"),
+        mean("wheel_rate"),
+        mean("slip_angle"),
+        measured,
+        tuple(map(len, groups)),
+        acts,
+    )
 
 
 def _alike(first: Row, second: Row) -> bool:
     heavier, lighter = max(first.load, second.load), min(first.load, second.load)
     turned = abs(first.slip_angle - second.slip_angle) >= SAME_ANGLE
-    return first.table == second.table and not turned and abs(first.slip - second.slip) < SAME_SLIP and heavier < SAME_LOAD * lighter
+    return (
+        first.table == second.table
+        and not turned
+        and abs(first.slip - second.slip) < SAME_SLIP
+        and heavier < SAME_LOAD * lighter
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,17 +113,23 @@ class Rig:
     rover: Rover  # of which the wheel alone counts
     soil: Soil
     constants_sd: float  # [1] relative deviation of each soil constant
-    repeatability: tuple[float, float, float]  # deviations of a cell: sinkage [m], drawbar pull [N], lateral force [N]
+    repeatability: tuple[
+        float, float, float
+    ]  # deviations of a cell: sinkage [m], drawbar pull [N], lateral force [N]
 
     def usable(self, slip: float, sinkage: float) -> bool:
         """Whether the contact model describes this state at all."""
         values = torch.tensor([slip, max(sinkage, 1e-6)], dtype=torch.float64)
         return bool(in_range(values[0], values[1], self.soil.constants(), self.rover.wheel_radius))
 
-    def states(self, cells: Cells, strength: Tensor, constants: Tensor, effects: Sequence[Effect]) -> Tensor:
+    def states(
+        self, cells: Cells, strength: Tensor, constants: Tensor, effects: Sequence[Effect]
+    ) -> Tensor:
         """Rows of cells, [V, B, 3], for V soils: ``strength`` [V, 2] (c [Pa]), ``constants`` [V, 6]."""
         several, count = strength.shape[0], cells.slip.shape[0]
-        slip, load, rate = (each.repeat(several).unsqueeze(1) for each in (cells.slip, cells.load, cells.wheel_rate))
+        slip, load, rate = (
+            each.repeat(several).unsqueeze(1) for each in (cells.slip, cells.load, cells.wheel_rate)
+        )
         nowhere = torch.full_like(slip, math.nan)
         where = Situation(
             rover=self.rover,
@@ -116,10 +139,14 @@ class Rig:
             rate=rate,
             velocity=nowhere[:, 0],
         )
-        soil, ground = (each.repeat_interleave(count, 0).unsqueeze(1) for each in (constants, strength))
+        soil, ground = (
+            each.repeat_interleave(count, 0).unsqueeze(1) for each in (constants, strength)
+        )
         wheel = WheelGround.of(self.rover, soil, ground, POINTS, Plant(effects), where)
         if bool(cells.slip_angle.any()):
-            wheel = dataclasses.replace(wheel, slip_angle=cells.slip_angle.repeat(several).unsqueeze(1))
+            wheel = dataclasses.replace(
+                wheel, slip_angle=cells.slip_angle.repeat(several).unsqueeze(1)
+            )
         depth = equilibrium_sinkage(wheel, slip, load)
         forces = wheel.forces(slip, depth)
         lateral = forces[..., 3] if wheel.slip_angle is not None else torch.zeros_like(depth)

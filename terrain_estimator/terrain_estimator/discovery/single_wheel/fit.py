@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The most probable parameters of a hypothesis about one wheel, and its evidence.
 
-Parameters in prior deviations: c, tan phi, the uncertain soil constants, the datum of the sinkage, sizes of effects that are known
-to act in all tables, sizes of those that are looked for. With J their Jacobian the measurements are Gaussian,
+Parameters in prior deviations: c, tan phi, the uncertain soil constants, the datum of the sinkage,
+sizes of effects that are known to act in all tables, sizes of those that are looked for. With J
+their Jacobian the measurements are Gaussian,
 
     y ~ N(f(x), C),   C = repeatability + excess of each row + (where asked for) s^2 F F' of each row,
 
-F smooth functions of slip and slip angle: a discrepancy without a name. Excess and s are at their most likely values, with x
-integrated out.
+F smooth functions of slip and slip angle: a discrepancy without a name. Excess and s are at their
+most likely values, with x integrated out.
 """
 
 from collections.abc import Sequence
@@ -48,13 +49,17 @@ class Explained:
     values: Floats  # [P] in prior deviations
     covariance: Floats  # [P, P]
     log_evidence: float  # [nat]
-    left: tuple[str, str]  # row and signal on which the discrepancy without a name depends most, where there is one
+    left: tuple[
+        str, str
+    ]  # row and signal on which the discrepancy without a name depends most, where there is one
 
     def sizes(self, first: int) -> list[tuple[str, float, float]]:
         """See Hypothesis.sizes, of the effects that are looked for; ``first`` is the number of their first parameter."""
         scale = self.hypothesis.shared().sd.numpy()
         deviations = np.sqrt(np.diag(self.covariance))[first:]
-        return self.hypothesis.sizes((self.values[first:] * scale).tolist(), (deviations * scale).tolist())
+        return self.hypothesis.sizes(
+            (self.values[first:] * scale).tolist(), (deviations * scale).tolist()
+        )
 
 
 class WheelModel:
@@ -64,14 +69,20 @@ class WheelModel:
         """Of one testbed."""
         self.bed, self._given, self.hypothesis = bed, given, hypothesis
         nominal = bed.soil.constants()
-        self._uncertain = uncertain_constants(nominal.unsqueeze(0), bed.constants_sd, bed.rover.wheel_width)[0]
+        self._uncertain = uncertain_constants(
+            nominal.unsqueeze(0), bed.constants_sd, bed.rover.wheel_width
+        )[0]
         self.own = 2 + self._uncertain.shape[0] + 1
         self.first = self.own + given.shared().sd.shape[0]
         self.low, self.high = self._limits(nominal)
 
     def start(self) -> Floats:
         """Where a fit begins."""
-        return np.clip(np.concatenate([np.zeros(self.own), *map(_begin, (self._given, self.hypothesis))]), self.low, self.high)
+        return np.clip(
+            np.concatenate([np.zeros(self.own), *map(_begin, (self._given, self.hypothesis))]),
+            self.low,
+            self.high,
+        )
 
     def of(self, cells: Cells, values: Floats) -> Floats:
         """Sinkage, drawbar pull and lateral force [B, 3]."""
@@ -90,7 +101,9 @@ class WheelModel:
         """For some soils [V, P] and one set of sizes."""
         table = torch.from_numpy(np.ascontiguousarray(soils[:, : self.own]))
         theta = torch.tensor([[mean, sd] for mean, sd in PRIOR_THETA], dtype=torch.float64)
-        strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
+        strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor(
+            [PA_PER_UNIT, 1.0], dtype=torch.float64
+        )
         constants = self.bed.soil.constants() + table[:, 2 : self.own - 1] @ self._uncertain
         known = _effects(self._given, values[self.own : self.first])
         sought = known + _effects(self.hypothesis, values[self.first :])
@@ -98,7 +111,9 @@ class WheelModel:
         for acts, effects in ((True, sought), (False, known)):
             index = torch.nonzero(cells.acts == acts).flatten()
             if len(index):
-                found[:, index] = self.bed.states(cells.part(index.tolist()), strength, constants, effects)
+                found[:, index] = self.bed.states(
+                    cells.part(index.tolist()), strength, constants, effects
+                )
         found[..., 0] += DATUM_SD * table[:, self.own - 1 :]
         return found.numpy()
 
@@ -110,19 +125,32 @@ class WheelModel:
         for k, change in enumerate(self._uncertain):
             at = int(change.abs().argmax())
             low[2 + k] = max(low[2 + k], -0.9 * abs(float(nominal[at] / change[at])))
-        ranges = [(each.shared().low / each.shared().sd[: len(each.shared().low)], each) for each in (self._given, self.hypothesis)]
+        ranges = [
+            (each.shared().low / each.shared().sd[: len(each.shared().low)], each)
+            for each in (self._given, self.hypothesis)
+        ]
         lows = [ends.numpy() for ends, _ in ranges]
-        highs = [(each.shared().high / each.shared().sd[: len(each.shared().high)]).numpy() for _, each in ranges]
+        highs = [
+            (each.shared().high / each.shared().sd[: len(each.shared().high)]).numpy()
+            for _, each in ranges
+        ]
         return np.concatenate([low, *lows]), np.concatenate([high, *highs])
 
 
 def _begin(hypothesis: Hypothesis) -> Floats:
-    return np.array(hypothesis.start()) / hypothesis.shared().sd.numpy() if hypothesis.parts else np.zeros(0)
+    return (
+        np.array(hypothesis.start()) / hypothesis.shared().sd.numpy()
+        if hypothesis.parts
+        else np.zeros(0)
+    )
 
 
 def _effects(hypothesis: Hypothesis, values: Floats) -> list[Effect]:
     sizes = iter((values * hypothesis.shared().sd.numpy()).tolist())
-    return [part.effect(tuple(next(sizes) for _ in range(1 + len(part.beside)))) for part in hypothesis.parts]
+    return [
+        part.effect(tuple(next(sizes) for _ in range(1 + len(part.beside))))
+        for part in hypothesis.parts
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,10 +166,14 @@ class _Spread:
         shared = self.functions @ self.functions.T
         covariance = np.zeros((rows * count, rows * count))
         for row in range(rows):
-            covariance[row::rows, row::rows] = np.eye(count) * (1.0 + hyper[row] ** 2) + hyper[rows + row] ** 2 * shared
+            covariance[row::rows, row::rows] = (
+                np.eye(count) * (1.0 + hyper[row] ** 2) + hyper[rows + row] ** 2 * shared
+            )
         return covariance[np.ix_(self.seen, self.seen)]
 
-    def depends_on(self, hyper: Floats, residual: Floats, signals: Sequence[str]) -> tuple[str, str]:
+    def depends_on(
+        self, hyper: Floats, residual: Floats, signals: Sequence[str]
+    ) -> tuple[str, str]:
         """Row and signal of the largest part of a discrepancy [units of repeatability] that ``residual`` [M] holds."""
         pulled = np.zeros(len(self.seen))
         pulled[self.seen] = np.linalg.solve(self.covariance(hyper), residual)
@@ -154,7 +186,9 @@ class _Spread:
         return max(parts, key=lambda each: parts[each])
 
 
-def explain(model: WheelModel, cells: Cells, *, flexible: bool = False, start: Floats | None = None) -> Explained:
+def explain(
+    model: WheelModel, cells: Cells, *, flexible: bool = False, start: Floats | None = None
+) -> Explained:
     """Fit a model to cells; ``flexible`` with a discrepancy without a name on top."""
     values = model.start() if start is None else start
     seen = cells.seen.numpy().ravel()
@@ -168,32 +202,46 @@ def explain(model: WheelModel, cells: Cells, *, flexible: bool = False, start: F
         white = np.linalg.inv(np.linalg.cholesky(spread.covariance(hyper)))
 
         def short(x: Floats, white: Floats = white) -> Floats:
-            return np.concatenate([white @ ((model.of(cells, x).ravel()[seen] - measured) / noise), x])
+            return np.concatenate(
+                [white @ ((model.of(cells, x).ravel()[seen] - measured) / noise), x]
+            )
 
         def slope(x: Floats, white: Floats = white) -> Floats:
             by = model.jacobian(cells, x)[1].reshape(len(seen), -1)[seen] / noise[:, None]
             return np.vstack([white @ by, np.eye(len(x))])
 
-        values = least_squares(short, values, slope, (model.low, model.high), max_nfev=12, xtol=1e-6).x
+        values = least_squares(
+            short, values, slope, (model.low, model.high), max_nfev=12, xtol=1e-6
+        ).x
         said, by = model.jacobian(cells, values)
         residual = (measured - said.ravel()[seen]) / noise
         jacobian = by.reshape(len(seen), -1)[seen] / noise[:, None]
-        hyper = _most_likely(residual + jacobian @ values, jacobian, spread, hyper, flexible=flexible)
+        hyper = _most_likely(
+            residual + jacobian @ values, jacobian, spread, hyper, flexible=flexible
+        )
     left = spread.depends_on(hyper, residual, list(functions))
     return _finished(model, values, residual, jacobian, hyper, spread, left)
 
 
 def smooth(cells: Cells) -> dict[str, Floats]:
     """Functions of each signal that a discrepancy is made of, of unit mean square, [B, PER_SIGNAL]; the mean belongs to datum and soil."""
-    slip, acts, side = cells.slip.numpy(), cells.acts.numpy().astype(float), np.sin(cells.slip_angle.numpy())
+    slip, acts, side = (
+        cells.slip.numpy(),
+        cells.acts.numpy().astype(float),
+        np.sin(cells.slip_angle.numpy()),
+    )
     columns = np.stack([slip, slip**2, np.maximum(slip - 0.5, 0.0)], 1)
     powers = np.stack([np.ones_like(slip), slip, slip**2], 1)
     found = {"slip": columns - columns.mean(0)}
-    if not acts.all():  # where tables of reference are there, what they lack may depend on the wheel alone
+    if (
+        not acts.all()
+    ):  # where tables of reference are there, what they lack may depend on the wheel alone
         found["wheel"] = acts[:, None] * powers
     if side.any():
         found["slip angle"] = side[:, None] * powers
-    return {signal: table / np.sqrt((table**2).mean(0)).clip(_LEAST) for signal, table in found.items()}
+    return {
+        signal: table / np.sqrt((table**2).mean(0)).clip(_LEAST) for signal, table in found.items()
+    }
 
 
 def _marginal(hyper: Floats, target: Floats, jacobian: Floats, spread: _Spread) -> float:
@@ -204,28 +252,45 @@ def _marginal(hyper: Floats, target: Floats, jacobian: Floats, spread: _Spread) 
     return float(pulled @ pulled + 2.0 * np.log(np.diag(factor)).sum())
 
 
-def _most_likely(target: Floats, jacobian: Floats, spread: _Spread, hyper: Floats, *, flexible: bool) -> Floats:
+def _most_likely(
+    target: Floats, jacobian: Floats, spread: _Spread, hyper: Floats, *, flexible: bool
+) -> Floats:
     free = len(hyper) if flexible else len(ROWS)
 
     def cost(logs: Floats) -> float:
-        return _marginal(np.concatenate([np.exp(logs), np.zeros(len(hyper) - free)]), target, jacobian, spread)
+        return _marginal(
+            np.concatenate([np.exp(logs), np.zeros(len(hyper) - free)]), target, jacobian, spread
+        )
 
-    found = minimize(cost, np.log(hyper[:free].clip(0.05)), method="L-BFGS-B", bounds=[(-4.0, 5.0)] * free)
+    found = minimize(
+        cost, np.log(hyper[:free].clip(0.05)), method="L-BFGS-B", bounds=[(-4.0, 5.0)] * free
+    )
     return np.concatenate([np.exp(found.x), np.zeros(len(hyper) - free)])
 
 
 def _finished(
-    model: WheelModel, values: Floats, residual: Floats, jacobian: Floats, hyper: Floats, spread: _Spread, left: tuple[str, str]
+    model: WheelModel,
+    values: Floats,
+    residual: Floats,
+    jacobian: Floats,
+    hyper: Floats,
+    spread: _Spread,
+    left: tuple[str, str],
 ) -> Explained:
     evidence = -0.5 * _marginal(hyper, residual + jacobian @ values, jacobian, spread)
     weight = np.linalg.inv(spread.covariance(hyper))
-    covariance: Floats = np.linalg.inv(jacobian.T @ weight @ jacobian + np.eye(len(values))).astype(np.float64)
-    # Where a limit holds a size, the Gaussian's middle is beyond it: its mass in the range is not a half.
+    covariance: Floats = np.linalg.inv(jacobian.T @ weight @ jacobian + np.eye(len(values))).astype(
+        np.float64
+    )
+    # Where a limit holds a size, the Gaussian's middle is beyond it: its mass in the range is not a
+    # half.
     middle = covariance @ (jacobian.T @ (weight @ (residual + jacobian @ values)))
     held = np.minimum(values - model.low, model.high - values) < _LEAST
     middle = np.where(held, middle, values)
     sizes = _ranged(model.hypothesis, model.first)
-    evidence += sum(_inside(middle[k], np.sqrt(covariance[k, k]), model.low[k], model.high[k]) for k in sizes)
+    evidence += sum(
+        _inside(middle[k], np.sqrt(covariance[k, k]), model.low[k], model.high[k]) for k in sizes
+    )
     return Explained(model.hypothesis, values, covariance, float(evidence), left)
 
 

@@ -10,7 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrain_estimator.discovery.evidence.search import Progress
-from terrain_estimator.discovery.evidence.verdict import Gains, Judgement, Thresholds, Verdict, is_pair, judge
+from terrain_estimator.discovery.evidence.verdict import (
+    Gains,
+    Judgement,
+    Thresholds,
+    Verdict,
+    is_pair,
+    judge,
+)
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, together
 from terrain_estimator.discovery.hypotheses.parts import Part
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
@@ -40,13 +47,18 @@ class HeldOut:
         after = None if self.after is None else _rms(self.after / repeatability)
         return _rms(self.before / repeatability), after
 
-    def improvement_95(self, repeatability: tuple[float, float, float], seed: int) -> tuple[float, float] | None:
+    def improvement_95(
+        self, repeatability: tuple[float, float, float], seed: int
+    ) -> tuple[float, float] | None:
         """95 % interval of before - after, cells resampled; None with fewer than FEWEST_HELD_OUT settings."""
         if self.after is None or self.settings < FEWEST_HELD_OUT:
             return None
         generator, count = np.random.default_rng(seed), len(self.before)
         drawn = generator.integers(count, size=(_RESAMPLED, count))
-        before, after = (np.sqrt(np.nanmean(((each / repeatability) ** 2)[drawn], (1, 2))) for each in (self.before, self.after))
+        before, after = (
+            np.sqrt(np.nanmean(((each / repeatability) ** 2)[drawn], (1, 2)))
+            for each in (self.before, self.after)
+        )
         low, high = np.quantile(before - after, [0.025, 0.975])
         return float(low), float(high)
 
@@ -60,14 +72,20 @@ class Outcome:
     first: int  # number of the parameter of the first size
     nothing: Explained
     held_out: HeldOut
-    proven: bool | None  # whether the best name helps on held-out settings; None where there are too few to tell
+    proven: (
+        bool | None
+    )  # whether the best name helps on held-out settings; None where there are too few to tell
     separate_by: str
     left: tuple[str, str]  # row and signal on which what the best name leaves depends most
 
 
 def shown_by_one_wheel() -> tuple[str, ...]:
     """Effects that the rows of one wheel depend on; a bias of the sinkage is in the datum, which is unknown anyway."""
-    return tuple(name for name, each in EFFECTS.items() if set(ROWS) & set(each.rows) and name != "sinkage_bias")
+    return tuple(
+        name
+        for name, each in EFFECTS.items()
+        if set(ROWS) & set(each.rows) and name != "sinkage_bias"
+    )
 
 
 def of_one_wheel(names: Sequence[str]) -> list[Hypothesis]:
@@ -89,8 +107,9 @@ def investigate_wheel(
 ) -> Outcome:
     """Fit every named effect to all cells, pairs where no single one closes enough of the gap, judge, and hold cells out.
 
-    Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. Cells are held out one at a time, with all
-    their replicates; or ``by_trial`` all cells of one trial, which says how well it repeats and nothing about new settings.
+    Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. Cells are
+    held out one at a time, with all their replicates; or ``by_trial`` all cells of one trial, which
+    says how well it repeats and nothing about new settings.
     """
     cells = cells_of(rows, reference)
     hypotheses = of_one_wheel(names)
@@ -109,25 +128,41 @@ def investigate_wheel(
         if pairs:
             paired, less = _weighed(bed, given, cells, pairs, nothing, free)
             if is_pair(gains, paired, thresholds):
-                found, gains, left = [*pairs, *found], dataclasses.replace(paired, single=gains.best), less
+                found, gains, left = (
+                    [*pairs, *found],
+                    dataclasses.replace(paired, single=gains.best),
+                    less,
+                )
     judgement = judge(gains, thresholds)
-    probabilities = {name: 0.0 for each in hypotheses for name in each.names} | judgement.probabilities
+    probabilities = {
+        name: 0.0 for each in hypotheses for name in each.names
+    } | judgement.probabilities
     judgement = dataclasses.replace(judgement, probabilities=probabilities)
     say(0.6, "held-out cells")
     named = judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
-    errors = held_out(bed, rows, reference, [given, found[0].hypothesis if named else NOTHING], by_trial=by_trial)
+    errors = held_out(
+        bed, rows, reference, [given, found[0].hypothesis if named else NOTHING], by_trial=by_trial
+    )
     interval = errors.improvement_95(bed.repeatability, seed) if named else None
     proven = None if interval is None else interval[0] > 0.0
     judgement = _refuted(judgement) if proven is False else _by_design(judgement, rows, found)
     confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
-    return Outcome(judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable), left)
+    return Outcome(
+        judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable), left
+    )
 
 
-def _searched(bed: Rig, given: Hypothesis, cells: Cells, hypotheses: Sequence[Hypothesis], simpler: Explained) -> list[Explained]:
+def _searched(
+    bed: Rig, given: Hypothesis, cells: Cells, hypotheses: Sequence[Hypothesis], simpler: Explained
+) -> list[Explained]:
     """Fits of all, the most probable first; each begins at the parameters of a ``simpler`` one, single effects at the nominal soil too."""
     found = []
     for model in (WheelModel(bed, given, each) for each in hypotheses):
-        fitted = explain(model, cells, start=np.concatenate([simpler.values, model.start()[len(simpler.values) :]]))
+        fitted = explain(
+            model,
+            cells,
+            start=np.concatenate([simpler.values, model.start()[len(simpler.values) :]]),
+        )
         found.append(fitted if simpler.hypothesis.parts else _better(fitted, explain(model, cells)))
     return sorted(found, key=lambda each: -each.log_evidence)
 
@@ -137,11 +172,18 @@ def _better(first: Explained, second: Explained) -> Explained:
 
 
 def _weighed(
-    bed: Rig, given: Hypothesis, cells: Cells, found: Sequence[Explained], nothing: Explained, free: Explained
+    bed: Rig,
+    given: Hypothesis,
+    cells: Cells,
+    found: Sequence[Explained],
+    nothing: Explained,
+    free: Explained,
 ) -> tuple[Gains, tuple[str, str]]:
     """What the rule looks at, and on what the rest depends that the best leaves."""
     best, base = found[0], nothing.log_evidence
-    best_with = explain(WheelModel(bed, given, best.hypothesis), cells, flexible=True, start=best.values)
+    best_with = explain(
+        WheelModel(bed, given, best.hypothesis), cells, flexible=True, start=best.values
+    )
     named = tuple((each.hypothesis, each.log_evidence - base) for each in found)
     return Gains(named, free.log_evidence - base, best_with.log_evidence - base), best_with.left
 
@@ -153,24 +195,43 @@ def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explai
     there = {each.hypothesis.names: each.hypothesis for each in found}
     both = [there[name,] for name in (BY_SLIP, BY_RATE) if (name,) in there]
     varied = max(speeds) > SAME_SPEED * min(speeds)
-    if judgement.verdict is not Verdict.NAMED or named[0] not in (BY_SLIP, BY_RATE) or len(named) > 1 or len(both) < 2 or varied:
+    if (
+        judgement.verdict is not Verdict.NAMED
+        or named[0] not in (BY_SLIP, BY_RATE)
+        or len(named) > 1
+        or len(both) < 2
+        or varied
+    ):
         return judgement
     shared = 0.5 * (judgement.probabilities[BY_SLIP] + judgement.probabilities[BY_RATE])
     sets = tuple(sorted(both, key=lambda each: each != judgement.named[0]))
-    return Judgement(Verdict.CONFUSABLE, sets, judgement.probabilities | {BY_SLIP: shared, BY_RATE: shared})
+    return Judgement(
+        Verdict.CONFUSABLE, sets, judgement.probabilities | {BY_SLIP: shared, BY_RATE: shared}
+    )
 
 
 def _refuted(judgement: Judgement) -> Judgement:
     """A name that does not help on held-out cells is not the answer."""
     sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
-    probabilities = dict.fromkeys(judgement.probabilities, 0.0) | sure | {"unknown": 1.0 - sure["none"]}
+    probabilities = (
+        dict.fromkeys(judgement.probabilities, 0.0) | sure | {"unknown": 1.0 - sure["none"]}
+    )
     return Judgement(Verdict.UNKNOWN, judgement.named[:1], probabilities)
 
 
-def held_out(bed: Rig, rows: Sequence[Row], reference: frozenset[str], parts: Sequence[Hypothesis], *, by_trial: bool) -> HeldOut:
+def held_out(
+    bed: Rig,
+    rows: Sequence[Row],
+    reference: frozenset[str],
+    parts: Sequence[Hypothesis],
+    *,
+    by_trial: bool,
+) -> HeldOut:
     """Errors of cells that were not fitted, without the effect and with it; ``parts`` are the given effects and the effect."""
     given, sought = parts
-    models = [WheelModel(bed, given, each) for each in ((NOTHING, sought) if sought.parts else (NOTHING,))]
+    models = [
+        WheelModel(bed, given, each) for each in ((NOTHING, sought) if sought.parts else (NOTHING,))
+    ]
     errors: list[list[Floats]] = [[] for _ in models]
     for left, out in _folds(rows, reference, by_trial=by_trial):
         for model, found in zip(models, errors, strict=True):
@@ -180,7 +241,9 @@ def held_out(bed: Rig, rows: Sequence[Row], reference: frozenset[str], parts: Se
     return HeldOut(before, after[0] if after else None, int(cells_of(rows, reference).acts.sum()))
 
 
-def _folds(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) -> list[tuple[Cells, Cells]]:
+def _folds(
+    rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool
+) -> list[tuple[Cells, Cells]]:
     """What is fitted and what is held out, fold by fold."""
     if by_trial:
         divided = []
@@ -191,7 +254,11 @@ def _folds(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) ->
         return divided
     cells = cells_of(rows, reference)
     every = range(len(cells.slip))
-    return [(cells.part([k for k in every if k != out]), cells.part([out])) for out in every if bool(cells.acts[out])]
+    return [
+        (cells.part([k for k in every if k != out]), cells.part([out]))
+        for out in every
+        if bool(cells.acts[out])
+    ]
 
 
 def _rms(values: Floats) -> float:

@@ -8,8 +8,12 @@ from itertools import combinations
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 
 _PAIRS = {
-    frozenset({"bulldozing", "slip_sinkage"}): "the same depth at two slips: the wedge depends on depth alone",
-    frozenset({"slip_sinkage", "rate_dependence"}): "reach the same slip at two speeds of the carriage",
+    frozenset(
+        {"bulldozing", "slip_sinkage"}
+    ): "the same depth at two slips: the wedge depends on depth alone",
+    frozenset(
+        {"slip_sinkage", "rate_dependence"}
+    ): "reach the same slip at two speeds of the carriage",
 }
 _ALONE = {
     "bulldozing": "two loads at equal slip, so that the depth differs",

@@ -46,13 +46,17 @@ class _Column:
 
 
 def read_table(
-    path: Path, slip_definition: str, slip_speed: str = "carriage", largest_angle: float = SIDEWAYS_DEG
+    path: Path,
+    slip_definition: str,
+    slip_speed: str = "carriage",
+    largest_angle: float = SIDEWAYS_DEG,
 ) -> tuple[list[Row], list[str]]:
     """The rows of a table, and why some are left out.
 
     Raises:
-        WheelTableError: it is no CSV in UTF-8, a column is missing or there twice or its unit unknown, a cell is no finite
-            number, a row has more cells than there are columns, or a sign is another than here.
+        WheelTableError: it is no CSV in UTF-8, a column is missing or there twice or its unit
+            unknown, a cell is no finite number, a row has more cells than there are columns, or a
+            sign is another than here.
         OSError: it cannot be read.
     """
     table = _lines(path)
@@ -63,8 +67,15 @@ def read_table(
         if not "".join(cells).strip():
             continue
         if "".join(cells[len(header) :]).strip():
-            raise WheelTableError(f"{path}:{number}: {len(cells)} cells in {len(header)} columns: write numbers with a point, not a comma")
-        values = {key: _value(path, number, cells, index, column) for key, (index, column) in columns.items() if key != TRIAL}
+            raise WheelTableError(
+                f"{path}:{number}: {len(cells)} cells in {len(header)} columns: write numbers with"
+                " a point, not a comma"
+            )
+        values = {
+            key: _value(path, number, cells, index, column)
+            for key, (index, column) in columns.items()
+            if key != TRIAL
+        }
         trial = _text(cells, columns[TRIAL][0]) if TRIAL in columns else "1"
         _check_signs(f"{path}:{number}: column", values, columns)
         slip = rim_slip(values["slip"], slip_definition)
@@ -83,25 +94,48 @@ def _left_out(values: Mapping[str, float], slip: float | None, largest_angle: fl
         return f"slip angle {angle:g} deg: there is no column lateral_force_N"
     if abs(angle) > max(largest_angle, STRAIGHT_DEG):
         return f"slip angle {angle:g} deg: above {largest_angle:g} deg"
-    return f"slip {values['slip']:g}: the wheel does not turn" if slip is None or values["wheel_rate"] == 0.0 else ""
+    return (
+        f"slip {values['slip']:g}: the wheel does not turn"
+        if slip is None or values["wheel_rate"] == 0.0
+        else ""
+    )
 
 
-def _check_signs(where: str, values: Mapping[str, float], columns: Mapping[str, tuple[int, _Column]]) -> None:
+def _check_signs(
+    where: str, values: Mapping[str, float], columns: Mapping[str, tuple[int, _Column]]
+) -> None:
     load, rate = values["normal_load"], values["wheel_rate"]
     if load <= 0.0:
-        raise WheelTableError(f"{where} {columns['normal_load'][1].name}: {load:g} N: a load is above zero; delete the row")
+        raise WheelTableError(
+            f"{where} {columns['normal_load'][1].name}: {load:g} N: a load is above zero; delete"
+            " the row"
+        )
     if rate < 0.0:
-        raise WheelTableError(f"{where} {columns['wheel_rate'][1].name}: {rate:g} rad/s: positive is rolling forward; turn the sign")
+        raise WheelTableError(
+            f"{where} {columns['wheel_rate'][1].name}: {rate:g} rad/s: positive is rolling forward;"
+            " turn the sign"
+        )
 
 
 def _check_directions(path: Path, rows: Sequence[Row]) -> None:
     """What single rows do not show: noise and datum may turn a small number's sign."""
-    if math.fsum(math.copysign(row.lateral_force, row.lateral_force * row.slip_angle) for row in rows if row.slip_angle) < 0.0:
+    if (
+        math.fsum(
+            math.copysign(row.lateral_force, row.lateral_force * row.slip_angle)
+            for row in rows
+            if row.slip_angle
+        )
+        < 0.0
+    ):
         raise WheelTableError(
-            f"{path}: lateral force and slip angle have opposite signs, as if the ground pushed the wheel its way; turn one of them"
+            f"{path}: lateral force and slip angle have opposite signs, as if the ground pushed the"
+            " wheel its way; turn one of them"
         )
     if rows and (mean := math.fsum(row.sinkage for row in rows) / len(rows)) < -DATUM_SD:
-        raise WheelTableError(f"{path}: the mean sinkage is {mean:g} m: a wheel that sinks has a positive one; turn the sign")
+        raise WheelTableError(
+            f"{path}: the mean sinkage is {mean:g} m: a wheel that sinks has a positive one; turn"
+            " the sign"
+        )
 
 
 def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_speed: str) -> Row:
@@ -128,12 +162,18 @@ def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, _Column]]:
             continue
         key, column = read
         if key in found:
-            raise WheelTableError(f"{path}:1: columns {found[key][1].name!r} and {name!r} both say {key}: delete one of them")
+            raise WheelTableError(
+                f"{path}:1: columns {found[key][1].name!r} and {name!r} both say {key}: delete one"
+                " of them"
+            )
         found[key] = index, column
     for key, units in UNITS.items():
         if key not in found and key not in OPTIONAL:
             wanted = " or ".join(f"{key}_{each}" if each else key for each in units)
-            raise WheelTableError(f"{path}:1: no column {wanted}; there are {', '.join(header) or 'none'}{_otherwise_separated(header)}")
+            raise WheelTableError(
+                f"{path}:1: no column {wanted}; there are"
+                f" {', '.join(header) or 'none'}{_otherwise_separated(header)}"
+            )
     return found
 
 
@@ -146,7 +186,9 @@ def _column(path: Path, name: str) -> tuple[str, _Column] | None:
         if name == key or (name.startswith(f"{key}_") and not unit.startswith(("std", "angle"))):
             if unit not in units:
                 known = ", ".join(f"{key}_{each}" if each else key for each in units)
-                raise WheelTableError(f"{path}:1: column {name!r}: unknown unit {unit!r}; known are {known}")
+                raise WheelTableError(
+                    f"{path}:1: column {name!r}: unknown unit {unit!r}; known are {known}"
+                )
             return key, _Column(name, units[unit])
     return None
 
@@ -154,7 +196,12 @@ def _column(path: Path, name: str) -> tuple[str, _Column] | None:
 def _otherwise_separated(header: list[str]) -> str:
     """What to do about a file whose only column has the others in it, as where decimals are written with a comma."""
     between = next((each for each in (";", "\t") if len(header) == 1 and each in header[0]), "")
-    return f"; they are separated by {between!r}: save it with commas between columns and points in numbers" if between else ""
+    return (
+        f"; they are separated by {between!r}: save it with commas between columns and points in"
+        " numbers"
+        if between
+        else ""
+    )
 
 
 def _lines(path: Path) -> list[list[str]]:
@@ -177,5 +224,8 @@ def _value(path: Path, number: int, cells: list[str], index: int, column: _Colum
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise WheelTableError(f"{path}:{number}: column {column.name}: {text!r} is no finite number; correct it or delete the row")
+        raise WheelTableError(
+            f"{path}:{number}: column {column.name}: {text!r} is no finite number; correct it or"
+            " delete the row"
+        )
     return value * column.factor

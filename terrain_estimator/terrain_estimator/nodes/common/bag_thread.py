@@ -48,7 +48,10 @@ class BagThread:
         if not self._awaited(made, lambda: 0.0):
             self._worker.give(lambda: made.result().discard())
             self._worker.end()
-            raise TimeoutError(f"{config.output or UNNAMED}: the disk has taken nothing for {PATIENCE_S:g} s, so there is no bag")
+            raise TimeoutError(
+                f"{config.output or UNNAMED}: the disk has taken nothing for {PATIENCE_S:g} s, so"
+                " there is no bag"
+            )
         if made.exception():
             self._worker.end()
         self.bag = made.result()
@@ -75,7 +78,10 @@ class BagThread:
         """
         size += OVERHEAD_BYTES
         if self._worker.size + size > BACKLOG_BYTES:
-            raise BagError(f"{self.bag.folder}: the disk hangs, and {BACKLOG_BYTES >> 20} MiB wait for it already")
+            raise BagError(
+                f"{self.bag.folder}: the disk hangs, and {BACKLOG_BYTES >> 20} MiB wait for it"
+                " already"
+            )
         hangs = self.hangs
         done = self._worker.give(action, size)
         if not hangs:
@@ -95,12 +101,18 @@ class BagThread:
 
         Raises:
             OSError: the disk is full or broken.
-            TimeoutError: the disk has taken nothing for PATIENCE_S. The thread goes on, as long as the process does.
+            TimeoutError: the disk has taken nothing for PATIENCE_S. The thread goes on, as long as
+                the process does.
         """
         closed = self._worker.give(self.bag.close)
         self._worker.end()
         if not self._awaited(closed, lambda: self.bag.moved_s):
-            closed.add_done_callback(lambda done: late(f"{self.bag.folder}: {done.exception() or 'the disk has answered, all is written'}"))
+            closed.add_done_callback(
+                lambda done: late(
+                    f"{self.bag.folder}:"
+                    f" {done.exception() or 'the disk has answered, all is written'}"
+                )
+            )
             raise TimeoutError(self._undone())
         closed.result()
 
@@ -109,10 +121,15 @@ class BagThread:
         if self.bag.whole:
             return f"{hangs}: it stays uncompressed"
         waiting = self._worker.count - 1  # beside the end
-        memory = f"; {waiting} messages that wait in memory are lost when this process ends" if waiting else ""
+        memory = (
+            f"; {waiting} messages that wait in memory are lost when this process ends"
+            if waiting
+            else ""
+        )
         return (
-            f"{hangs}: the bag is left unfinished (recover_bag makes it whole). What is younger than "
-            f"{self.bag.sync_interval_s + self.late_s:.0f} s is lost if the power fails before the disk answers{memory}"
+            f"{hangs}: the bag is left unfinished (recover_bag makes it whole). What is younger"
+            f" than {self.bag.sync_interval_s + self.late_s:.0f} s is lost if the power fails"
+            f" before the disk answers{memory}"
         )
 
     def _awaited(self, done: Future[Any], bag_moved_s: Callable[[], float]) -> bool:

@@ -35,15 +35,21 @@ def begin(name: str, example: str, config: type[Any]) -> threading.Event:
     take_signals(stop)
     try:
         others = remove_ros_args(sys.argv)[1:]
-    except Exception as error:  # rclpy's errors have no common class; a damaged parameter file ends here
+    except (
+        Exception
+    ) as error:  # rclpy's errors have no common class; a damaged parameter file ends here
         raise ConfigError(str(error)) from error
     if {"-h", "--help"} & set(others):
         print(usage(name, example, config))  # noqa: T201 - the user asked for it
         sys.exit()
     if unknown := [word for word in others if word != DUMP]:
-        raise ConfigError(f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p {example}; --help lists them")
+        raise ConfigError(
+            f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p {example};"
+            " --help lists them"
+        )
     try:
-        # With rclpy's own handlers the context would end at the signal, and what waits in the queues would be lost.
+        # With rclpy's own handlers the context would end at the signal, and what waits in the
+        # queues would be lost.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         raise ConfigError(str(error)) from error
@@ -53,7 +59,8 @@ def begin(name: str, example: str, config: type[Any]) -> threading.Event:
 def take_signals(stop: threading.Event) -> None:
     """Let Ctrl-C, a service manager and a lost connection end a node in order: SIGINT, SIGTERM, SIGHUP.
 
-    A SIGHUP that is ignored, as nohup does, stays so; shells ignore SIGINT in the background, and there it has to end a node all the same.
+    A SIGHUP that is ignored, as nohup does, stays so; shells ignore SIGINT in the background, and
+    there it has to end a node all the same.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:

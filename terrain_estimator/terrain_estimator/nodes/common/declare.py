@@ -26,6 +26,8 @@ def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Con
         ConfigError: as there, or an override that no subscription has.
         SystemExit: with code 0 after ``--dump-config``.
     """
-    overrides = {key: value for key, value in strict.given(node).items() if key.startswith(OVERRIDES)}
+    overrides = {
+        key: value for key, value in strict.given(node).items() if key.startswith(OVERRIDES)
+    }
     check_overrides(overrides, map(node.resolve_topic_name, topics))
     return strict.declare(node, config, overrides)

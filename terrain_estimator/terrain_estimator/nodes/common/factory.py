@@ -18,7 +18,12 @@ _ARRAY_CODE = {"sequence<double>": "d", "sequence<uint64>": "Q"}
 def make(type_name: str, **fields: object) -> Message:
     """An rclpy message; lists and NumPy arrays become the arrays that its class wants without checking every element."""
     cls, converters = _plan(type_name)
-    return cls(**{name: converters[name](value) if name in converters else value for name, value in fields.items()})
+    return cls(
+        **{
+            name: converters[name](value) if name in converters else value
+            for name, value in fields.items()
+        }
+    )
 
 
 def message_class(type_name: str) -> type[Any]:
@@ -31,7 +36,9 @@ def _plan(type_name: str) -> tuple[type[Any], dict[str, Callable[[Any], object]]
     package, kind, name = type_name.split("/")
     cls = getattr(importlib.import_module(f"{package}.{kind}"), name)
     return cls, {
-        name: _converter(kind) for name, kind in cls.get_fields_and_field_types().items() if kind.startswith("sequence<") or "[" in kind
+        name: _converter(kind)
+        for name, kind in cls.get_fields_and_field_types().items()
+        if kind.startswith("sequence<") or "[" in kind
     }
 
 

@@ -18,7 +18,12 @@ from typing import BinaryIO, NamedTuple, TypeVar
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from terrain_estimator.bags.writing.syncing import sync_folder
-from terrain_estimator.estimator.saved_state import StateFileError, is_foreign, read_state, write_state
+from terrain_estimator.estimator.saved_state import (
+    StateFileError,
+    is_foreign,
+    read_state,
+    write_state,
+)
 from terrain_estimator.messaging.diagnostics import SAVING, Finding
 from terrain_estimator.messaging.pipeline import Pipeline
 
@@ -38,7 +43,8 @@ class _Waiting(NamedTuple):
 class StateKeeper:
     """Writes the newest state that it was given; one that comes while it writes replaces what still waits.
 
-    The file is its own until its thread ends. Raises StateFileError where another keeper has it, of this process or another one.
+    The file is its own until its thread ends. Raises StateFileError where another keeper has it, of
+    this process or another one.
     """
 
     def __init__(self, path: Path, complain: Callable[[str], None]) -> None:
@@ -46,7 +52,9 @@ class StateKeeper:
         self.path, self._claim = path, _claimed(path)
         self._complain = complain
         self._wrong = ""  # why the last write failed
-        self._since_s = math.inf  # by the steady clock: of the oldest state that is not on the disk, nor a newer one
+        self._since_s = (
+            math.inf
+        )  # by the steady clock: of the oldest state that is not on the disk, nor a newer one
         self._changed = threading.Condition()
         self._waiting: _Waiting | None = None
         self._ended = False
@@ -66,7 +74,10 @@ class StateKeeper:
     def judge(self) -> Finding:
         """For how long the disk has owed a state: its writing fails, or takes so long."""
         late_s = max(0.0, time.monotonic() - self._since_s)
-        text = f"the state of {late_s:.0f} s ago is not in {self.path} yet: {self._wrong or 'the disk is writing'}"
+        text = (
+            f"the state of {late_s:.0f} s ago is not in {self.path} yet:"
+            f" {self._wrong or 'the disk is writing'}"
+        )
         return SAVING.judge(late_s, text=text if late_s else f"{self.path} is up to date")
 
     def end(self, patience_s: float = PATIENCE_S) -> None:
@@ -76,7 +87,10 @@ class StateKeeper:
             self._changed.notify()
         self._thread.join(patience_s)
         if self._thread.is_alive():
-            self._complain(f"the disk has not written the state to {self.path} within {patience_s:g} s: it is left with the one of before")
+            self._complain(
+                f"the disk has not written the state to {self.path} within {patience_s:g} s: it is"
+                " left with the one of before"
+            )
 
     def _run(self) -> None:
         with self._claim or nullcontext():
@@ -109,21 +123,30 @@ class StateKeeper:
 def check_place(path: Path) -> None:
     """Raises StateFileError where a state cannot be kept at ``path``, or something else is there: it would be replaced."""
     if not path.parent.is_dir():
-        raise StateFileError(f"{path}: there is no folder {path.parent}: make it, or name another file by the parameter state.file")
+        raise StateFileError(
+            f"{path}: there is no folder {path.parent}: make it, or name another file by the"
+            " parameter state.file"
+        )
     if path.exists() and not path.is_file():
-        raise StateFileError(f"{path} is a folder or a device: name a file by the parameter state.file")
+        raise StateFileError(
+            f"{path} is a folder or a device: name a file by the parameter state.file"
+        )
     try:
         foreign = path.exists() and is_foreign(path)
     except OSError:
         return  # reading it will say what is wrong
     if foreign:
-        raise StateFileError(f"{path} is another file, no state: it is left alone; name another one by the parameter state.file")
+        raise StateFileError(
+            f"{path} is another file, no state: it is left alone; name another one by the parameter"
+            " state.file"
+        )
 
 
 def _claimed(path: Path) -> BinaryIO | None:
     """Lock a state file for as long as what is returned is open: the ground of another rover would be taken for this one's.
 
-    None where the folder takes no lock; what is wrong with it, writing the state will say. Raises StateFileError where it is taken.
+    None where the folder takes no lock; what is wrong with it, writing the state will say. Raises
+    StateFileError where it is taken.
     """
     try:
         lock = path.with_name(f".{path.name}.lock").open("wb")
@@ -133,7 +156,10 @@ def _claimed(path: Path) -> BinaryIO | None:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         lock.close()
-        text = f"{path}: another estimator keeps its state there: name a file of its own by the parameter state.file"
+        text = (
+            f"{path}: another estimator keeps its state there: name a file of its own by the"
+            " parameter state.file"
+        )
         raise StateFileError(text) from error
     except OSError:  # a file system without locks
         lock.close()
@@ -199,5 +225,7 @@ def go_on(pipeline: Pipeline, path: Path, logger: RcutilsLogger) -> bool:
 def _free_name(path: Path) -> Path:
     """For what is put aside. Never that of an earlier one: started once with a wrong model, then with the right one, both are refused."""
     numbered = (f"{REFUSED}-{number}" for number in itertools.count(2))
-    candidates = (path.with_name(path.name + ending) for ending in itertools.chain([REFUSED], numbered))
+    candidates = (
+        path.with_name(path.name + ending) for ending in itertools.chain([REFUSED], numbered)
+    )
     return next(each for each in candidates if not each.exists())

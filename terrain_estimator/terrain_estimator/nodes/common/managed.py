@@ -25,10 +25,18 @@ _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 class ManagedNode(LifecycleNode):
     """Wraps the transitions: what raises in one is said and leaves the node alive, in the state of before.
 
-    A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and judges itself in ``findings``.
+    A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and judges itself
+    in ``findings``.
     """
 
-    def __init__(self, name: str, config: type[Any], stop: threading.Event, topics: Iterable[str] = (), **options: Any) -> None:
+    def __init__(
+        self,
+        name: str,
+        config: type[Any],
+        stop: threading.Event,
+        topics: Iterable[str] = (),
+        **options: Any,
+    ) -> None:
         """Declare the parameters.
 
         Args:
@@ -36,7 +44,8 @@ class ManagedNode(LifecycleNode):
             config: of its parameters.
             stop: is set when the node is shut down.
             topics: see :func:`declare`.
-            options: of rclpy's Node: a namespace or a context, where several nodes are in one process.
+            options: of rclpy's Node: a namespace or a context, where several nodes are in one
+                process.
 
         Raises:
             ConfigError: a parameter is wrong.
@@ -47,7 +56,10 @@ class ManagedNode(LifecycleNode):
         self.wrong = ""  # why the last transition failed
         self.failures = 0  # callbacks that raised
         self._stop = stop
-        self._clock_ns, self._ticked_s = 0, time.monotonic()  # /clock as it was seen last, and since when by the steady clock
+        self._clock_ns, self._ticked_s = (
+            0,
+            time.monotonic(),
+        )  # /clock as it was seen last, and since when by the steady clock
         self._reporter = Reporter(self, self._every_finding, self._count_failure)
 
     @abstractmethod
@@ -118,7 +130,11 @@ class ManagedNode(LifecycleNode):
         self._stop.set()
         if state.label == ACTIVE:
             self._attempt("deactivate", self.deactivate)
-        return TransitionCallbackReturn.SUCCESS if state.label == UNCONFIGURED else self._attempt("clean up", self.cleanup)
+        return (
+            TransitionCallbackReturn.SUCCESS
+            if state.label == UNCONFIGURED
+            else self._attempt("clean up", self.cleanup)
+        )
 
     def _attempt(self, what: str, action: Callable[[], None]) -> TransitionCallbackReturn:
         try:
@@ -136,7 +152,9 @@ class ManagedNode(LifecycleNode):
         yield from self.findings()
 
     def _of_every_node(self) -> Iterator[Finding]:
-        yield STATE.judge(2.0 if self.wrong else float(self.state != ACTIVE), text=self.wrong or self.state)
+        yield STATE.judge(
+            2.0 if self.wrong else float(self.state != ACTIVE), text=self.wrong or self.state
+        )
         clock = self.get_clock()
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
             yield self._judge_clock(clock.now().nanoseconds)
@@ -148,7 +166,14 @@ class ManagedNode(LifecycleNode):
             self._clock_ns, self._ticked_s = now_ns, steady_s
         passed_s = steady_s - self._ticked_s
         what = "/clock stands still" if now_ns else "no /clock came"
-        return CLOCK.judge(passed_s, text=f"use_sim_time is set, but {what} for {passed_s:.0f} s" if passed_s else "/clock runs")
+        return CLOCK.judge(
+            passed_s,
+            text=(
+                f"use_sim_time is set, but {what} for {passed_s:.0f} s"
+                if passed_s
+                else "/clock runs"
+            ),
+        )
 
     def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 - rclpy's own, by its mangled name
         """Refuse a transition that the state does not have: in rclpy the exception would end the process."""
@@ -156,7 +181,8 @@ class ManagedNode(LifecycleNode):
             return super()._LifecycleNodeMixin__on_change_state(request, response)  # type: ignore[misc]
         except RuntimeError as error:
             self.get_logger().error(
-                f"transition {request.transition.label or request.transition.id} refused in state {self.state}: {error}"
+                f"transition {request.transition.label or request.transition.id} refused in state"
+                f" {self.state}: {error}"
             )
             response.success = False
             return response
@@ -165,7 +191,8 @@ class ManagedNode(LifecycleNode):
 def drain(subscriptions: Iterable[Subscription]) -> None:
     """Serve what waits in the queues, a message of each in turn as an executor does: nobody serves it once they are destroyed.
 
-    Their callbacks take message and reception's details, and never raise. No more is taken than a queue holds: messages may go on coming.
+    Their callbacks take message and reception's details, and never raise. No more is taken than a
+    queue holds: messages may go on coming.
     """
     waiting = list(subscriptions)
     for _ in range(max((each.qos_profile.depth for each in waiting), default=0)):

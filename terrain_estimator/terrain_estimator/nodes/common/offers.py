@@ -26,18 +26,23 @@ def offered(publisher: TopicEndpointInfo) -> Qos:
     )
 
 
-def of_other_types(publishers: Iterable[TopicEndpointInfo], type_name: str, type_hash: str) -> Iterator[str]:
+def of_other_types(
+    publishers: Iterable[TopicEndpointInfo], type_name: str, type_hash: str
+) -> Iterator[str]:
     """A sentence for each publisher whose messages are not of the recorded type, or of another definition of it.
 
-    DDS lets a publisher of another definition through, and its bytes would be read by the wrong one. Nodes are not named: DDS
-    finds a publisher before the name of its node.
+    DDS lets a publisher of another definition through, and its bytes would be read by the wrong
+    one. Nodes are not named: DDS finds a publisher before the name of its node.
     """
     for publisher in publishers:
         theirs = str(publisher.topic_type_hash)
         if publisher.topic_type != type_name:
             yield f"a publisher of {publisher.topic_type} is left out, only {type_name} is recorded"
         elif theirs.startswith("RIHS") and theirs != type_hash:
-            yield f"a publisher has another definition of {type_name} than the installed one: its messages may not be readable"
+            yield (
+                f"a publisher has another definition of {type_name} than the installed one: its"
+                " messages may not be readable"
+            )
 
 
 def _duration_ns(nanoseconds: int) -> int:

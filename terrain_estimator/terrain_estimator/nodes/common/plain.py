@@ -20,10 +20,13 @@ POLL_S = 0.1
 LOG_PERIOD_S = 5.0
 
 
-def guarded(node: Node, callback: Callable[..., None], failed: Callable[[], None] = lambda: None) -> Callable[..., None]:
+def guarded(
+    node: Node, callback: Callable[..., None], failed: Callable[[], None] = lambda: None
+) -> Callable[..., None]:
     """A callback that never raises: whatever a message does, the node stays alive, says so, and calls ``failed``.
 
-    It has the signature of ``callback``, by which rclpy tells whether to hand over the reception's details.
+    It has the signature of ``callback``, by which rclpy tells whether to hand over the reception's
+    details.
     """
 
     @functools.wraps(callback)
@@ -33,7 +36,8 @@ def guarded(node: Node, callback: Callable[..., None], failed: Callable[[], None
         except Exception as error:  # noqa: BLE001 - the last line of defence of a node that has to keep running
             failed()
             node.get_logger().error(
-                f"{type(error).__name__} in a callback, the message is left out: {error}", throttle_duration_sec=LOG_PERIOD_S
+                f"{type(error).__name__} in a callback, the message is left out: {error}",
+                throttle_duration_sec=LOG_PERIOD_S,
             )
 
     return call
@@ -43,7 +47,9 @@ def spin(node: Node, stop: threading.Event) -> None:
     """Serve the callbacks of a node until ``stop`` is set."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    turn = guarded(node, executor.spin_once)  # rclpy's own callbacks raise too: at a /clock before zero, for instance
+    turn = guarded(
+        node, executor.spin_once
+    )  # rclpy's own callbacks raise too: at a /clock before zero, for instance
     while not stop.is_set():
         turn(POLL_S)
 

@@ -22,22 +22,43 @@ POLICIES = (QoSPolicyKind.RELIABILITY, QoSPolicyKind.DEPTH)
 
 def check_overrides(given: Mapping[str, Any], topics: Iterable[str]) -> None:
     """Raise ConfigError for an override that no subscription to ``topics``, by their full names, takes; rclpy passes over it."""
-    known = [f"{OVERRIDES}{topic}.subscription.{policy.name.lower()}" for topic in topics for policy in POLICIES]
+    known = [
+        f"{OVERRIDES}{topic}.subscription.{policy.name.lower()}"
+        for topic in topics
+        for policy in POLICIES
+    ]
     for name, value in given.items():
         if name not in known:
             raise ConfigError(
-                f"unknown parameter {name}: {nearest(name, known) if known else 'this node has no quality of service to override'}"
+                f"unknown parameter {name}:"
+                f" {nearest(name, known) if known else 'this node has no quality of service to override'}"
             )
         if name.endswith(".depth") and not (type(value) is int and 1 <= value <= DEEPEST):
-            raise ConfigError(f"parameter {name}: expected a whole number from 1 to {DEEPEST}, got {value!r}")
+            raise ConfigError(
+                f"parameter {name}: expected a whole number from 1 to {DEEPEST}, got {value!r}"
+            )
         if name.endswith(".reliability") and value not in RELIABILITY:
-            raise ConfigError(f"parameter {name}: expected {' or '.join(RELIABILITY)}, got {value!r}")
+            raise ConfigError(
+                f"parameter {name}: expected {' or '.join(RELIABILITY)}, got {value!r}"
+            )
 
 
-def listen(node: Node, type_name: str, topic: str, callback: Callable[..., None], qos: QoSProfile, **options: Any) -> Subscription:
+def listen(
+    node: Node,
+    type_name: str,
+    topic: str,
+    callback: Callable[..., None],
+    qos: QoSProfile,
+    **options: Any,
+) -> Subscription:
     """Subscribe with ``qos`` and what the user overrides of it; ``options`` are those of rclpy."""
     return node.create_subscription(
-        message_class(type_name), topic, callback, copy.copy(qos), qos_overriding_options=QoSOverridingOptions(POLICIES), **options
+        message_class(type_name),
+        topic,
+        callback,
+        copy.copy(qos),
+        qos_overriding_options=QoSOverridingOptions(POLICIES),
+        **options,
     )
 
 

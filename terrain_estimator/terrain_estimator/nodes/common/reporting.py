@@ -21,13 +21,22 @@ PATIENCE_S = 5.0
 class Reporter:
     """Asks once a second, by the steady clock."""
 
-    def __init__(self, node: Node, findings: Callable[[], Iterable[Finding]], failed: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        node: Node,
+        findings: Callable[[], Iterable[Finding]],
+        failed: Callable[[], None] = lambda: None,
+    ) -> None:
         """``failed`` is called where ``findings`` raises."""
         self._node, self._findings = node, findings
         self._since_s: dict[str, float] = {}  # what is wrong, since when by the steady clock
         self._said: set[str] = set()
         self._output = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        node.create_timer(PERIOD_S, guarded(node, self._report, failed), clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(
+            PERIOD_S,
+            guarded(node, self._report, failed),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
 
     def _report(self) -> None:
         findings = [*self._findings()]
@@ -50,9 +59,17 @@ class Reporter:
     def _say(self, findings: list[Finding]) -> None:
         """One line for what lasts, and one when it is over."""
         now, node = time.monotonic(), self._node
-        wrong = {finding.name: finding for finding in findings if finding.level and not math.isnan(finding.value)}
+        wrong = {
+            finding.name: finding
+            for finding in findings
+            if finding.level and not math.isnan(finding.value)
+        }
         self._since_s = {name: self._since_s.get(name, now) for name in wrong}
-        new = [name for name, since_s in self._since_s.items() if now - since_s >= PATIENCE_S - PERIOD_S / 2 and name not in self._said]
+        new = [
+            name
+            for name, since_s in self._since_s.items()
+            if now - since_s >= PATIENCE_S - PERIOD_S / 2 and name not in self._said
+        ]
         for name in new:
             # two calls: rclpy raises where one line of code logs at two levels
             if wrong[name].level is Level.WARN:

@@ -21,18 +21,31 @@ def why_silent(node: Node, topic: str, type_name: str, qos: QoSProfile) -> str:
     """What the graph of this domain tells about a topic on which nothing came, and what to do."""
     finding = unheard_publishers(node, topic, type_name, qos)
     if finding.level:
-        return f"{finding.text.removeprefix(f'{topic}: ')}: set its publisher to type and quality of service of docs/messages.md"
+        return (
+            f"{finding.text.removeprefix(f'{topic}: ')}: set its publisher to type and quality of"
+            " service of docs/messages.md"
+        )
     name = node.resolve_topic_name(topic)
     if node.count_publishers(name):
         return f"{name} has a publisher, which says nothing: check it"
     graph = node.get_topic_names_and_types()
-    others = [other for other, kinds in graph if type_name in kinds and other != name and node.count_publishers(other)]
+    others = [
+        other
+        for other, kinds in graph
+        if type_name in kinds and other != name and node.count_publishers(other)
+    ]
     if not others:
-        return f"nobody publishes {name} in ROS domain {node.context.get_domain_id()}: start its publisher, or compare ROS_DOMAIN_ID"
+        return (
+            f"nobody publishes {name} in ROS domain {node.context.get_domain_id()}: start its"
+            " publisher, or compare ROS_DOMAIN_ID"
+        )
     others.sort(key=lambda other: not other.endswith(f"/{topic}"))  # of the same name first
     listed, namespace = ", ".join(others[:SHOWN]), others[0].removesuffix(f"/{topic}")
     rule = f"__ns:={namespace}" if namespace not in {"", others[0]} else f"{topic}:=NAME"
-    return f"nobody publishes {name}; of its type there is {listed}: start its publisher, or this node with --ros-args -r {rule}"
+    return (
+        f"nobody publishes {name}; of its type there is {listed}: start its publisher, or this node"
+        f" with --ros-args -r {rule}"
+    )
 
 
 class Pairs:
@@ -51,7 +64,9 @@ class Pairs:
         """A message came; whether it made messages of one instant complete."""
         if paired:
             if self._said:
-                self._node.get_logger().info(f"{' and '.join(self._topics)}: messages of one instant come now")
+                self._node.get_logger().info(
+                    f"{' and '.join(self._topics)}: messages of one instant come now"
+                )
             self._said = False
             self._begin()
             return
@@ -61,8 +76,9 @@ class Pairs:
         if not self._said and self._unpaired.issuperset(self._topics):
             self._said = True
             self._node.get_logger().warning(
-                f"messages come on {' and '.join(self._topics)}, but for {self._patience_s:g} s none of one instant: "
-                "publish them with equal stamps, or set pairing_tolerance of this node"
+                f"messages come on {' and '.join(self._topics)}, but for {self._patience_s:g} s"
+                " none of one instant: publish them with equal stamps, or set pairing_tolerance of"
+                " this node"
             )
         self._begin()
 
@@ -70,11 +86,15 @@ class Pairs:
 class Patience:
     """Says once of each topic that nothing comes, from the start or any more, and why; and when it comes again."""
 
-    def __init__(self, node: Node, topics: Mapping[str, str], qos: QoSProfile, patience_s: float = PATIENCE_S) -> None:
+    def __init__(
+        self, node: Node, topics: Mapping[str, str], qos: QoSProfile, patience_s: float = PATIENCE_S
+    ) -> None:
         """``topics`` gives the type by name."""
         self._node, self._qos, self._patience_s, self._topics = node, qos, patience_s, dict(topics)
         self._begun_s, self._heard_s, self._said = time.monotonic(), dict[str, float](), set[str]()
-        node.create_timer(patience_s, guarded(node, self._say), clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(
+            patience_s, guarded(node, self._say), clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     def heard(self, topic: str) -> None:
         """A message came."""
@@ -91,4 +111,6 @@ class Patience:
                 continue
             self._said.add(topic)
             since = f"for {silent_s:.1f} s" if topic in self._heard_s else "since the start"
-            self._node.get_logger().warning(f"no data on {topic} {since}: {why_silent(self._node, topic, kind, self._qos)}")
+            self._node.get_logger().warning(
+                f"no data on {topic} {since}: {why_silent(self._node, topic, kind, self._qos)}"
+            )

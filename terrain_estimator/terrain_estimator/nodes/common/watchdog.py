@@ -20,6 +20,7 @@ def unheard_publishers(node: Node, topic: str, type_name: str, qos: QoSProfile) 
             problems.append(f"{name} publishes {publisher.topic_type}, not {type_name}")
         elif compatibility == QoSCompatibility.ERROR:
             problems.append(
-                f"incompatible quality of service with {name}: {' '.join(reason.removeprefix('ERROR: ').split()).rstrip(';').lower()}"
+                f"incompatible quality of service with {name}:"
+                f" {' '.join(reason.removeprefix('ERROR: ').split()).rstrip(';').lower()}"
             )
     return PUBLISHERS.judge(len(problems), topic, f"{topic}: {'; '.join(problems) or 'none'}")
