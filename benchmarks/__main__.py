@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.machine import machine
 from benchmarks.page import number, page, quantity
 
@@ -60,16 +60,16 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if missed else 0
 
 
-def measured(name: str, effort: Effort) -> Sequence[Line]:
+def measured(name: str, effort: Effort) -> Sequence[BenchmarkLine]:
     """The lines of one module as they come; where it fails a line that says so, which misses its bar."""
-    found: list[Line] = []
+    found: list[BenchmarkLine] = []
     try:
         for line in importlib.import_module(f"benchmarks.{name}").lines(effort):
             show(line)
             found.append(line)
     except Exception as error:  # noqa: BLE001 - whatever it is, the other lines are measured
         reason = (str(error).splitlines() or [""])[0]
-        line = Line(
+        line = BenchmarkLine(
             name,
             math.nan,
             "",
@@ -83,7 +83,7 @@ def measured(name: str, effort: Effort) -> Sequence[Line]:
     return found
 
 
-def show(line: Line) -> None:
+def show(line: BenchmarkLine) -> None:
     """One line on the terminal."""
     bar = (
         ""

@@ -16,7 +16,7 @@ import torch
 from matplotlib.figure import Figure
 
 from benchmarks.drives import long_drive, observations
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.observation import microseconds, widened
 from terrain_estimator.bags import Types
 from terrain_estimator.cli import replay
@@ -48,7 +48,7 @@ class Growth:
         return float(np.polyfit(np.log(self.sizes[upper]), np.log(self.seconds[upper]), 1)[0])
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """The exponents; the picture is drawn of a whole run alone."""
     torch.set_num_threads(1)
     found = [by_features(effort), by_wheels(effort), by_bags(effort), by_length(effort)]
@@ -60,7 +60,7 @@ def lines(effort: Effort) -> Iterator[Line]:
             f"{growth.sizes[0]:g} to {growth.sizes[-1]:g}, {growth.seconds[0]:.3g} to"
             f" {growth.seconds[-1]:.3g} s"
         )
-        yield Line(
+        yield BenchmarkLine(
             what, growth.exponent, "1", STEEPEST, reference="linear cost", against=1.0, note=note
         )
 

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 import numpy as np
 import psutil
 
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.live import EMPTY, ESTIMATOR, WARM_UP, facing, sets
 
 RATE_HZ, SECONDS = 10.0, 120.0
 HIGH_MS, SHARE, MEMORY_MB = 10.0, 5.0, 350.0
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """Latency, processor and memory, beside a node that answers without estimating."""
     seconds = effort.seconds(SECONDS, least=3.0)
     latencies, share, memory, lost = observed(ESTIMATOR, seconds)
@@ -26,7 +26,7 @@ def lines(effort: Effort) -> Iterator[Line]:
         value, against = (
             float(np.quantile(each, at, method="higher")) for each in (latencies, bare)
         )
-        yield Line(
+        yield BenchmarkLine(
             f"topic in to estimate out at 10 Hz: {what}",
             value,
             "ms",
@@ -35,7 +35,7 @@ def lines(effort: Effort) -> Iterator[Line]:
             against=against,
             note=note,
         )
-    yield Line(
+    yield BenchmarkLine(
         "estimator node at 10 Hz: processor",
         share,
         "% of a core",
@@ -43,7 +43,7 @@ def lines(effort: Effort) -> Iterator[Line]:
         reference=EMPTY,
         against=bare_share,
     )
-    yield Line(
+    yield BenchmarkLine(
         "estimator node at 10 Hz: resident memory",
         memory,
         "MB",

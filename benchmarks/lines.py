@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class BenchmarkLine:
     """One figure; NaN where it could not be measured, which misses any bar."""
 
     what: str

@@ -59,7 +59,7 @@ class Sent:
         return len(self.sent_s) - len(self.latency_s)
 
 
-class Rover:
+class MessageSender:
     """Sends sets of messages at a rate, and takes the time of the answers by the same clock."""
 
     def __init__(self, domain_id: int) -> None:
@@ -139,7 +139,7 @@ class Rover:
 
 
 @contextmanager
-def facing(node: str) -> Iterator[tuple[Rover, Process]]:
+def facing(node: str) -> Iterator[tuple[MessageSender, Process]]:
     """A rover and a started ESTIMATOR, or EMPTY, that know each other."""
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -151,7 +151,7 @@ def facing(node: str) -> Iterator[tuple[Rover, Process]]:
         else:
             process = start.command(sys.executable, "-m", "benchmarks.empty_node")
         process.wait_for_output("ready", START_S)
-        with Rover(domain_id) as rover:
+        with MessageSender(domain_id) as rover:
             rover.meet()
             yield rover, process
         process.interrupt()

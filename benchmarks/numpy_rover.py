@@ -27,7 +27,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(POINTS)
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class NumpyTrack:
     """One rover's ground: slope(x) = mean + SUM a_j cos(k_j x + p_j), soil constants and strength the same everywhere."""
 
     mean: float
@@ -50,7 +50,7 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class NumpyPose:
     """How a rover stands."""
 
     height: float  # [m]
@@ -61,7 +61,7 @@ class Pose:
     axle: Floats  # [3, 2] [m] in the body frame
 
 
-def wheel_forces(rover: Rover, track: Track, slip: float, sinkage: float) -> Floats:
+def wheel_forces(rover: Rover, track: NumpyTrack, slip: float, sinkage: float) -> Floats:
     """N, T [N] and M [N m] of one wheel: Wong and Reece's stresses, integrated in front of the largest one and behind it."""
     n, k_c, k_phi, shear_modulus, c1, c2 = track.soil
     cohesion, tan_phi = track.strength
@@ -107,10 +107,10 @@ def _panels(displacement: Callable[[Floats], Floats], *, braked: bool) -> list[t
     return [(0.0, kink), (kink, 1.0)]
 
 
-def stand(rover: Rover, track: Track, x: float, start: Pose | None = None) -> Pose:
+def stand(rover: Rover, track: NumpyTrack, x: float, start: NumpyPose | None = None) -> NumpyPose:
     """The pose in which the three wheels touch the ground, body at ``x`` [m]."""
     if start is None:
-        start = Pose(0.0, 0.0, 0.0, x + np.array(rover.axle_x), np.zeros(3), np.zeros((3, 2)))
+        start = NumpyPose(0.0, 0.0, 0.0, x + np.array(rover.axle_x), np.zeros(3), np.zeros((3, 2)))
     radius = rover.wheel_radius
 
     def gap(unknown: Floats) -> Floats:
@@ -129,7 +129,7 @@ def stand(rover: Rover, track: Track, x: float, start: Pose | None = None) -> Po
     known = np.array([start.height, start.pitch, start.bogie])
     found = _solve(gap, np.concatenate([known, start.contact]))
     height, pitch, bogie = found[:3]
-    return Pose(
+    return NumpyPose(
         height, pitch, bogie, found[3:], track.angle(found[3:]) - pitch, axles(rover, bogie)
     )
 
@@ -142,7 +142,7 @@ def axles(rover: Rover, bogie: float) -> Floats:
     return np.array([flat[0], *(pivot + turn @ (place - pivot) for place in flat[1:])])
 
 
-def imbalance(rover: Rover, pose: Pose, forces: Floats, acceleration: float) -> Floats:
+def imbalance(rover: Rover, pose: NumpyPose, forces: Floats, acceleration: float) -> Floats:
     """Along and across the body [N], about its centre of mass and about the bogie's pivot [N m], [4]; N, T, M [3, 3] of a wheel each."""
     centre = np.array([rover.centre_of_mass_x, rover.centre_of_mass_height])
     pivot = np.array([rover.bogie_pivot_x, rover.bogie_pivot_height])
@@ -171,11 +171,11 @@ class State:
     velocity: float  # [m/s]
     rate: Floats  # [3] [rad/s] of the wheels
     sinkage: Floats  # [3] [m]
-    pose: Pose
+    pose: NumpyPose
 
 
 def move(
-    rover: Rover, track: Track, state: State, rate: Floats, duration: float
+    rover: Rover, track: NumpyTrack, state: State, rate: Floats, duration: float
 ) -> tuple[Floats, Floats, float, Floats]:
     """Slips, sinkages [3], end velocity and forces [3, 3] of an implicit step under the wheel rates ``rate`` [3]."""
     unit = rover.wheel_radius * float(np.mean(rate))
@@ -203,7 +203,7 @@ def move(
 
 
 def drive(
-    rover: Rover, track: Track, start_velocity: float, commands: Floats, time_step: float
+    rover: Rover, track: NumpyTrack, start_velocity: float, commands: Floats, time_step: float
 ) -> dict[str, Floats]:
     """One drive under the wheel rates ``commands`` [1 + steps, 3], from the steady state of the first; series by name [steps, ...]."""
     state = State(
@@ -238,7 +238,7 @@ def _solve(function: Callable[[Floats], Floats], start: Floats) -> Floats:
 
 def fleet(
     rover: Rover,
-    tracks: Sequence[Track],
+    tracks: Sequence[NumpyTrack],
     start_velocity: Floats,
     commands: Floats,
     time_step: float,

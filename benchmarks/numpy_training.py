@@ -18,7 +18,7 @@ ADAM = (0.9, 0.999, 1e-8)
 
 
 @dataclass(frozen=True, slots=True)
-class Tasks:
+class TaskArrays:
     """Regressions as in terrain_estimator.learning.regression, in arrays; the net's inputs are picked and scaled."""
 
     nominal: Floats  # [tasks, blocks, Q, N]
@@ -32,7 +32,7 @@ class Tasks:
 
 
 @dataclass(slots=True)
-class Block:
+class TaskBlock:
     """One block of a task: its features [Q, N + K], and what they leave behind for the gradients."""
 
     features: Floats
@@ -42,7 +42,7 @@ class Block:
 
 
 def loss_and_gradients(
-    weights: list[Floats], tasks: Tasks, context: NDArray[np.int64]
+    weights: list[Floats], tasks: TaskArrays, context: NDArray[np.int64]
 ) -> tuple[float, list[Floats]]:
     """Mean negative log predictive density of the rows behind the context [nat], and its gradients.
 
@@ -66,7 +66,7 @@ def loss_and_gradients(
     return total / rows, [each / rows for each in gradients]
 
 
-def _forward(weights: list[Floats], tasks: Tasks, task: int, place: int) -> Block:
+def _forward(weights: list[Floats], tasks: TaskArrays, task: int, place: int) -> TaskBlock:
     first, first_bias, second, second_bias, last, last_bias, _, log_noise = weights
     inputs = tasks.inputs[task, place]
     hidden = np.tanh(first @ inputs + first_bias)
@@ -77,11 +77,15 @@ def _forward(weights: list[Floats], tasks: Tasks, task: int, place: int) -> Bloc
     noise = np.diag((np.exp(log_noise) * tasks.row_scale) ** 2)
     inverse = np.linalg.inv(tasks.covariance[task, place] + noise)
     features = np.hstack([tasks.nominal[task, place], columns])
-    return Block(features, tasks.target[task, place], inverse, (inputs, hidden, deeper))
+    return TaskBlock(features, tasks.target[task, place], inverse, (inputs, hidden, deeper))
 
 
 def _log_marginal(
-    weights: list[Floats], tasks: Tasks, blocks: list[Block], sign: float, gradients: list[Floats]
+    weights: list[Floats],
+    tasks: TaskArrays,
+    blocks: list[TaskBlock],
+    sign: float,
+    gradients: list[Floats],
 ) -> float:
     """Log density of the blocks' targets; adds ``sign`` times its gradients."""
     prior = np.concatenate([tasks.precision, np.exp(weights[-2])])
@@ -106,8 +110,8 @@ def _log_marginal(
 
 def _backward(
     weights: list[Floats],
-    tasks: Tasks,
-    block: Block,
+    tasks: TaskArrays,
+    block: TaskBlock,
     posterior: Floats,
     covariance: Floats,
     sign: float,

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.drives import observations
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Floats
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
@@ -27,7 +27,7 @@ PARAMETERS = 34
 SECONDS = 120.0
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """Median, median of those that close a block, and 99th percentile, of two models."""
     torch.set_num_threads(1)
     installed = load_model()
@@ -47,7 +47,7 @@ def lines(effort: Effort) -> Iterator[Line]:
             ("median of those that close a block", np.median(spent[closes]), CLOSING_US),
             ("99th percentile", np.quantile(spent, 0.99), HIGH_US),
         ):
-            yield Line(
+            yield BenchmarkLine(
                 f"one observation in the core, {size} parameters: {what}",
                 float(value),
                 "us",

@@ -5,7 +5,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from benchmarks.lines import Line
+from benchmarks.lines import BenchmarkLine
 
 _HEAD = """<!--
 SPDX-FileCopyrightText: 2026 The terrain_estimator authors
@@ -44,7 +44,9 @@ used: in this release an exception in one of rclpy's own callbacks, as at a /clo
 """
 
 
-def page(lines: Sequence[Line], machine: Mapping[str, object], names: Sequence[str]) -> str:
+def page(
+    lines: Sequence[BenchmarkLine], machine: Mapping[str, object], names: Sequence[str]
+) -> str:
     """The whole page."""
     versions = machine["versions"]
     words = (
@@ -62,7 +64,7 @@ def page(lines: Sequence[Line], machine: Mapping[str, object], names: Sequence[s
     return head + titles + "\n".join(rows) + "\n" + _AFTER
 
 
-def table_row(line: Line) -> str:
+def table_row(line: BenchmarkLine) -> str:
     """One line of the table."""
     bar = (
         "" if line.bar is None else f"{'at least' if line.least else 'at most'} {number(line.bar)}"
@@ -81,7 +83,7 @@ def table_row(line: Line) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def quantity(line: Line) -> str:
+def quantity(line: BenchmarkLine) -> str:
     """What was measured, with its unit where it has one."""
     return number(line.value) if line.unit == "1" else f"{number(line.value)} {line.unit}"
 

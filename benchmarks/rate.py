@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator
 
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.live import EMPTY, ESTIMATOR, WARM_UP, facing, sets
 
 BAR_HZ = 500.0
@@ -14,11 +14,11 @@ LATE_S = 0.1
 """[s] By which the sender may end late; beyond that it, and not the node, is the limit."""
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """Beside a node that answers without estimating."""
     seconds = effort.seconds(SECONDS, least=1.0)
     (found, why), (bare, _) = (highest(node, seconds) for node in (ESTIMATOR, EMPTY))
-    yield Line(
+    yield BenchmarkLine(
         "highest rate without a drop",
         found,
         "Hz",

@@ -12,7 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from benchmarks.drives import long_drive
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from terrain_estimator.bags import BagReader, Types
 from tests.drives import write_bag
 
@@ -20,7 +20,7 @@ SECONDS = 600.0
 RUNS = 3  # of each in turn; the fastest counts: what else the machine does only slows it down
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """Time of a message, beside both libraries."""
     with tempfile.TemporaryDirectory() as folder:
         types = Types()
@@ -32,7 +32,7 @@ def lines(effort: Effort) -> Iterator[Line]:
         readers = {"ours": ours, "rosbags": by_rosbags, "mcap-ros2-support": by_mcap}
         spent = {name: min(times) for name, times in _in_turn(bag, readers).items()}
     for name in ("rosbags", "mcap-ros2-support"):
-        yield Line(
+        yield BenchmarkLine(
             f"reading a bag, beside {name}",
             spent["ours"],
             "us/message",

@@ -19,7 +19,7 @@ import torch
 
 from benchmarks import reading
 from benchmarks.drives import long_drive
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model.model_file import load_model
@@ -34,7 +34,7 @@ GROWTH = 1.1
 SHORT_S, LONG_S = 600.0, 36000.0
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """Speed of both, and memory of the long one beside that of the short one."""
     types = Types()
     spans = [effort.seconds(full, least=20.0) for full in (SHORT_S, LONG_S)]
@@ -49,7 +49,7 @@ def lines(effort: Effort) -> Iterator[Line]:
             alone = span_s / (time.perf_counter() - begun_s)
             speed, memory[span_s] = replayed(bag, folder / f"estimates_{span_s:g}")
             what = f"replay of {span_s / 60.0:g} min"
-            yield Line(
+            yield BenchmarkLine(
                 what,
                 speed,
                 "x real time",
@@ -61,7 +61,7 @@ def lines(effort: Effort) -> Iterator[Line]:
             )
     short, long = (memory[span_s] for span_s in spans)
     what = f"largest memory of replaying {spans[1] / 60.0:g} min"
-    yield Line(
+    yield BenchmarkLine(
         what,
         long,
         "MB",

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 
 from benchmarks import numpy_rover
-from benchmarks.lines import Effort, Line
-from benchmarks.numpy_rover import Floats, Track
+from benchmarks.lines import BenchmarkLine, Effort
+from benchmarks.numpy_rover import Floats, NumpyTrack
 from terramechanics.effects import make_effect
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.simulation import TIME_STEP, simulate, start
@@ -27,14 +27,14 @@ STEPS = 40
 BY_ITSELF = 2  # rovers of the loops, which take so long
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """One core batched against loops; all cores; the same with an effect; one rover at a time."""
     rovers = effort.count(ROVERS, least=50)
     loops = loops_speed(BY_ITSELF)
     name = "NumPy and SciPy loops over rovers, steps and wheels"
     drive(2, 0)
     one_core = drive(rovers, 0)
-    yield Line(
+    yield BenchmarkLine(
         "batched simulation, one core",
         one_core,
         "rover-steps/s",
@@ -43,7 +43,7 @@ def lines(effort: Effort) -> Iterator[Line]:
         reference=name,
         against=loops,
     )
-    yield Line(
+    yield BenchmarkLine(
         "batched simulation, all cores",
         on_every_core(rovers),
         "rover-steps/s",
@@ -53,7 +53,7 @@ def lines(effort: Effort) -> Iterator[Line]:
         against=loops,
     )
     pushed = on_every_core(rovers, "bulldozing", 5e3)
-    yield Line(
+    yield BenchmarkLine(
         "the same with an effect",
         pushed,
         "rover-steps/s",
@@ -62,7 +62,7 @@ def lines(effort: Effort) -> Iterator[Line]:
         reference=name,
         against=loops,
     )
-    yield Line(
+    yield BenchmarkLine(
         "one rover at a time",
         drive(1, 0),
         "rover-steps/s",
@@ -101,7 +101,9 @@ def loops_speed(rovers: int) -> float:
     return rovers * STEPS / (time.perf_counter() - begun_s)
 
 
-def same_drives(rovers: int, steps: int, seed: int) -> tuple[Rover, list[Track], Floats, Floats]:
+def same_drives(
+    rovers: int, steps: int, seed: int
+) -> tuple[Rover, list[NumpyTrack], Floats, Floats]:
     """What :func:`drive` draws: rover, tracks, start velocities [rovers] and wheel rates [rovers, 1 + steps, 3] of as many drives."""
     generator = torch.Generator().manual_seed(seed)
     rover, soil = load_rover("mars_rover"), load_soil("loose_sand")
@@ -120,7 +122,7 @@ def same_drives(rovers: int, steps: int, seed: int) -> tuple[Rover, list[Track],
         ground.patches[0].strength.numpy(),
     )
     tracks = [
-        Track(float(mean), amplitude, wavenumber, phase, soil.constants().numpy(), strength)
+        NumpyTrack(float(mean), amplitude, wavenumber, phase, soil.constants().numpy(), strength)
         for mean, amplitude, wavenumber, phase, strength in zip(
             hills.mean[:, 0], *waves, strict=True
         )

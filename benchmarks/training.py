@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from benchmarks.lines import Effort, Line
-from benchmarks.numpy_training import Adam, Floats, Tasks, loss_and_gradients
+from benchmarks.lines import BenchmarkLine, Effort
+from benchmarks.numpy_training import Adam, Floats, TaskArrays, loss_and_gradients
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.learning.training import Recipe, build_model, train
 from terrain_estimator.model.palpaca import PAlpaca
@@ -22,7 +22,7 @@ BAR_MS = 30.0
 TASKS, BLOCKS, TIMED, RUNS = 40, 40, 40, 3
 
 
-def lines(effort: Effort) -> Iterator[Line]:
+def lines(effort: Effort) -> Iterator[BenchmarkLine]:
     """A step of the recipe without penalties, which the loops lack too, and one of the recipe as it is."""
     timed = effort.count(TIMED, least=3)
     plain = Recipe(iterations=timed, strength=0.0, positivity=0.0)
@@ -35,7 +35,7 @@ def lines(effort: Effort) -> Iterator[Line]:
         ("training step of the recipe", Recipe(iterations=timed)),
     ):
         spent = fastest_ms(lambda recipe=recipe: batched(model, data, recipe)) / timed  # type: ignore[misc]
-        yield Line(
+        yield BenchmarkLine(
             what,
             spent,
             "ms",
@@ -108,7 +108,7 @@ def weights_of(model: PAlpaca, log_precision: Tensor, log_noise: Tensor) -> list
     ]
 
 
-def tasks_of(model: PAlpaca, data: Regression) -> Tasks:
+def tasks_of(model: PAlpaca, data: Regression) -> TaskArrays:
     """The same regressions for the loops."""
     axles, inputs = model.axles, data.inputs.numpy()
     wheels = inputs[..., : 8 * axles].reshape(*inputs.shape[:2], 8, axles)
@@ -118,7 +118,7 @@ def tasks_of(model: PAlpaca, data: Regression) -> Tasks:
         / model.net.input_scale.numpy()
     )
     others = data.nominal.shape[-1] - 2
-    return Tasks(
+    return TaskArrays(
         data.nominal.numpy(),
         data.target.numpy(),
         data.covariance.numpy(),

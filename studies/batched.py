@@ -25,9 +25,9 @@ from terrain_estimator.model.block import (
     CONVERGED,
     MOST_STEPS,
     BlockRows,
+    GaussNewtonStep,
     Posterior,
     Solution,
-    Step,
     gauss_newton,
     solution_of,
     without_apparent,
@@ -365,7 +365,7 @@ def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Sol
         further = newton(
             chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step
         )
-        step = Step(
+        step = GaussNewtonStep(
             *(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True))
         )
     return solution_of(prior, torch.vmap(without_apparent)(step, rows))

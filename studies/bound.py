@@ -19,7 +19,7 @@ from terrain_estimator.model.gaussian import cholesky, drop, symmetrize
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.rows import (
     PA_PER_UNIT,
-    Contact,
+    ContactModel,
     Rows,
     features_of,
     frame_of,
@@ -115,7 +115,7 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known, sets: Tensor
     return torch.cat(pieces, 1).view(sets.shape[0], batch, time, *pieces[0].shape[2:])
 
 
-def _by_constants(packed: Tensor, contact: Contact, theta: Tensor) -> Tensor:
+def _by_constants(packed: Tensor, contact: ContactModel, theta: Tensor) -> Tensor:
     """Change of the rows for a relative change of each soil constant at the true ``theta`` [n, 2], shape [n, R, 6]."""
     frame = frame_of(packed, contact)
     homogeneous = torch.cat([theta, torch.ones_like(theta[:, :1])], 1).view(-1, 1, 3, 1)

@@ -18,7 +18,7 @@ from docs.pages import NODES
 from rover_parameters.parameters import configure, parameters
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import step_messages
-from rover_sim_node.run import Reading, Run
+from rover_sim_node.run import SimulatedReading, SimulatedRun
 from rover_sim_node.velocity_commands import VelocityCommands
 from terrain_estimator.bags import BagWriter, Types
 from terrain_estimator.config import EstimatorConfig, RecorderConfig
@@ -209,9 +209,9 @@ def test_the_rover_file_names_the_wheels(tmp_path: Path) -> None:
     assert outcomes(answers({"rover": str(path)}, same, 0.5)) == {Outcome.WRONG_WHEELS}
 
 
-def readings(values: dict[str, Any], steps: int) -> tuple[SimulatorConfig, list[Reading]]:
+def readings(values: dict[str, Any], steps: int) -> tuple[SimulatorConfig, list[SimulatedReading]]:
     config = configure(SimulatorConfig, values)
-    run = Run(config)
+    run = SimulatedRun(config)
     return config, [run.step() for _ in range(steps)]
 
 

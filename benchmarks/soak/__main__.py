@@ -23,7 +23,7 @@ from pathlib import Path
 from benchmarks import trend
 from benchmarks.machine import machine
 from benchmarks.soak import live
-from benchmarks.soak.core import Sample
+from benchmarks.soak.core import ProcessSample
 from benchmarks.soak.page import HEADING, section
 from benchmarks.soak.verdict import DDS_HOURS, HOURS, Ran, core_trends, live_trends
 from benchmarks.trend import Trend
@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
     return verdict(trends, ran)
 
 
-def soak(seconds: float) -> tuple[list[list[Sample]], list[live.Series]]:
+def soak(seconds: float) -> tuple[list[list[ProcessSample]], list[live.RoverSeries]]:
     """Both parts. Raises AssertionError or ChildProcessError where a process fails."""
     with tempfile.TemporaryDirectory() as name:
         folder, begun_s = Path(name), time.monotonic()
@@ -109,7 +109,7 @@ def soak(seconds: float) -> tuple[list[list[Sample]], list[live.Series]]:
             for child in children:
                 child.kill()
         return [
-            [Sample(**each) for each in json.loads(file.read_text(encoding="utf-8"))]
+            [ProcessSample(**each) for each in json.loads(file.read_text(encoding="utf-8"))]
             for file in files
         ], series
 

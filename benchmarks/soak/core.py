@@ -39,7 +39,7 @@ NORMAL = (Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY, Outcome.STANDSTILL, Outc
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ProcessSample:
     """The process after so many simulated hours."""
 
     hours: float
@@ -53,11 +53,11 @@ class Sample:
 
 def run(
     pipeline: Pipeline, drive: Iterator[Event], make: Make, hours: float, seconds: float
-) -> list[Sample]:
+) -> list[ProcessSample]:
     """Answer the sets of a drive until the ``hours`` of it or the ``seconds`` of wall time are over."""
     process, outcomes, not_finite = psutil.Process(), Counter(dict.fromkeys(Outcome, 0)), 0
     table = np.zeros(
-        (SAMPLES + 2, len(dataclasses.fields(Sample)))
+        (SAMPLES + 2, len(dataclasses.fields(ProcessSample)))
     )  # at once, so that what is watched does not grow by the watching
     wanted, taken, begun_s, next_s = round(hours * 3600e9 / STEP_NS), 0, time.monotonic(), 0.0
     spent_s, since = time.thread_time(), 0
@@ -87,7 +87,7 @@ def run(
             break
         next_s = past_s + seconds / SAMPLES
         spent_s, since = time.thread_time(), step + 1
-    return [Sample(*row) for row in table[:taken].tolist()]
+    return [ProcessSample(*row) for row in table[:taken].tolist()]
 
 
 def finite(update: Update) -> bool:

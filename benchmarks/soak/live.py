@@ -34,7 +34,7 @@ UNUSUAL = frozenset(outcome.name for outcome in Outcome if not outcome.used) - {
 
 
 @dataclass(slots=True)
-class Series:
+class RoverSeries:
     """One rover over time; all lists are equally long."""
 
     rover: str
@@ -57,7 +57,7 @@ class Watched:
 
     def __init__(self, name: str, watch: Node, estimator: Process, simulator: Process) -> None:
         """Subscribe to its estimates and its health."""
-        self.series = Series(name)
+        self.series = RoverSeries(name)
         self._processes = [psutil.Process(each.pid) for each in (estimator, simulator)]
         self._estimates, self._last_s = 0, time.monotonic()
         self.health: Message | None = None
@@ -112,7 +112,7 @@ def counters(health: Message) -> dict[str, float]:
 
 def drive(
     rovers: int, hours: float, seconds: float, folder: Path, say: Callable[[str], None]
-) -> list[Series]:
+) -> list[RoverSeries]:
     """Drive until every rover has its simulated ``hours``, or the ``seconds`` of wall time are over.
 
     Raises AssertionError where a process ends before.

@@ -8,8 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from benchmarks.soak.core import Sample
-from benchmarks.soak.live import FACTOR, Series
+from benchmarks.soak.core import ProcessSample
+from benchmarks.soak.live import FACTOR, RoverSeries
 from benchmarks.trend import Trend, counted, trend
 from terramechanics.simulation.simulation import TIME_STEP
 
@@ -37,7 +37,9 @@ class Ran:
     minutes: float  # of wall time
 
     @classmethod
-    def of(cls, core: Sequence[Sequence[Sample]], series: Sequence[Series], minutes: float) -> Self:
+    def of(
+        cls, core: Sequence[Sequence[ProcessSample]], series: Sequence[RoverSeries], minutes: float
+    ) -> Self:
         """From what was sampled."""
         rates = [float(np.median(rover.rate_hz)) for rover in series]
         return cls(
@@ -62,7 +64,7 @@ class Ran:
                     )
 
 
-def core_trends(rover: str, samples: Sequence[Sample]) -> Iterator[Trend]:
+def core_trends(rover: str, samples: Sequence[ProcessSample]) -> Iterator[Trend]:
     """Of one rover's hours without ROS."""
     hours = [sample.hours for sample in samples]
     for name, allowed in (("memory_mb", MEMORY), ("blocks", MEMORY), ("set_us", TIME)):
@@ -75,7 +77,7 @@ def core_trends(rover: str, samples: Sequence[Sample]) -> Iterator[Trend]:
         )
 
 
-def live_trends(series: Series) -> Iterator[Trend]:
+def live_trends(series: RoverSeries) -> Iterator[Trend]:
     """Of one rover over DDS."""
     for name in ("estimator_mb", "simulator_mb"):
         yield trend(f"DDS, {series.rover}: {name}", series.seconds, getattr(series, name), MEMORY)

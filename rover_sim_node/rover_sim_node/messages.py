@@ -17,7 +17,7 @@ from torch import Tensor
 
 from msg_defs.msg import TerrainTruth, WheelSinkage, WheelSlip
 from rover_sim_node.config import SimulatorConfig
-from rover_sim_node.run import Reading, Truth
+from rover_sim_node.run import GroundTruth, SimulatedReading
 from terramechanics.contact.stresses import CONSTANTS
 from terramechanics.effects import describe
 
@@ -56,7 +56,7 @@ def clock_message(stamp_ns: int) -> Clock:
 
 
 def step_messages(
-    reading: Reading, config: SimulatorConfig, stamp_ns: int, sequence: int
+    reading: SimulatedReading, config: SimulatorConfig, stamp_ns: int, sequence: int
 ) -> dict[str, Any]:
     """The messages of one step, by topic, all with the same stamp."""
     body = Header(stamp=time_message(stamp_ns), frame_id=config.body_frame)
@@ -71,7 +71,7 @@ def step_messages(
 
 
 def truth_message(
-    truth: Truth, config: SimulatorConfig, stamp_ns: int, sequence: int
+    truth: GroundTruth, config: SimulatorConfig, stamp_ns: int, sequence: int
 ) -> TerrainTruth:
     """The true ground, and the effect that is switched on; with the size 0 none is."""
     cohesion, tan_phi = truth.strength
@@ -94,7 +94,7 @@ def truth_message(
     )
 
 
-def _slip(reading: Reading, header: Header, sequence: int) -> WheelSlip:
+def _slip(reading: SimulatedReading, header: Header, sequence: int) -> WheelSlip:
     measured = reading.measured
     names = list(reading.rover.wheel_names)
     return WheelSlip(
@@ -106,7 +106,7 @@ def _slip(reading: Reading, header: Header, sequence: int) -> WheelSlip:
     )
 
 
-def _sinkage(reading: Reading, header: Header, sequence: int) -> WheelSinkage:
+def _sinkage(reading: SimulatedReading, header: Header, sequence: int) -> WheelSinkage:
     measured = reading.measured
     return WheelSinkage(
         header=header,
@@ -119,7 +119,7 @@ def _sinkage(reading: Reading, header: Header, sequence: int) -> WheelSinkage:
     )
 
 
-def _odometry(reading: Reading, header: Header, body_frame: str) -> Odometry:
+def _odometry(reading: SimulatedReading, header: Header, body_frame: str) -> Odometry:
     message = Odometry(header=header, child_frame_id=body_frame)
     measured = reading.measured
     message.pose.pose.position.x, message.pose.pose.position.z = reading.odometry
@@ -135,7 +135,7 @@ def _odometry(reading: Reading, header: Header, body_frame: str) -> Odometry:
     return message
 
 
-def _joint_states(reading: Reading, header: Header) -> JointState:
+def _joint_states(reading: SimulatedReading, header: Header) -> JointState:
     measured = reading.measured
     rocker, unknown = (
         0.0,
@@ -150,7 +150,7 @@ def _joint_states(reading: Reading, header: Header) -> JointState:
     )
 
 
-def _imu(reading: Reading, header: Header) -> Imu:
+def _imu(reading: SimulatedReading, header: Header) -> Imu:
     measured = reading.measured
     pitch, spread = float(measured.pitch), float(measured.acceleration_sd)
     message = Imu(header=header, orientation=_orientation(pitch))

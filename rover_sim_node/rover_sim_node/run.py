@@ -25,7 +25,7 @@ from terramechanics.simulation.sensors import (
 )
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.profile import Profile, Ramp, Step
+from terramechanics.terrain.profile import Profile, Ramp, StepProfile
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover, load_rover
 
@@ -34,7 +34,7 @@ MIDDLE = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
+class GroundTruth:
     """The ground below the middle of the rover."""
 
     soil: str
@@ -44,7 +44,7 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class SimulatedReading:
     """Everything that is known after one step. Values of single rovers: tensors [wheels] and [1]."""
 
     time: float  # [s] since the start
@@ -55,12 +55,12 @@ class Reading:
     bogie_rate: float  # [rad/s]
     odometry: tuple[float, float]  # [m] x and z, integrated from measured velocity and pitch
     odometry_variance: tuple[float, float]  # [m^2]
-    truth: Truth
+    truth: GroundTruth
     position: float  # [m] true place along the track
     stuck: bool
 
 
-class Run:
+class SimulatedRun:
     """A drive of one rover. The same configuration gives the same readings; velocity commands aside."""
 
     @torch.inference_mode()
@@ -99,7 +99,7 @@ class Run:
         self._bogie_angle = math.nan
 
     @torch.inference_mode()  # a fifth less time: nothing here is differentiated
-    def step(self) -> Reading:
+    def step(self) -> SimulatedReading:
         """The next reading."""
         time = (self._simulation.steps + 1) * self._step
         sample = self._simulation.step(self._schedule.kind, self._schedule.command(time))
@@ -117,7 +117,7 @@ class Run:
         angle = float(sample.bogie_angle)
         rate = 0.0 if math.isnan(self._bogie_angle) else (angle - self._bogie_angle) / self._step
         self._bogie_angle = angle
-        return Reading(
+        return SimulatedReading(
             time=time,
             rover=self.rover,
             measured=measured,
@@ -141,7 +141,7 @@ class Run:
         by_z = (self._step * spread * math.sin(pitch)) ** 2 + (along * tilt) ** 2
         self._variance = (self._variance[0] + by_x, self._variance[1] + by_z)
 
-    def _truth(self, sample: Sample) -> Truth:
+    def _truth(self, sample: Sample) -> GroundTruth:
         place = float(sample.contact[0, MIDDLE])
         patch = self._ground.patches[self._ground.patch_at(place)]
         constants, strength = (
@@ -149,7 +149,7 @@ class Run:
             sample.strength[0, MIDDLE].tolist(),
         )
         blending = place < patch.start + patch.transition
-        return Truth(
+        return GroundTruth(
             patch.name,
             place if blending else patch.start + patch.transition,
             tuple(constants),
@@ -189,7 +189,7 @@ def _profile(config: SimulatorConfig) -> str | Profile:
     if config.profile == "ramp":
         return Ramp(config.ramp_grade)
     if config.profile == "step":
-        return Step(config.step_rise)
+        return StepProfile(config.step_rise)
     if config.profile not in ("", *PROFILES):
         raise ConfigError(
             f"parameter profile: {config.profile!r} is unknown, give one of {', '.join(PROFILES)},"

@@ -29,7 +29,7 @@ from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
 from rover_sim_node.pacing import Pace
-from rover_sim_node.run import Reading, Run, Truth
+from rover_sim_node.run import GroundTruth, SimulatedReading, SimulatedRun
 from terramechanics.vehicle.suspension import TerrainError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
@@ -57,13 +57,13 @@ class SimulatorNode(Node):
         """Read the parameters and set up the drive. Raises ConfigError that names a parameter."""
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         self.config = declare(self, SimulatorConfig)
-        self.run = Run(self.config)
+        self.run = SimulatedRun(self.config)
         self._outputs = {
             topic: self.create_publisher(kind, topic, QOS) for topic, kind in TYPES.items()
         }
         self._truth_output = self.create_publisher(TerrainTruth, "ground_truth/terrain", LATCHED)
         self._clock_output: Publisher | None = None
-        self._truth: Truth | None = None
+        self._truth: GroundTruth | None = None
         self._sequence, self._truths = 0, 0
         self._start_ns = 0
         self._warned_stuck = False
@@ -110,7 +110,7 @@ class SimulatorNode(Node):
         if self._clock_output is not None:
             self._clock_output.publish(clock_message(self._start_ns))
 
-    def compose(self, reading: Reading) -> list[tuple[Publisher, Any]]:
+    def compose(self, reading: SimulatedReading) -> list[tuple[Publisher, Any]]:
         """What is to be published when the step of this reading is due, in this order."""
         stamp_ns = self._start_ns + round(reading.time * SECOND_NS)
         due: list[tuple[Publisher, Any]] = (

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import torch
 
-from studies.accuracy.cells import SIDE_BATCHES, Part, Setting, is_main, settings, study
+from studies.accuracy.cells import SIDE_BATCHES, CellBatch, Setting, is_main, settings, study
 from studies.accuracy.lines import lines
 from studies.accuracy.pieces import read_part, write_part
 from studies.accuracy.scores import LONG_TIMES_S
-from studies.accuracy.table import Run, page
+from studies.accuracy.table import AccuracyRun, page
 from studies.records import Piece, compute, digest, write_results
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -69,7 +69,9 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _batches(chosen: list[Setting], args: argparse.Namespace) -> list[tuple[Setting, Piece[Part]]]:
+def _batches(
+    chosen: list[Setting], args: argparse.Namespace
+) -> list[tuple[Setting, Piece[CellBatch]]]:
     """Every setting's first batch, then every setting's second, and so on; after SIDE_BATCHES of the main settings alone."""
     folder, found = args.records / f"{digest()}-{args.seed}", []
     for number, start in enumerate(range(0, args.episodes, BATCH)):
@@ -91,16 +93,18 @@ def _batches(chosen: list[Setting], args: argparse.Namespace) -> list[tuple[Sett
     return found
 
 
-def _gathered(batches: list[tuple[Setting, Piece[Part]]], args: argparse.Namespace) -> Run | None:
+def _gathered(
+    batches: list[tuple[Setting, Piece[CellBatch]]], args: argparse.Namespace
+) -> AccuracyRun | None:
     """The figures of all batches that are done, None where a setting has none."""
-    parts: dict[Setting, list[Part]] = {setting: [] for setting, _ in batches}
+    parts: dict[Setting, list[CellBatch]] = {setting: [] for setting, _ in batches}
     for setting, batch in batches:
         if part := read_part(batch.path):
             parts[setting].append(part)
     if not all(parts.values()):
         return None
     first = [of_setting[0] for of_setting in parts.values()]
-    return Run(
+    return AccuracyRun(
         date=datetime.now(UTC).date().isoformat(),
         episodes=args.episodes,
         seed=args.seed,

@@ -16,9 +16,9 @@ from studies.accuracy.scores import (
     LONG_TIMES_S,
     PAPER_BAND,
     TIMES_S,
-    Drives,
+    CellScore,
     Judged,
-    Score,
+    MeasuredDrives,
     draw_drives,
     judge,
     observation_times,
@@ -63,7 +63,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class AccuracyCell:
     """One line of the tables."""
 
     rover: str
@@ -75,7 +75,7 @@ class Cell:
     model: str  # "physics": no net, constants exact where they are; "shipped": the file; "without net": the file's
     duration_s: float  # [s] of a drive
     after_s: float  # [s] of it, where the score ends
-    score: Score
+    score: CellScore
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class NetShare:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class CellBatch:
     """What some of the drives of a setting give."""
 
     judged: dict[tuple[str, str], Judged]  # by rows and model
@@ -144,7 +144,7 @@ def seed_of(setting: Setting, seed: int, batch: int) -> int:
     return seed + zlib.crc32(repr((setting, batch)).encode()) % 1_000_000
 
 
-def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
+def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> CellBatch:
     """Simulate a batch of drives of a setting and judge every row set and model on them.
 
     In the first SIDE_BATCHES of the main settings the models that ship are judged, too; the first
@@ -163,7 +163,7 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
         duration_s=setting.times_s[-1],
     )
     physics = physics_alone(rover, soil, exact=not setting.spread)
-    part = Part({}, [], [])
+    part = CellBatch({}, [], [])
     for rows, bound in zip(setting.rows, _bounds(physics, drives, setting), strict=True):
         trace = _run(physics, drives, rows, setting.times_s)
         part.judged[rows, "physics"] = judge(trace, drives, bound, physics.prior_sd)
@@ -177,7 +177,7 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> Part:
 
 
 def _judge_shipped(
-    part: Part, setting: Setting, drives: Drives, rows: str, bound: Tensor, batch: int
+    part: CellBatch, setting: Setting, drives: MeasuredDrives, rows: str, bound: Tensor, batch: int
 ) -> None:
     """Judge the model that ships, and with every row what its net contributes."""
     loaded = load_model(setting.rover)
@@ -195,7 +195,7 @@ def _judge_shipped(
         part.net.append(_share(model, known, drives, trace, setting))
 
 
-def cells(setting: Setting, parts: Sequence[Part]) -> list[Cell]:
+def cells(setting: Setting, parts: Sequence[CellBatch]) -> list[AccuracyCell]:
     """The lines of the tables that all parts of a setting give together: after whole drives, of long ones after each of their times."""
     place = (setting.rover, setting.soil, setting.schedule, setting.spread, setting.truth)
     found: dict[tuple[str, str], list[Judged]] = {}
@@ -210,20 +210,22 @@ def cells(setting: Setting, parts: Sequence[Part]) -> list[Cell]:
             for count, time in enumerate(times, 1)
         ]
         lines += [
-            Cell(*place, *key, times[-1], *scored)
+            AccuracyCell(*place, *key, times[-1], *scored)
             for scored in (scores if times == LONG_TIMES_S else scores[-1:])
         ]
     return lines
 
 
-def _bounds(model: PAlpaca, drives: Drives, setting: Setting) -> Tensor:
+def _bounds(model: PAlpaca, drives: MeasuredDrives, setting: Setting) -> Tensor:
     """With each row set of the setting [S, N, K, 2, 2]."""
     sets = torch.stack([row_mask(rows, model.axles) for rows in setting.rows])
     known = Known(sets, drives.ends, drives.constants, setting.spread / math.sqrt(3.0))
     return cramer_rao_at(model, drives.tasks, observation_times(setting.times_s), known)
 
 
-def _run(model: PAlpaca, drives: Drives, rows: str, times_s: Sequence[float] = TIMES_S) -> Trace:
+def _run(
+    model: PAlpaca, drives: MeasuredDrives, rows: str, times_s: Sequence[float] = TIMES_S
+) -> Trace:
     return run(
         model,
         drives.tasks.measured,
@@ -233,7 +235,9 @@ def _run(model: PAlpaca, drives: Drives, rows: str, times_s: Sequence[float] = T
     )
 
 
-def _check(model: PAlpaca, drives: Drives, trace: Trace, setting: Setting) -> ReferenceCheck:
+def _check(
+    model: PAlpaca, drives: MeasuredDrives, trace: Trace, setting: Setting
+) -> ReferenceCheck:
     """Compare with the grid posterior on the first episodes that do not get stuck at once."""
     chosen = torch.nonzero(drives.ends > model.block_size).squeeze(1)[:REFERENCE_EPISODES].tolist()
     mask = row_mask(EVERY_ROW, model.axles)
@@ -260,7 +264,9 @@ def _pair(values: Tensor) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _share(model: PAlpaca, soil: int, drives: Drives, trace: Trace, setting: Setting) -> NetShare:
+def _share(
+    model: PAlpaca, soil: int, drives: MeasuredDrives, trace: Trace, setting: Setting
+) -> NetShare:
     """Learnt part of each row over its nominal part, at the last posterior mean, on the first observation of each block that was used."""
     packed = drives.tasks.measured[:, :: model.block_size]
     starts = torch.arange(0, drives.tasks.measured.shape[1], model.block_size)

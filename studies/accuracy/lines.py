@@ -9,7 +9,7 @@ import torch
 from scipy.stats import norm
 from torch import Tensor
 
-from studies.accuracy.cells import Cell, Part, Setting, cells
+from studies.accuracy.cells import AccuracyCell, CellBatch, Setting, cells
 from studies.accuracy.scores import Judged, Share, pool, share_of, until
 from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 
@@ -28,14 +28,14 @@ class Claim:
 
 
 @dataclass(frozen=True, slots=True)
-class Line(Cell):
+class TableLine(AccuracyCell):
     """One line of the tables."""
 
     cohesion: Claim
     tan_phi: Claim
 
 
-def lines(setting: Setting, parts: Sequence[Part]) -> list[Line]:
+def lines(setting: Setting, parts: Sequence[CellBatch]) -> list[TableLine]:
     """The lines that all parts of a setting give together."""
     found = []
     for cell in cells(setting, parts):
@@ -58,7 +58,7 @@ def lines(setting: Setting, parts: Sequence[Part]) -> list[Line]:
             cell.duration_s,
             cell.after_s,
         )
-        found.append(Line(*place, cell.score, _claim(judged, 0), _claim(judged, 1)))
+        found.append(TableLine(*place, cell.score, _claim(judged, 0), _claim(judged, 1)))
     return found
 
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from studies.accuracy.cells import NetShare, Part, ReferenceCheck
+from studies.accuracy.cells import CellBatch, NetShare, ReferenceCheck
 from studies.accuracy.scores import Judged
 from studies.records import read_record, write_record
 
 _OTHER = "reference and net"
 
 
-def write_part(part: Part, path: Path) -> None:
+def write_part(part: CellBatch, path: Path) -> None:
     """Write a record, whole or not at all."""
     arrays = {
         "|".join((*key, field)): value.numpy()
@@ -32,7 +32,7 @@ def write_part(part: Part, path: Path) -> None:
     write_record(arrays | {_OTHER: np.array(said)}, path)
 
 
-def read_part(path: Path) -> Part | None:
+def read_part(path: Path) -> CellBatch | None:
     """A record, None where there is none; raises OSError where it cannot be read."""
     arrays = read_record(path)
     if arrays is None:
@@ -43,7 +43,7 @@ def read_part(path: Path) -> Part | None:
         rows, model, field = name.split("|")
         fields.setdefault((rows, model), {})[field] = torch.from_numpy(values)
     judged = {key: Judged(**values) for key, values in fields.items()}
-    return Part(
+    return CellBatch(
         judged,
         [ReferenceCheck(**each) for each in said["reference"]],
         [NetShare(**each) for each in said["net"]],

@@ -21,7 +21,7 @@ from terrain_estimator.learning.departures import HIDDEN, Family, random_plant
 from terrain_estimator.learning.tasks import (
     BENCHMARK,
     AboveZero,
-    Range,
+    StrengthRange,
     Tasks,
     degrees,
     measure_tasks,
@@ -49,14 +49,14 @@ _ACCELERATION = SCALAR_FIELDS.index("acceleration") - SCALARS  # place in a pack
 _SETTLED_S = 5.0  # velocity predictions are judged from here on
 
 
-PAPER_BAND = Range(((700.0, 1300.0),), (degrees(20.0, 45.0),))
+PAPER_BAND = StrengthRange(((700.0, 1300.0),), (degrees(20.0, 45.0),))
 """The paper's test tasks (Banerjee et al., section V)."""
 FROM_PRIOR = AboveZero((PRIOR.cohesion_pa, PRIOR.tan_phi), (PRIOR.cohesion_sd_pa, PRIOR.tan_phi_sd))
 """What the models believe of a ground before they have seen it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Drives:
+class MeasuredDrives:
     """Measured drives and where each ends."""
 
     tasks: Tasks  # without acceleration
@@ -88,7 +88,7 @@ class ParameterScore:
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class CellScore:
     """One cell of the tables."""
 
     episodes: int
@@ -124,10 +124,10 @@ def draw_drives(
     episodes: int,
     spread: float,
     seed: int,
-    truth: Range | AboveZero = BENCHMARK,
+    truth: StrengthRange | AboveZero = BENCHMARK,
     hidden: Family | None = None,
     duration_s: float = TIMES_S[-1],
-) -> Drives:
+) -> MeasuredDrives:
     """Simulate and measure episodes of ``duration_s`` [s] with c and tan phi as ``truth`` says.
 
     Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family
@@ -143,7 +143,7 @@ def draw_drives(
     flagged = (~drive.sample.stuck).sum(1)
     struggling = round(STUCK_TIME / TIME_STEP) - 1
     ends = torch.where(drive.sample.stuck[:, -1], (flagged - struggling).clamp(min=0), flagged)
-    return Drives(tasks, ends, ground.patches[0].constants.expand(episodes, 6))
+    return MeasuredDrives(tasks, ends, ground.patches[0].constants.expand(episodes, 6))
 
 
 def observation_times(times_s: Sequence[float] = TIMES_S) -> Tensor:
@@ -165,7 +165,7 @@ class Judged(NamedTuple):
     velocity_sd: Tensor  # [N] median predicted deviation [m/s], NaN where nothing was predicted
 
 
-def judge(trace: Trace, drives: Drives, bound: Tensor, prior_sd: Tensor) -> Judged:
+def judge(trace: Trace, drives: MeasuredDrives, bound: Tensor, prior_sd: Tensor) -> Judged:
     """Compare a trace with the truth at the K times of the trace. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2] of the model."""
     counted = ~torch.isnan(trace.misfit) & (trace.degrees > 0)
     quantile = torch.from_numpy(chi2.ppf(0.95, trace.degrees.numpy()))
@@ -210,7 +210,7 @@ def until(judged: Judged, times: int) -> Judged:
     )
 
 
-def score(judged: Judged) -> Score:
+def score(judged: Judged) -> CellScore:
     """The figures of these drives."""
     truth = judged.truth.unsqueeze(1)
     error = (judged.mean - truth).abs()
@@ -224,7 +224,7 @@ def score(judged: Judged) -> Score:
     last = judged.mean[:, -1] - judged.truth, judged.covariance[:, -1]
     misfit, degrees, blocks, surprising = judged.blocks.sum(0).tolist()
     predictions, inside, density, variance, squared = judged.velocity.sum(0).tolist()
-    return Score(
+    return CellScore(
         episodes=truth.shape[0],
         stuck=float(judged.stuck.mean()),
         cohesion=parameters[0],

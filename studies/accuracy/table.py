@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 from studies.accuracy.cells import EVERY_ROW, NetShare, ReferenceCheck
-from studies.accuracy.lines import Claim, Line
+from studies.accuracy.lines import Claim, TableLine
 from studies.accuracy.scores import TIMES_S, ParameterScore, Share
 from studies.accuracy.targets import over_hills, verdicts
 from studies.tables import LICENCE, table
@@ -13,13 +13,13 @@ from terrain_estimator.learning.training import PRIOR
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class AccuracyRun:
     """All that one run of ``accuracy`` found."""
 
     date: str
     episodes: int
     seed: int
-    cells: list[Line]
+    cells: list[TableLine]
     reference: list[ReferenceCheck]
     net: list[NetShare]
 
@@ -78,7 +78,7 @@ shrinks with the root of time, the shift stays.
 """
 
 
-def page(run: Run) -> str:
+def page(run: AccuracyRun) -> str:
     """The whole page."""
     hills, shipped = over_hills(run.cells, "physics"), over_hills(run.cells, "shipped")
     long = [line for line in run.cells if line.duration_s > TIMES_S[-1]]
@@ -119,11 +119,11 @@ def page(run: Run) -> str:
     return "\n".join(parts)
 
 
-def _drives(lines: list[Line]) -> int:
+def _drives(lines: list[TableLine]) -> int:
     return min((line.score.episodes for line in lines), default=0)
 
 
-def _place(cell: Line) -> tuple[str, ...]:
+def _place(cell: TableLine) -> tuple[str, ...]:
     schedule = "paper band" if cell.truth == "paper" else cell.schedule
     constants, drives = "5 %" if cell.spread else "exact", str(cell.score.episodes)
     return (
@@ -147,7 +147,7 @@ def _coverage(share: Share) -> str:
     return f"{_percent(share.share)} ({_percent(share.low)} to {_percent(share.high)})"
 
 
-def _final(cells: list[Line]) -> str:
+def _final(cells: list[TableLine]) -> str:
     head = (
         *_PLACE, "c median / p90 %", "c bound %", "c ratio", "tan phi median / p90 %", "tan phi bound %", "tan phi ratio",
         "c in 95 %", "tan phi in 95 %", "c in 68 %", "tan phi in 68 %", "both in 95 % ellipse", "NIS", "NLL", "stuck %",
@@ -169,7 +169,7 @@ def _final(cells: list[Line]) -> str:
     return table(head, lines)
 
 
-def _over_time(cells: list[Line]) -> str:
+def _over_time(cells: list[TableLine]) -> str:
     head = (*_PLACE, *(f"{name} {time:g} s" for name in ("c", "tan phi") for time in TIMES_S))
     lines = [
         [*_place(cell), *_errors(cell.score.cohesion), *_errors(cell.score.tan_phi)]
@@ -189,7 +189,7 @@ def _errors(parameter: ParameterScore) -> list[str]:
     ]
 
 
-def _long(cells: list[Line]) -> str:
+def _long(cells: list[TableLine]) -> str:
     head = (
         *_PLACE,
         "after s",
@@ -210,7 +210,7 @@ def _long(cells: list[Line]) -> str:
     return table(head, lines)
 
 
-def _velocity(cells: list[Line]) -> str:
+def _velocity(cells: list[TableLine]) -> str:
     explanation = (
         "Spread is the median predicted deviation over that of the velocity sensor: more than 1, as"
         " the force that moves the rover is\nknown through noisy slip and sinkage. Calibration is"
@@ -285,7 +285,7 @@ def _reference(checks: list[ReferenceCheck]) -> str:
     return explanation + table(head, lines)
 
 
-def _net(run: Run) -> str:
+def _net(run: AccuracyRun) -> str:
     explanation = (
         "The models that ship, with their learnt columns and without them, on the same drives; both"
         " have the soil constants as\nparameters. Physics is the model of the tables above, which"
@@ -323,7 +323,7 @@ def _net(run: Run) -> str:
     return explanation + table(head, lines)
 
 
-def _ablation(cell: Line) -> list[str]:
+def _ablation(cell: TableLine) -> list[str]:
     score = cell.score
     errors = [_percent(score.cohesion.median_error[-1]), _percent(score.tan_phi.median_error[-1])]
     return [

@@ -5,7 +5,7 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from studies.accuracy.cells import TARGET_ROWS
-from studies.accuracy.lines import Claim, Line
+from studies.accuracy.lines import Claim, TableLine
 from studies.accuracy.scores import TIMES_S, ParameterScore, Share
 
 MOST_OF_BOUND = 1.3
@@ -26,7 +26,7 @@ Verdict = tuple[str, str, str, str]
 """What is meant, the target, what was found, and yes or no."""
 
 
-def over_hills(lines: Sequence[Line], model: str) -> list[Line]:
+def over_hills(lines: Sequence[TableLine], model: str) -> list[TableLine]:
     """Lines of a model that the targets are for: drives of 40 s over hills, truth from the whole prior."""
     return [
         line
@@ -36,7 +36,7 @@ def over_hills(lines: Sequence[Line], model: str) -> list[Line]:
     ]
 
 
-def verdicts(lines: Sequence[Line], model: str) -> list[Verdict]:
+def verdicts(lines: Sequence[TableLine], model: str) -> list[Verdict]:
     """All verdicts that ``lines`` can tell of a model."""
     every = over_hills(lines, model)
     meant = [line for line in every if line.rows in TARGET_ROWS]
@@ -68,7 +68,7 @@ def verdicts(lines: Sequence[Line], model: str) -> list[Verdict]:
     return [*found, *_velocity(meant)]
 
 
-def _parameters(line: Line) -> Iterator[tuple[str, ParameterScore, Claim]]:
+def _parameters(line: TableLine) -> Iterator[tuple[str, ParameterScore, Claim]]:
     yield from zip(
         _NAMES,
         (line.score.cohesion, line.score.tan_phi),
@@ -81,11 +81,11 @@ def _yes(met: bool) -> str:  # noqa: FBT001 (one flag, its name is the function'
     return "yes" if met else "**no**"
 
 
-def _name(line: Line) -> str:
+def _name(line: TableLine) -> str:
     return f"{line.rover}, {line.soil}, {'5 % wrong' if line.spread else 'exact'}, {line.rows}"
 
 
-def _median_errors(lines: list[Line]) -> Iterator[Verdict]:
+def _median_errors(lines: list[TableLine]) -> Iterator[Verdict]:
     for rover, wrong, cohesion, tan_phi in _ERRORS:
         for line in lines:
             if (line.rover, line.soil, bool(line.spread)) == (rover, "loose_sand", wrong):
@@ -101,7 +101,10 @@ def _median_errors(lines: list[Line]) -> Iterator[Verdict]:
 
 
 def _worst(
-    what: str, target: str, lines: list[Line], judge: Callable[[Line], tuple[float, bool, str]]
+    what: str,
+    target: str,
+    lines: list[TableLine],
+    judge: Callable[[TableLine], tuple[float, bool, str]],
 ) -> list[Verdict]:
     if not lines:
         return []
@@ -109,7 +112,7 @@ def _worst(
     return [(what, target, f"{value:.2f} ({where})", _yes(met))]
 
 
-def _ratio(line: Line) -> tuple[float, bool, str]:
+def _ratio(line: TableLine) -> tuple[float, bool, str]:
     known = [(p.ratio_to_bound[-1], name) for name, p, _ in _parameters(line) if p.identified > 0.5]
     if not known:
         return 0.0, True, "nothing identified"
@@ -117,17 +120,17 @@ def _ratio(line: Line) -> tuple[float, bool, str]:
     return ratio, ratio <= MOST_OF_BOUND, f"{name}, {_name(line)}"
 
 
-def _claims(line: Line) -> tuple[float, bool, str]:
+def _claims(line: TableLine) -> tuple[float, bool, str]:
     share = line.score.cohesion.identified
     return share, share == 0.0, _name(line)
 
 
-def _unfounded(line: Line) -> tuple[float, bool, str]:
+def _unfounded(line: TableLine) -> tuple[float, bool, str]:
     share, name = max((claim.unfounded, name) for name, _, claim in _parameters(line))
     return share, share == 0.0, f"{name}, {_name(line)}"
 
 
-def _narrowest(what: str, lines: list[Line]) -> list[Verdict]:
+def _narrowest(what: str, lines: list[TableLine]) -> list[Verdict]:
     if not lines:
         return []
     least, where = min((line.cohesion.least, _name(line)) for line in lines)
@@ -142,23 +145,23 @@ def _narrowest(what: str, lines: list[Line]) -> list[Verdict]:
     ]
 
 
-def _shares_95(line: Line) -> Iterator[tuple[str, Share]]:
+def _shares_95(line: TableLine) -> Iterator[tuple[str, Share]]:
     return ((name, parameter.coverage_95) for name, parameter, _ in _parameters(line))
 
 
-def _shares_68(line: Line) -> Iterator[tuple[str, Share]]:
+def _shares_68(line: TableLine) -> Iterator[tuple[str, Share]]:
     return ((name, parameter.coverage_68) for name, parameter, _ in _parameters(line))
 
 
-def _shares_identified(line: Line) -> Iterator[tuple[str, Share]]:
+def _shares_identified(line: TableLine) -> Iterator[tuple[str, Share]]:
     return ((name, claim.covered) for name, _, claim in _parameters(line) if claim.covered)
 
 
 def _of_both(
     what: str,
-    lines: list[Line],
+    lines: list[TableLine],
     bands: Sequence[tuple[str, bool, tuple[float, float]]],
-    shares_of: Callable[[Line], Iterator[tuple[str, Share]]],
+    shares_of: Callable[[TableLine], Iterator[tuple[str, Share]]],
 ) -> Iterator[Verdict]:
     """Coverage of the cells with exact constants, and of those with wrong ones."""
     for constants, wrong, band in bands:
@@ -188,7 +191,7 @@ def _touches(share: Share, band: tuple[float, float]) -> bool:
     return share.low <= band[1] and share.high >= band[0]
 
 
-def _velocity(lines: list[Line]) -> Iterator[Verdict]:
+def _velocity(lines: list[TableLine]) -> Iterator[Verdict]:
     if not lines:
         return
     covered = [line.score.velocity_coverage_95 for line in lines]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import Drives
+from studies.baselines.drives import LevelDrives
 from studies.baselines.features import LearntModel
 from studies.baselines.interface import Estimates
 from terrain_estimator.model.gaussian import cholesky, symmetrize
@@ -56,7 +56,7 @@ class Alpaca:
     model: LearntModel
     name: str = "ALPaCA"
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """See Method. Sigma_eps scales the prior of K here, so that the learnt precision is taken in its units."""
         with torch.no_grad():
             phi, _ = self.model.features(drives)

@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import Forces, Vehicle, velocity_features
+from studies.baselines.drives import AffineForces, Vehicle, velocity_features
 
 LINK_VARIANCE = 1e-10
 """[m^2/s^2] Of the velocity carried through a block beside the noise of its inputs."""
 
 
 @dataclass(frozen=True, slots=True)
-class Inputs:
+class SampleFeatures:
     """Features of single samples, and what one standard deviation of each wheel's slip and sinkage changes in them."""
 
     features: Tensor  # [batch, time, 3] columns c [kPa], tan phi, 1 of dv [m/s]
@@ -31,7 +31,7 @@ class Inputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class VelocityBlock:
     """Two rows of every drive; their covariance is SUM_ab theta_a theta_b gram_ab + diag(variance)."""
 
     linear: Tensor  # [batch, 2, 4]
@@ -48,8 +48,8 @@ def propagate(
     sinkage_sd: Tensor,
     constants: Tensor,
     vehicle: Vehicle,
-    forces: Forces,
-) -> Inputs:
+    forces: AffineForces,
+) -> SampleFeatures:
     """Central differences over plus and minus one deviation of every wheel's slip and sinkage [batch, time, axles]."""
 
     def features(slips: Tensor, sinkages: Tensor) -> Tensor:
@@ -65,12 +65,12 @@ def propagate(
         * (features(slip, sinkage + shallow) - features(slip, sinkage - shallow))
         * (sinkage_sd / shallow).unsqueeze(-1)
     )
-    return Inputs(features(slip, sinkage).sum(-2), torch.cat([by_slip, by_depth], -2))
+    return SampleFeatures(features(slip, sinkage).sum(-2), torch.cat([by_slip, by_depth], -2))
 
 
 def make_block(
-    inputs: Inputs, first: int, count: int, velocity: Tensor, velocity_sd: Tensor
-) -> Block:
+    inputs: SampleFeatures, first: int, count: int, velocity: Tensor, velocity_sd: Tensor
+) -> VelocityBlock:
     """The block of ``count`` samples from ``first`` on; ``velocity`` [batch, time] is measured at their ends."""
     chosen = slice(first, first + count)
     remaining = torch.arange(count, 0, -1, dtype=torch.float64) / count
@@ -81,7 +81,7 @@ def make_block(
         features.shape[0], 2, 2
     )
     measured = velocity[:, chosen].mean(1)
-    return Block(
+    return VelocityBlock(
         linear=torch.cat([features[..., :2], states], -1),
         offset=features[..., 2],
         gram=torch.einsum("bqsa,bpsc->bacqp", noise, noise),
@@ -90,13 +90,13 @@ def make_block(
     )
 
 
-def halves(block: Block, theta: Tensor) -> Tensor:
+def halves(block: VelocityBlock, theta: Tensor) -> Tensor:
     """SUM_b theta_b gram_ab [batch, H, 3, 2, 2] at ``theta`` [batch, H, 2]."""
     homogeneous = torch.cat([theta, torch.ones_like(theta[..., :1])], -1)
     return torch.einsum("bhc,bacqp->bhaqp", homogeneous, block.gram)
 
 
-def row_covariance(block: Block, theta: Tensor, half: Tensor) -> Tensor:
+def row_covariance(block: VelocityBlock, theta: Tensor, half: Tensor) -> Tensor:
     """S(theta) [batch, H, 2, 2] from its halves."""
     homogeneous = torch.cat([theta, torch.ones_like(theta[..., :1])], -1)
     return torch.einsum("bha,bhaqp->bhqp", homogeneous, half) + torch.diag(block.variance)

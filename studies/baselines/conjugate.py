@@ -18,14 +18,14 @@ from terrain_estimator.model.gaussian import cholesky
 
 
 @dataclass(frozen=True, slots=True)
-class Posterior:
+class RunningPosterior:
     """After 0, 1, ... T rows: one more than there are rows."""
 
     mean: Tensor  # [batch, T + 1, D]
     factor: Tensor  # [batch, T + 1, D, D] Cholesky factor of the precision
 
 
-def regress(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -> Posterior:
+def regress(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -> RunningPosterior:
     """Posterior after every row. ``features`` [batch, T, D] and ``target`` [batch, T] are in units of the noise.
 
     The prior is k ~ N(``mean`` [D], ``precision`` [D, D]^-1).
@@ -38,10 +38,10 @@ def regress(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -
     pull = (precision @ mean).expand(batch, 1, size)
     pull = torch.cat([pull, pull + (features * target.unsqueeze(-1)).cumsum(1)], 1)
     factor = cholesky(gathered)
-    return Posterior(torch.cholesky_solve(pull.unsqueeze(-1), factor).squeeze(-1), factor)
+    return RunningPosterior(torch.cholesky_solve(pull.unsqueeze(-1), factor).squeeze(-1), factor)
 
 
-def marginal_deviation(posterior: Posterior, count: int) -> Tensor:
+def marginal_deviation(posterior: RunningPosterior, count: int) -> Tensor:
     """Marginal standard deviations of the first ``count`` parameters after every row, [batch, T + 1, count]."""
     size = posterior.mean.shape[-1]
     directions = torch.eye(size, count, dtype=torch.float64).expand(
@@ -55,7 +55,7 @@ def marginal_deviation(posterior: Posterior, count: int) -> Tensor:
     )
 
 
-def predict(posterior: Posterior, features: Tensor) -> tuple[Tensor, Tensor]:
+def predict(posterior: RunningPosterior, features: Tensor) -> tuple[Tensor, Tensor]:
     """Mean and variance, without the noise, of every row of ``features`` [batch, T, D] given the rows before it; [batch, T]."""
     mean = (features * posterior.mean[:, :-1]).sum(-1)
     half = torch.linalg.solve_triangular(

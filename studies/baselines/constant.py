@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from studies.baselines.drives import Drives
+from studies.baselines.drives import LevelDrives
 from studies.baselines.interface import Estimates
 
 
@@ -19,7 +19,7 @@ class ConstantGuess:
     angle: float = math.radians(32.5)
     name: str = "constant guess"
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """See Method."""
         guess = torch.tensor([self.cohesion_pa, math.tan(self.angle)], dtype=torch.float64)
         return Estimates(

@@ -26,7 +26,7 @@ class Vehicle:
 
 
 @dataclass(frozen=True, slots=True)
-class Drives:
+class LevelDrives:
     """Shapes [batch, time, axles] of wheels, [batch, time] of the body. Sample j holds over (t_(j-1), t_j].
 
     ``slip`` and ``sinkage`` are measured, with standard deviations; torque and load of one wheel
@@ -48,10 +48,10 @@ class Drives:
     strength: Tensor  # [batch, 2] true c [Pa], tan phi
     true_constants: Tensor  # [batch, 6] of the ground
 
-    def subset(self, index: Tensor) -> "Drives":
+    def subset(self, index: Tensor) -> "LevelDrives":
         """The drives of that index or mask."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
-        return Drives(
+        return LevelDrives(
             **{name: value if value.ndim == 0 else value[index] for name, value in values.items()}
         )
 
@@ -61,7 +61,7 @@ class Drives:
         return self.velocity.diff(dim=1)
 
 
-class Forces(Protocol):
+class AffineForces(Protocol):
     """Contact forces affine in (c [Pa], tan phi): [..., 3, 3], rows N, T, M, columns c, tan phi, 1."""
 
     def __call__(
@@ -78,12 +78,12 @@ def quadrature_forces(
     return wheel_forces(slip, sinkage, constants, radius, width, quadrature())
 
 
-closed_form_forces: Forces = wheel_forces_linear_stress
+closed_form_forces: AffineForces = wheel_forces_linear_stress
 """The paper's f0 to f4."""
 
 
 def velocity_features(
-    slip: Tensor, sinkage: Tensor, constants: Tensor, vehicle: Vehicle, forces: Forces
+    slip: Tensor, sinkage: Tensor, constants: Tensor, vehicle: Vehicle, forces: AffineForces
 ) -> Tensor:
     """Change of velocity in one step, affine in (c [kPa], tan phi): [..., 3] (Banerjee et al. eq. 17 on level ground).
 

@@ -7,14 +7,14 @@ from enum import Enum
 import torch
 from torch import Tensor, nn
 
-from studies.baselines.drives import Drives, Forces, Vehicle, velocity_features
-from studies.baselines.interface import Prior
+from studies.baselines.drives import AffineForces, LevelDrives, Vehicle, velocity_features
+from studies.baselines.interface import BaselinePrior
 
 INPUTS = 7
 """Velocity, three slips, three sinkages."""
 
 
-class Span(Enum):
+class FeatureSpan(Enum):
     """What of the learnt features the regression may use."""
 
     FREE = "as the net gives them"
@@ -38,16 +38,16 @@ class LearntModel(nn.Module):
         self,
         vehicle: Vehicle,
         constants: Tensor,
-        forces: Forces | None,
+        forces: AffineForces | None,
         columns: int = 32,
         hidden: int = 128,
-        span: Span = Span.FREE,
+        span: FeatureSpan = FeatureSpan.FREE,
     ) -> None:
         """``constants`` [6] of the soil, as assumed. An untrained model; ``scale_inputs`` before it is used."""
         super().__init__()
         self.vehicle, self.constants, self.forces, self.span = vehicle, constants, forces, span
         self.columns = columns
-        start = Prior()
+        start = BaselinePrior()
         self.nominal = 2 if forces is not None else 0
         self.net = nn.Sequential(
             nn.Linear(INPUTS, hidden, dtype=torch.float64),
@@ -69,7 +69,7 @@ class LearntModel(nn.Module):
         self.register_buffer("input_scale", torch.ones(INPUTS, dtype=torch.float64))
         self.register_buffer("shared", torch.zeros(self.nominal, columns, dtype=torch.float64))
 
-    def scale_inputs(self, drives: Drives) -> None:
+    def scale_inputs(self, drives: LevelDrives) -> None:
         """Mean and spread of the inputs over these drives."""
         inputs = net_inputs(drives).flatten(0, 1)
         self.input_mean.copy_(inputs.mean(0))
@@ -83,7 +83,7 @@ class LearntModel(nn.Module):
         """Mean and diagonal precision [2 + columns] of the parameters."""
         return self.mean, self.log_precision.exp()
 
-    def nominal_features(self, drives: Drives) -> Tensor:
+    def nominal_features(self, drives: LevelDrives) -> Tensor:
         """[batch, time, 3] columns c [kPa], tan phi, 1; empty columns and 0 without nominal features."""
         if self.forces is None:
             return torch.zeros(*drives.slip.shape[:2], 1, dtype=torch.float64)
@@ -91,7 +91,7 @@ class LearntModel(nn.Module):
             drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces
         )
 
-    def features(self, drives: Drives) -> tuple[Tensor, Tensor]:
+    def features(self, drives: LevelDrives) -> tuple[Tensor, Tensor]:
         """Phi [batch, time, 2 + columns] and the constant phi_nom [batch, time] of every row."""
         nominal = self.nominal_features(drives)
         return self.joined(nominal[..., :-1], net_inputs(drives)), nominal[..., -1]
@@ -99,11 +99,11 @@ class LearntModel(nn.Module):
     def joined(self, nominal: Tensor, inputs: Tensor) -> Tensor:
         """Phi [..., 2 + columns] of nominal features [..., 2] and inputs [..., INPUTS]."""
         learnt = self.net((inputs - self.input_mean) / self.input_scale)
-        if self.span is Span.PROJECTED:
+        if self.span is FeatureSpan.PROJECTED:
             learnt = learnt - nominal @ self.shared
         return torch.cat([nominal, learnt], -1)
 
 
-def net_inputs(drives: Drives) -> Tensor:
+def net_inputs(drives: LevelDrives) -> Tensor:
     """Velocity before the step, slips and sinkages, [batch, time, INPUTS], of a rover with three axles."""
     return torch.cat([drives.velocity[:, :-1].unsqueeze(-1), drives.slip, drives.sinkage], -1)

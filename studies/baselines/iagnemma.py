@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import PA_PER_UNIT, Drives, Vehicle
+from studies.baselines.drives import PA_PER_UNIT, LevelDrives, Vehicle
 from studies.baselines.interface import Estimates
 from studies.baselines.least_squares import recursive_least_squares
 from terramechanics.contact.stresses import entry_angle
@@ -32,7 +32,7 @@ class Iagnemma:
     constants: Tensor  # [6] of the soil, as assumed
     name: str = "Iagnemma"
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """See Method."""
         features, target = self.rows(drives.slip, drives.sinkage, drives.torque, drives.load)
         axles = features.shape[-2]

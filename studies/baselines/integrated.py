@@ -12,9 +12,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from studies.baselines.blocks import Block, Inputs, halves, make_block, propagate, row_covariance
-from studies.baselines.drives import PA_PER_UNIT, Drives, Forces, Vehicle, closed_form_forces
-from studies.baselines.interface import Estimates, Prior
+from studies.baselines.blocks import (
+    SampleFeatures,
+    VelocityBlock,
+    halves,
+    make_block,
+    propagate,
+    row_covariance,
+)
+from studies.baselines.drives import (
+    PA_PER_UNIT,
+    AffineForces,
+    LevelDrives,
+    Vehicle,
+    closed_form_forces,
+)
+from studies.baselines.interface import BaselinePrior, Estimates
 from terrain_estimator.model.gaussian import cholesky, drop, log_determinant, symmetrize
 
 BLOCK = 10
@@ -27,7 +40,7 @@ _PLACE, _WEIGHT = (-1.2, 0.0, 1.2), (0.2, 0.6, 0.2)  # the grid, in deviations o
 
 
 @dataclass(frozen=True, slots=True)
-class Bank:
+class GaussianBank:
     """H Gaussians a drive over (c [kPa], tan phi, velocity [m/s])."""
 
     mean: Tensor  # [batch, H, 3]
@@ -41,11 +54,11 @@ class IntegratedRegression:
 
     vehicle: Vehicle
     constants: Tensor  # [6] of the soil, as assumed
-    prior: Prior
-    forces: Forces = closed_form_forces
+    prior: BaselinePrior
+    forces: AffineForces = closed_form_forces
     name: str = "integrated"
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """See Method. The parameters are those of the last block that is complete."""
         measured = (drives.slip, drives.slip_sd, drives.sinkage, drives.sinkage_sd)
         inputs = propagate(*measured, self.constants, self.vehicle, self.forces)
@@ -76,7 +89,7 @@ class IntegratedRegression:
         )
 
 
-def start_bank(prior: Prior, velocity: Tensor, velocity_sd: Tensor) -> Bank:
+def start_bank(prior: BaselinePrior, velocity: Tensor, velocity_sd: Tensor) -> GaussianBank:
     """A grid over the prior whose mixture has the prior's mean and variance; ``velocity`` [batch] is measured."""
     place, weight = (
         torch.tensor(_PLACE, dtype=torch.float64),
@@ -93,10 +106,10 @@ def start_bank(prior: Prior, velocity: Tensor, velocity_sd: Tensor) -> Bank:
         [theta.expand(batch, count, 2), velocity.view(-1, 1, 1).expand(batch, count, 1)], -1
     )
     precision = torch.diag(torch.cat([prior.precision() / left, velocity_sd.view(1) ** -2.0]))
-    return Bank(mean, precision.expand(batch, count, 3, 3), log_weight.expand(batch, count))
+    return GaussianBank(mean, precision.expand(batch, count, 3, 3), log_weight.expand(batch, count))
 
 
-def solve(bank: Bank, block: Block) -> Bank:
+def solve(bank: GaussianBank, block: VelocityBlock) -> GaussianBank:
     """The posteriors after a block, over the velocity at its end."""
     start = torch.cat([bank.mean, bank.mean[..., -1:]], -1)
     prior = nn.functional.pad(bank.precision, [0, 1, 0, 1])
@@ -111,7 +124,7 @@ def solve(bank: Bank, block: Block) -> Bank:
         - log_determinant(cholesky(bank.precision))
     )
     flat, rest = drop(mean.flatten(0, 1), precision.flatten(0, 1), 2)
-    return Bank(
+    return GaussianBank(
         flat.view_as(bank.mean),
         rest.view_as(bank.precision),
         bank.log_weight - 0.5 * (misfit + gained),
@@ -124,7 +137,7 @@ def _limited(step: Tensor, longest: Tensor) -> Tensor:
 
 
 def _gauss_newton(
-    start: Tensor, prior: Tensor, mean: Tensor, block: Block
+    start: Tensor, prior: Tensor, mean: Tensor, block: VelocityBlock
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Step [batch, H, 4], precision there and misfit [batch, H] that the step foresees."""
     half = halves(block, mean[..., :2])
@@ -150,7 +163,7 @@ def _gauss_newton(
     return step.squeeze(-1), precision, misfit
 
 
-def mix(bank: Bank) -> tuple[Tensor, Tensor]:
+def mix(bank: GaussianBank) -> tuple[Tensor, Tensor]:
     """Mean [batch, 3] and covariance [batch, 3, 3] of the mixture."""
     weight = torch.softmax(bank.log_weight, -1)
     mean = torch.einsum("bh,bhd->bd", weight, bank.mean)
@@ -163,7 +176,11 @@ def mix(bank: Bank) -> tuple[Tensor, Tensor]:
 
 
 def follow(
-    inputs: Inputs, first: int, count: int, drives: Drives, known: tuple[Tensor, Tensor]
+    inputs: SampleFeatures,
+    first: int,
+    count: int,
+    drives: LevelDrives,
+    known: tuple[Tensor, Tensor],
 ) -> tuple[Tensor, Tensor]:
     """Predicted velocity and its deviation, noise of the measurement included, of every sample of a block; [batch, count]."""
     expected, covariance = known
@@ -187,7 +204,9 @@ def follow(
     return torch.stack(means, 1), torch.stack(deviations, 1)
 
 
-def cramer_rao(drives: Drives, vehicle: Vehicle, prior: Prior, forces: Forces) -> Tensor:
+def cramer_rao(
+    drives: LevelDrives, vehicle: Vehicle, prior: BaselinePrior, forces: AffineForces
+) -> Tensor:
     """Bound on the deviations of (c [Pa], tan phi) after every drive from velocity, slip and sinkage alone, [batch, 2].
 
     Rows of single samples at the true inputs, constants and parameters; the prior counts as a

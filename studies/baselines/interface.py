@@ -8,11 +8,11 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import Drives
+from studies.baselines.drives import LevelDrives
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
+class BaselinePrior:
     """Independent Gaussians. The default is wide and not centred on the band that the paper keeps for its tests."""
 
     cohesion_kpa: float = 2.75
@@ -51,6 +51,6 @@ class Method(Protocol):
         """As tables call it."""
         ...
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """Run over all drives."""
         ...

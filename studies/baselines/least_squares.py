@@ -9,8 +9,8 @@ from torch import Tensor
 
 from studies.baselines.drives import (
     PA_PER_UNIT,
-    Drives,
-    Forces,
+    AffineForces,
+    LevelDrives,
     Vehicle,
     closed_form_forces,
     velocity_features,
@@ -28,10 +28,10 @@ class RecursiveLeastSquares:
     vehicle: Vehicle
     constants: Tensor  # [6] of the soil, as assumed
     forgetting: float = 1.0
-    forces: Forces = closed_form_forces
+    forces: AffineForces = closed_form_forces
     name: str = "recursive least squares"
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """See Method."""
         features = velocity_features(
             drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces

@@ -10,13 +10,13 @@ from torch import Tensor
 from studies.baselines.conjugate import marginal_deviation, predict, regress
 from studies.baselines.drives import (
     PA_PER_UNIT,
-    Drives,
-    Forces,
+    AffineForces,
+    LevelDrives,
     Vehicle,
     closed_form_forces,
     velocity_features,
 )
-from studies.baselines.interface import Estimates, Prior
+from studies.baselines.interface import BaselinePrior, Estimates
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +25,11 @@ class LinearModel:
 
     vehicle: Vehicle
     constants: Tensor  # [6] of the soil, as assumed
-    prior: Prior
-    forces: Forces = closed_form_forces
+    prior: BaselinePrior
+    forces: AffineForces = closed_form_forces
     name: str = "linear"
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """See Method."""
         features = velocity_features(
             drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces

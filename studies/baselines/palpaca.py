@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from studies.baselines.conjugate import marginal_deviation, predict, regress
-from studies.baselines.drives import PA_PER_UNIT, Drives
+from studies.baselines.drives import PA_PER_UNIT, LevelDrives
 from studies.baselines.features import LearntModel
 from studies.baselines.interface import Estimates
 
@@ -19,7 +19,7 @@ class PaperPAlpaca:
     model: LearntModel
     name: str
 
-    def estimate(self, drives: Drives) -> Estimates:
+    def estimate(self, drives: LevelDrives) -> Estimates:
         """See Method. The deviations are marginal ones; the authors plot conditional ones, 1 / sqrt(diag Lambda)."""
         with torch.no_grad():
             features, constant = self.model.features(drives)

@@ -19,14 +19,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from studies.calibration.thresholds import Sample, sample, thresholds
+from studies.calibration.thresholds import CalibrationCase, sample, thresholds
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery import (
     Blocks,
     Nominal,
-    Run,
+    RecordedRun,
     RunError,
     Study,
     cut,
@@ -146,7 +146,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
+def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[RecordedRun]]:
     """The soil and the runs of case ``k``: some drives, the effect the same in all."""
     generator = torch.Generator().manual_seed(
         seed + k + 1000 * (1 + list(TYPICAL).index(truth) if truth else 0)
@@ -161,19 +161,19 @@ def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[Run]]:
     time = TIME_STEP * torch.arange(packed.shape[1], dtype=torch.float64)
     ends = (~drive.sample.stuck).sum(1).tolist()
     return name, [
-        Run(f"run {j}", packed[j, :end], drive.seen.wheel_rate[j, :end], time[:end])
+        RecordedRun(f"run {j}", packed[j, :end], drive.seen.wheel_rate[j, :end], time[:end])
         for j, end in enumerate(ends)
     ]
 
 
-def _case(truth: str, k: int, seed: int) -> Sample:
+def _case(truth: str, k: int, seed: int) -> CalibrationCase:
     with torch.inference_mode():
         soil, runs = draw_runs(truth, k, seed)
         nominal = nominal_of(load_rover("mars_rover"), load_soil(soil))
         return sample(Study(nominal, _usable(runs, nominal)), truth, lambda _share, _label: None)
 
 
-def _usable(runs: list[Run], nominal: Nominal) -> list[Blocks]:
+def _usable(runs: list[RecordedRun], nominal: Nominal) -> list[Blocks]:
     """Blocks of the runs that have some: a rover may get stuck at once."""
     found = []
     for run in runs:
@@ -182,7 +182,7 @@ def _usable(runs: list[Run], nominal: Nominal) -> list[Blocks]:
     return found
 
 
-def _plain(found: Sample) -> dict[str, object]:
+def _plain(found: CalibrationCase) -> dict[str, object]:
     """A sample as numbers and names."""
     return {
         "with": _plain_gains(found.with_truth),
@@ -198,7 +198,7 @@ def _plain_gains(gains: Gains) -> dict[str, object]:
     return {"named": named, "nothing_with": gains.nothing_with, "best_with": gains.best_with}
 
 
-def _read(path: Path) -> dict[tuple[str, int], Sample]:
+def _read(path: Path) -> dict[tuple[str, int], CalibrationCase]:
     """Cases of an earlier call."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():
@@ -206,7 +206,7 @@ def _read(path: Path) -> dict[tuple[str, int], Sample]:
     found = {}
     for entry in (json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()):
         without = _gains(entry["without"]) if entry["without"] else None
-        found[entry["truth"], entry["seed"]] = Sample(
+        found[entry["truth"], entry["seed"]] = CalibrationCase(
             entry["truth"], _gains(entry["with"]), without
         )
     return found

@@ -17,7 +17,7 @@ LEAST = 8.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class CalibrationCase:
     """One calibration case: what the rule would look at."""
 
     truth: str  # empty where nothing is missing
@@ -25,7 +25,7 @@ class Sample:
     without_truth: Gains | None  # the same with a library that lacks the truth
 
 
-def sample(study: Study, truth: str, say: Progress) -> Sample:
+def sample(study: Study, truth: str, say: Progress) -> CalibrationCase:
     """Investigate a case twice: with the whole library, and with one that lacks the truth."""
     free = study.with_discrepancy(study.nothing)
 
@@ -34,14 +34,14 @@ def sample(study: Study, truth: str, say: Progress) -> Sample:
 
     everything = search(study, singles(), say)
     if not truth:
-        return Sample(truth, gains(everything), None)
+        return CalibrationCase(truth, gains(everything), None)
     others = [each for each in everything if truth not in each.hypothesis.names]
     if not others:
         others = search(study, [each for each in singles() if truth not in each.names], say)
-    return Sample(truth, gains(everything), gains(others))
+    return CalibrationCase(truth, gains(everything), gains(others))
 
 
-def thresholds(samples: Sequence[Sample]) -> Thresholds:
+def thresholds(samples: Sequence[CalibrationCase]) -> Thresholds:
     """The numbers that fit these samples best.
 
       - ``anything``: MARGIN times the largest gain of any null case, at least LEAST.
@@ -65,7 +65,7 @@ _HOPELESS = 0.3
 """[1] A right name that is further behind is not confusable but lost."""
 
 
-def _lead(each: Sample) -> float:
+def _lead(each: CalibrationCase) -> float:
     """By how much of its gain the best name leads the right one; 0 where it is the right one, 1 where that was not even fitted."""
     gains = each.with_truth
     right = max(

@@ -24,7 +24,7 @@ import torch
 from rover_parameters.records import ConfigError
 from studies.change.drives import Change, FalseAlarms, Followed, follow_change, pool, study_constant
 from studies.change.scores import score_change
-from studies.change.table import Run, page
+from studies.change.table import ChangeRun, page
 from studies.records import Piece, compute, digest, read_record, write_record, write_results
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.console.arguments import COUNT, SEED
@@ -201,7 +201,7 @@ def _keep(result: _Result, path: Path) -> None:
     write_record({name: np.asarray(value) for name, value in fields.items()}, path)
 
 
-def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -> Run | None:
+def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -> ChangeRun | None:
     """The figures of all parts that are done, None where a line of the tables has none."""
     changes: dict[Change, list[Followed]] = {}
     constant: dict[_Constant, list[FalseAlarms]] = {}
@@ -224,7 +224,7 @@ def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -
         FalseAlarms(*line, sum(e.hours for e in each), sum(e.alarms for e in each))
         for line, each in constant.items()
     ]
-    return Run(
+    return ChangeRun(
         datetime.now(UTC).date().isoformat(),
         args.drives,
         args.hours,

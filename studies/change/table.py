@@ -16,7 +16,7 @@ ALARMS_PER_HOUR = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ChangeRun:
     """All that one run of ``change`` found."""
 
     date: str
@@ -51,7 +51,7 @@ all, and those that still drive after 15 s and after 40 s.
 """
 
 
-def page(run: Run) -> str:
+def page(run: ChangeRun) -> str:
     """The whole page."""
     facts = {
         "date": run.date,
@@ -90,7 +90,7 @@ def _yes(met: bool) -> str:  # noqa: FBT001 (one flag, its name is the function'
     return "yes" if met else "**no**"
 
 
-def _targets(run: Run) -> list[tuple[str, str, str, str]]:
+def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
     lines = []
     for score in run.changes:
         if score.change.gradual_s == 0.0:
@@ -173,7 +173,7 @@ def _both(values: tuple[float, float], factor: float, digits: int) -> str:
     return " / ".join(f"{factor * value:.{digits}f}" for value in values)
 
 
-def _alarms(run: Run) -> str:
+def _alarms(run: ChangeRun) -> str:
     head = ("rover", "soil", "drives", "hours", "alarms", "an hour", "limits")
     entries = [(entry, "constant") for entry in run.constant] + [
         (score.before, f"before {_name(score)}") for score in run.changes

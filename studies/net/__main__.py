@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from studies.accuracy.scores import PARAMETERS, ParameterScore, Score
+from studies.accuracy.scores import PARAMETERS, CellScore, ParameterScore
 from studies.net.study import PLANTS, Comparison, Limits, compare
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -146,7 +146,7 @@ def table(results: list[Comparison]) -> str:
     return HEADER + "\n".join(lines) + "\n"
 
 
-def _line(score: Score, change: Limits | None = None) -> str:
+def _line(score: CellScore, change: Limits | None = None) -> str:
     errors = (
         f"{100.0 * parameter.median_error[-1]:.1f} %"
         for parameter in (score.cohesion, score.tan_phi)

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from studies.accuracy.scores import (
     CONFIDENCE,
-    Drives,
-    Score,
+    CellScore,
+    MeasuredDrives,
     draw_drives,
     judge,
     observation_times,
@@ -46,10 +46,10 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class NetCandidate:
     """A model with the net, beside physics alone on the same drives."""
 
-    score: Score
+    score: CellScore
     nll_change: Limits  # of the one-step velocity predictive, with the net less without; a mean over drives [nat]
 
 
@@ -58,8 +58,8 @@ class Comparison:
     """Physics alone and with the net on one plant."""
 
     plant: str
-    physics: Score
-    with_net: dict[str, Candidate]
+    physics: CellScore
+    with_net: dict[str, NetCandidate]
 
 
 def compare(
@@ -77,7 +77,7 @@ def compare(
     found = {}
     for name, model in candidates.items():
         trace = _trace(model, drives)
-        found[name] = Candidate(
+        found[name] = NetCandidate(
             _score(model, trace, drives), limits(velocity_nll(trace) - velocity_nll(alone))
         )
     return Comparison(plant, _score(physics, alone, drives), found)
@@ -99,13 +99,13 @@ def velocity_nll(trace: Trace) -> Tensor:
     )
 
 
-def _trace(model: PAlpaca, drives: Drives) -> Trace:
+def _trace(model: PAlpaca, drives: MeasuredDrives) -> Trace:
     return run(
         model, drives.tasks.measured, observation_times(), drives.ends, row_mask(ROWS, model.axles)
     )
 
 
-def _score(model: PAlpaca, trace: Trace, drives: Drives) -> Score:
+def _score(model: PAlpaca, trace: Trace, drives: MeasuredDrives) -> CellScore:
     unknown = torch.full(
         (*trace.mean.shape, 2), torch.nan, dtype=torch.float64
     )  # the bound of a plant with hidden effects

@@ -16,7 +16,7 @@ from rover_parameters.records import ConfigError
 from studies.paper.cases import QUICK, Size
 from studies.paper.experiment import CellResult, run
 from studies.paper.figures import draw_all
-from studies.paper.plants import Plant
+from studies.paper.plants import PaperPlant
 from studies.paper.published import ESTIMATES, TRADE_OFF
 from studies.paper.tables import tables
 from terrain_estimator.console.arguments import COUNT, SEED
@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
 def _write(results: list[CellResult], size: Size, seconds: float, folder: Path) -> list[Path]:
     """Tables, pictures and how they came about."""
     paths = []
-    for plant in Plant:
+    for plant in PaperPlant:
         cells = {result.cell.soil: result for result in results if result.cell.plant is plant}
         content = {
             soil: {"kept": result.kept, "testing": result.testing, "exact_constants": result.narrow}

@@ -8,16 +8,16 @@ import torch
 
 from studies.baselines.alpaca import Alpaca
 from studies.baselines.constant import ConstantGuess
-from studies.baselines.drives import Drives, closed_form_forces, quadrature_forces
-from studies.baselines.features import LearntModel, Span
+from studies.baselines.drives import LevelDrives, closed_form_forces, quadrature_forces
+from studies.baselines.features import FeatureSpan, LearntModel
 from studies.baselines.iagnemma import Iagnemma
 from studies.baselines.integrated import IntegratedRegression
-from studies.baselines.interface import Method, Prior
+from studies.baselines.interface import BaselinePrior, Method
 from studies.baselines.least_squares import RecursiveLeastSquares
 from studies.baselines.linear import LinearModel
 from studies.baselines.palpaca import PaperPAlpaca
-from studies.paper.plants import NARROW, TESTING, TRAINING, Plant, draw_drives, vehicle
-from studies.paper.training import Recipe, train
+from studies.paper.plants import NARROW, TESTING, TRAINING, PaperPlant, draw_drives, vehicle
+from studies.paper.training import PaperRecipe, train
 from terrain_estimator.learning.loss import Orthogonality
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -50,10 +50,10 @@ QUICK = Size(tasks=8, trainings=2, drives=3, duration_s=6.0, iterations=4, colum
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class PaperCell:
     """One plant with one soil."""
 
-    plant: Plant
+    plant: PaperPlant
     soil: str
 
 
@@ -61,9 +61,9 @@ class Cell:
 class Data:
     """The drives of a cell."""
 
-    training: Drives
-    testing: Drives  # the paper's test: soil constants wrong by up to 5 %
-    narrow: Drives  # the band of the authors' code, soil constants exact
+    training: LevelDrives
+    testing: LevelDrives  # the paper's test: soil constants wrong by up to 5 %
+    narrow: LevelDrives  # the band of the authors' code, soil constants exact
     kept: float  # smallest share of drives that went to their end
 
 
@@ -75,10 +75,10 @@ class Variant:
     nominal: bool = True
     strength: float = 0.0
     orthogonality: Orthogonality = Orthogonality.PAPER
-    span: Span = Span.FREE
+    span: FeatureSpan = FeatureSpan.FREE
 
 
-def variants(cell: Cell) -> list[Variant]:
+def variants(cell: PaperCell) -> list[Variant]:
     """The trained models of a cell; the trade-off over strengths is on loose sand, as in the paper."""
     strengths = STRENGTHS if cell.soil == "loose_sand" else (0.0, PAPER_STRENGTH)
     return [
@@ -87,7 +87,7 @@ def variants(cell: Cell) -> list[Variant]:
         Variant(
             "P-ALPaCA, whitened", strength=WHITENED_STRENGTH, orthogonality=Orthogonality.WHITENED
         ),
-        Variant("P-ALPaCA, projected", span=Span.PROJECTED),
+        Variant("P-ALPaCA, projected", span=FeatureSpan.PROJECTED),
     ]
 
 
@@ -96,7 +96,7 @@ def strength_name(strength: float) -> str:
     return f"P-ALPaCA + nominal, {strength:g}"
 
 
-def draw(cell: Cell, size: Size) -> Data:
+def draw(cell: PaperCell, size: Size) -> Data:
     """Simulate and measure all drives of a cell."""
     rover, soil = load_rover(ROVER), load_soil(cell.soil)
     sets = ((TRAINING, size.tasks), (TESTING, size.drives), (NARROW, size.drives))
@@ -117,13 +117,13 @@ def draw(cell: Cell, size: Size) -> Data:
 
 
 def train_variant(
-    cell: Cell, variant: Variant, repeat: int, training: Drives, size: Size
+    cell: PaperCell, variant: Variant, repeat: int, training: LevelDrives, size: Size
 ) -> LearntModel:
     """Train one model for the ``repeat``-th time; nominal features are the paper's closed form on both plants."""
     forces = closed_form_forces if variant.nominal else None
     car, constants = vehicle(load_rover(ROVER), cell.plant), load_soil(cell.soil).constants()
     model = LearntModel(car, constants, forces, size.columns, size.hidden, variant.span)
-    recipe = Recipe(
+    recipe = PaperRecipe(
         1000 * size.seed + repeat,
         size.iterations,
         strength=variant.strength,
@@ -134,12 +134,12 @@ def train_variant(
     return model
 
 
-def methods(cell: Cell, trained: dict[str, list[LearntModel]]) -> list[list[Method]]:
+def methods(cell: PaperCell, trained: dict[str, list[LearntModel]]) -> list[list[Method]]:
     """All methods of a cell, trained ones last and as often as they were trained."""
     car, constants, prior = (
         vehicle(load_rover(ROVER), cell.plant),
         load_soil(cell.soil).constants(),
-        Prior(),
+        BaselinePrior(),
     )
     found: list[Method] = [
         ConstantGuess(),
@@ -148,7 +148,7 @@ def methods(cell: Cell, trained: dict[str, list[LearntModel]]) -> list[list[Meth
         Iagnemma(car, constants),
         IntegratedRegression(car, constants, prior),
     ]
-    if cell.plant is Plant.INTEGRATED:
+    if cell.plant is PaperPlant.INTEGRATED:
         found.append(LinearModel(car, constants, prior, quadrature_forces, "linear, quadrature"))
         found.append(
             IntegratedRegression(car, constants, prior, quadrature_forces, "integrated, quadrature")

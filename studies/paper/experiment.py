@@ -9,22 +9,22 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import Drives, closed_form_forces, quadrature_forces
+from studies.baselines.drives import LevelDrives, closed_form_forces, quadrature_forces
 from studies.baselines.features import LearntModel
 from studies.baselines.integrated import cramer_rao
-from studies.baselines.interface import Estimates, Method, Prior
+from studies.baselines.interface import BaselinePrior, Estimates, Method
 from studies.paper.cases import (
     ROVER,
     SOILS,
-    Cell,
     Data,
+    PaperCell,
     Size,
     draw,
     methods,
     train_variant,
     variants,
 )
-from studies.paper.plants import Plant, vehicle
+from studies.paper.plants import PaperPlant, vehicle
 from studies.paper.scores import Scores, quartiles, relative_errors, score
 from studies.workers import workers
 from terramechanics.vehicle.rover import load_rover
@@ -34,7 +34,7 @@ Report = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Curves:
+class MethodCurves:
     """What the pictures show of one method on the paper's test drives of a cell."""
 
     example: Tensor | None  # [time, 2] c [Pa], tan phi of the first drive
@@ -48,17 +48,17 @@ class Curves:
 class CellResult:
     """All of one cell."""
 
-    cell: Cell
+    cell: PaperCell
     kept: float
     truth: Tensor  # [2] c [Pa], tan phi of the first test drive
     testing: dict[str, Scores] = field(default_factory=dict)
     narrow: dict[str, Scores] = field(default_factory=dict)
-    curves: dict[str, Curves] = field(default_factory=dict)
+    curves: dict[str, MethodCurves] = field(default_factory=dict)
 
 
 def run(size: Size, jobs: int, report: Report) -> list[CellResult]:
     """Everything, with ``jobs`` processes."""
-    cells = [Cell(plant, soil) for plant in Plant for soil in SOILS]
+    cells = [PaperCell(plant, soil) for plant in PaperPlant for soil in SOILS]
     trainings = size.trainings * sum(len(variants(cell)) for cell in cells)
     steps = len(cells) + trainings + len(cells)
     with workers(jobs) as pool:
@@ -78,7 +78,7 @@ def run(size: Size, jobs: int, report: Report) -> list[CellResult]:
             for variant in variants(cell)
             for repeat in range(size.trainings)
         }
-        trained: dict[tuple[Cell, str, int], LearntModel] = {}
+        trained: dict[tuple[PaperCell, str, int], LearntModel] = {}
         for future in as_completed(futures):
             trained[futures[future]] = future.result()
             report((len(cells) + len(trained)) / steps, "training")
@@ -99,7 +99,7 @@ def _waited(future: Future[Data], report: Report, share: float) -> Data:
     return data
 
 
-def evaluate(cell: Cell, data: Data, models: dict[str, list[LearntModel]]) -> CellResult:
+def evaluate(cell: PaperCell, data: Data, models: dict[str, list[LearntModel]]) -> CellResult:
     """Every method, in all its trainings, on both sets of drives."""
     result = CellResult(cell, data.kept, data.testing.strength[0])
     for trainings in methods(cell, models):
@@ -112,7 +112,7 @@ def evaluate(cell: Cell, data: Data, models: dict[str, list[LearntModel]]) -> Ce
     return result
 
 
-def _all_trainings(trainings: list[Method], drives: Drives) -> tuple[Estimates, Drives]:
+def _all_trainings(trainings: list[Method], drives: LevelDrives) -> tuple[Estimates, LevelDrives]:
     """The estimates of every training one behind the other, and the drives repeated to match."""
     parts = [method.estimate(drives) for method in trainings]
 
@@ -129,10 +129,10 @@ def _all_trainings(trainings: list[Method], drives: Drives) -> tuple[Estimates, 
     )
 
 
-def bound(cell: Cell, drives: Drives) -> Scores:
+def bound(cell: PaperCell, drives: LevelDrives) -> Scores:
     """The bound's median and mean |error|, those of a Gaussian of its deviation."""
-    forces = closed_form_forces if cell.plant is Plant.CLOSED_FORM else quadrature_forces
-    deviation = cramer_rao(drives, vehicle(load_rover(ROVER), cell.plant), Prior(), forces)
+    forces = closed_form_forces if cell.plant is PaperPlant.CLOSED_FORM else quadrature_forces
+    deviation = cramer_rao(drives, vehicle(load_rover(ROVER), cell.plant), BaselinePrior(), forces)
     percent = 100.0 * deviation / drives.strength
     scores: Scores = {}
     for column, name in enumerate(("cohesion", "tan_phi")):
@@ -146,7 +146,7 @@ def bound(cell: Cell, drives: Drives) -> Scores:
     return scores
 
 
-def curves(estimates: Estimates, drives: Drives) -> Curves:
+def curves(estimates: Estimates, drives: LevelDrives) -> MethodCurves:
     """Series for the pictures."""
     levels = torch.tensor([0.25, 0.5, 0.75], dtype=torch.float64)
     cohesion = angle = velocity = None
@@ -157,4 +157,4 @@ def curves(estimates: Estimates, drives: Drives) -> Curves:
         velocity = 1e3 * (estimates.velocity - drives.true_velocity[:, 1:]).abs().median(0).values
     example = estimates.parameters[0] if estimates.parameters is not None else None
     deviation = estimates.deviation[0] if estimates.deviation is not None else None
-    return Curves(example, deviation, cohesion, angle, velocity)
+    return MethodCurves(example, deviation, cohesion, angle, velocity)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from studies.paper.cases import PAPER_STRENGTH, strength_name
 from studies.paper.experiment import CellResult
-from studies.paper.plants import Plant
+from studies.paper.plants import PaperPlant
 from studies.paper.published import TRADE_OFF
 from terramechanics.simulation.simulation import TIME_STEP
 
@@ -42,7 +42,7 @@ PREDICTING = (
 def draw_all(results: list[CellResult], folder: Path) -> list[Path]:
     """Write every picture; returns their paths."""
     paths = []
-    for plant in Plant:
+    for plant in PaperPlant:
         chosen = [result for result in results if result.cell.plant is plant]
         stem = plant.name.lower()
         for name, draw in (

@@ -16,8 +16,8 @@ from enum import Enum
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import Drives, Vehicle
-from terrain_estimator.learning.tasks import PAPER, Range, degrees
+from studies.baselines.drives import LevelDrives, Vehicle
+from terrain_estimator.learning.tasks import PAPER, StrengthRange, degrees
 from terramechanics.contact.stresses import in_range, wheel_forces_linear_stress
 from terramechanics.simulation.schedules import BAND_DURATION
 from terramechanics.simulation.simulation import TIME_STEP, simulate
@@ -26,7 +26,7 @@ from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
 
-class Plant(Enum):
+class PaperPlant(Enum):
     """What moves the rover."""
 
     CLOSED_FORM = "closed form"
@@ -34,7 +34,7 @@ class Plant(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class PaperNoise:
     """Sensors as in the authors' code: deviations relative to the value, none of them on level attitude."""
 
     slip: float = 0.05
@@ -43,7 +43,7 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Draw(Range):
+class Draw(StrengthRange):
     """The same, and each soil constant is off by up to ``spread`` [1]."""
 
     spread: float = 0.0
@@ -71,28 +71,28 @@ class Motion:
 class Batch:
     """Drives that went to their end, and the share of all that were begun."""
 
-    drives: Drives
+    drives: LevelDrives
     kept: float
 
 
-def vehicle(rover: Rover, plant: Plant) -> Vehicle:
+def vehicle(rover: Rover, plant: PaperPlant) -> Vehicle:
     """What the methods need of a rover; on the closed form there is one wheel an axle."""
-    wheels = rover.wheels_per_axle if plant is Plant.INTEGRATED else 1
+    wheels = rover.wheels_per_axle if plant is PaperPlant.INTEGRATED else 1
     return Vehicle(rover.mass, wheels, rover.wheel_radius, rover.wheel_width, TIME_STEP)
 
 
 def draw_drives(
-    plant: Plant,
+    plant: PaperPlant,
     rover: Rover,
     soil: Soil,
     draw: Draw,
     duration_s: float,
     count: int,
     generator: torch.Generator,
-    noise: Noise | None = None,
+    noise: PaperNoise | None = None,
 ) -> Batch:
     """``count`` measured drives that went to their end. Raises ValueError where ground and torques hardly ever let one."""
-    parts: list[Drives] = []
+    parts: list[LevelDrives] = []
     begun = found = 0
     while found < count:
         size = max(8, count - found)
@@ -102,7 +102,9 @@ def draw_drives(
         constants = soil.constants() * (1.0 + draw.spread * error)
         motion = _MOTIONS[plant](rover, constants, strength, duration_s, generator)
         parts.append(
-            measured(motion, strength, constants, noise or Noise(), generator).subset(motion.good)
+            measured(motion, strength, constants, noise or PaperNoise(), generator).subset(
+                motion.good
+            )
         )
         begun, found = begun + size, found + int(motion.good.sum())
         if begun > 20 * count + 200:
@@ -114,8 +116,12 @@ def draw_drives(
 
 
 def measured(
-    motion: Motion, strength: Tensor, constants: Tensor, noise: Noise, generator: torch.Generator
-) -> Drives:
+    motion: Motion,
+    strength: Tensor,
+    constants: Tensor,
+    noise: PaperNoise,
+    generator: torch.Generator,
+) -> LevelDrives:
     """Add the noise of the sensors; a deviation is published from the measured value."""
 
     def shaken(true: Tensor) -> Tensor:
@@ -124,7 +130,7 @@ def measured(
     slip = motion.slip * (1.0 + noise.slip * shaken(motion.slip))
     sinkage = (motion.sinkage * (1.0 + noise.sinkage * shaken(motion.sinkage))).clamp(min=1e-9)
     velocity = motion.velocity + noise.velocity * shaken(motion.velocity)
-    return Drives(
+    return LevelDrives(
         slip=slip,
         slip_sd=noise.slip * slip.abs(),
         sinkage=sinkage,
@@ -141,7 +147,7 @@ def measured(
     )
 
 
-def _joined(parts: list[Drives]) -> Drives:
+def _joined(parts: list[LevelDrives]) -> LevelDrives:
     first = parts[0]
     names = first.__slots__
     values = {
@@ -149,7 +155,7 @@ def _joined(parts: list[Drives]) -> Drives:
         for name in names
         if name != "velocity_sd"
     }
-    return Drives(velocity_sd=first.velocity_sd, **values)
+    return LevelDrives(velocity_sd=first.velocity_sd, **values)
 
 
 def integrated_motion(
@@ -202,9 +208,9 @@ def closed_form_motion(
     )
 
 
-_MOTIONS: dict[Plant, Callable[[Rover, Tensor, Tensor, float, torch.Generator], Motion]] = {
-    Plant.CLOSED_FORM: closed_form_motion,
-    Plant.INTEGRATED: integrated_motion,
+_MOTIONS: dict[PaperPlant, Callable[[Rover, Tensor, Tensor, float, torch.Generator], Motion]] = {
+    PaperPlant.CLOSED_FORM: closed_form_motion,
+    PaperPlant.INTEGRATED: integrated_motion,
 }
 
 

@@ -5,7 +5,7 @@
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import Drives
+from studies.baselines.drives import LevelDrives
 from studies.baselines.interface import Estimates
 from terramechanics.simulation.simulation import TIME_STEP
 
@@ -21,7 +21,7 @@ def quartiles(values: Tensor) -> list[float]:
     return [float(value) for value in torch.quantile(values, levels)]
 
 
-def relative_errors(parameters: Tensor, drives: Drives) -> Tensor:
+def relative_errors(parameters: Tensor, drives: LevelDrives) -> Tensor:
     """|error| of c, tan phi and phi in percent of the truth, [drives, time, 3]."""
     truth, estimate = _with_angle(drives.strength.unsqueeze(1)), _with_angle(parameters)
     return 100.0 * ((estimate - truth) / truth).abs()
@@ -32,7 +32,7 @@ def _with_angle(parameters: Tensor) -> Tensor:
     return torch.cat([parameters, torch.atan(parameters[..., 1:])], -1)
 
 
-def score(estimates: Estimates, drives: Drives) -> Scores:
+def score(estimates: Estimates, drives: LevelDrives) -> Scores:
     """All that is reported of one method on one set of drives."""
     scores: Scores = {}
     if estimates.parameters is not None:
@@ -42,7 +42,7 @@ def score(estimates: Estimates, drives: Drives) -> Scores:
     return scores
 
 
-def _parameter_scores(parameters: Tensor, deviation: Tensor | None, drives: Drives) -> Scores:
+def _parameter_scores(parameters: Tensor, deviation: Tensor | None, drives: LevelDrives) -> Scores:
     errors = relative_errors(parameters, drives)
     index = {
         f"{time:g}": round(time / TIME_STEP) - 1
@@ -67,7 +67,7 @@ def _parameter_scores(parameters: Tensor, deviation: Tensor | None, drives: Driv
     return scores
 
 
-def _velocity_scores(velocity: Tensor, velocity_sd: Tensor | None, drives: Drives) -> Scores:
+def _velocity_scores(velocity: Tensor, velocity_sd: Tensor | None, drives: LevelDrives) -> Scores:
     true = drives.true_velocity[:, 1:]
     error = velocity - true
     settled = slice(min(50, error.shape[1] // 2), None)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from studies.baselines.drives import Drives
-from studies.baselines.features import LearntModel, Span, net_inputs
+from studies.baselines.drives import LevelDrives
+from studies.baselines.features import FeatureSpan, LearntModel, net_inputs
 from terrain_estimator.learning.loss import (
     Orthogonality,
     negative_log_predictive,
@@ -20,7 +20,7 @@ from terrain_estimator.learning.loss import (
 
 
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class PaperRecipe:
     """Every choice of a training; the paper's are 1000 iterations of 20 tasks, the authors' code has 40 steps a task."""
 
     seed: int = 0
@@ -35,7 +35,7 @@ class Recipe:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class PaperProgress:
     """One iteration."""
 
     iteration: int
@@ -52,7 +52,7 @@ class _Data:
     increment: Tensor  # [tasks, time]
 
 
-def train(model: LearntModel, drives: Drives, recipe: Recipe) -> Iterator[Progress]:
+def train(model: LearntModel, drives: LevelDrives, recipe: PaperRecipe) -> Iterator[PaperProgress]:
     """Train ``model`` in place on noisy drives, yielding after every iteration; reproducible from the seed."""
     generator = torch.Generator().manual_seed(recipe.seed)
     for parameter in model.net.parameters():
@@ -79,7 +79,7 @@ def train(model: LearntModel, drives: Drives, recipe: Recipe) -> Iterator[Progre
         optimizer.zero_grad()
         (loss + recipe.strength * penalty + recipe.positivity * negative).backward()  # type: ignore[no-untyped-call]
         optimizer.step()
-        yield Progress(iteration, loss.item(), penalty.item())
+        yield PaperProgress(iteration, loss.item(), penalty.item())
     _share(model, data)
     for parameter in model.parameters():
         parameter.requires_grad = False
@@ -95,7 +95,7 @@ def _losses(
     """Predictive loss, orthogonality and shortfall of some samples of some tasks."""
     nominal, inputs = data.nominal[place], data.inputs[place]
     target = data.increment[place] - nominal[..., -1]
-    if model.span is Span.PROJECTED:
+    if model.span is FeatureSpan.PROJECTED:
         _regress(model, nominal[..., :-1], inputs)
     features = model.joined(nominal[..., :-1], inputs)
     noise, (mean, precision) = model.noise(), model.prior()
@@ -124,5 +124,5 @@ def _regress(model: LearntModel, nominal: Tensor, inputs: Tensor) -> None:
 
 def _share(model: LearntModel, data: _Data) -> None:
     """That regression over the whole training set, for use."""
-    if model.span is Span.PROJECTED:
+    if model.span is FeatureSpan.PROJECTED:
         _regress(model, data.nominal[..., :-1], data.inputs)

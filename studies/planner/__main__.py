@@ -14,7 +14,7 @@ import torch
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from studies.accuracy.scores import Share
-from studies.planner.patches import Outcome, study
+from studies.planner.patches import PatchOutcome, study
 from studies.planner.scores import PatchScore, score
 from terrain_estimator.config import AdviceConfig
 from terrain_estimator.console.arguments import COUNT, SEED
@@ -78,7 +78,7 @@ def main(argv: list[str] | None = None) -> int:
         load_soil(args.soil)
         config = configure(AdviceConfig, {"stop_probability": args.stop_probability})
         model = load_model(args.model)
-        outcomes: list[Outcome] = []
+        outcomes: list[PatchOutcome] = []
         count = args.drives * len(args.seed)
         with ProgressReport(f"planner_study: {count} drives") as report:
             for outcome in itertools.chain.from_iterable(
@@ -101,7 +101,7 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def table(outcomes: list[Outcome]) -> str:
+def table(outcomes: list[PatchOutcome]) -> str:
     """All drives, those that are as the planner's model has it, and those with an effect that it does not know, in Markdown."""
     kinds = {
         "all": outcomes,

@@ -18,7 +18,7 @@ from studies.observations import observations_of
 from terrain_estimator.config import AdviceConfig, CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.departures import Family, largest_sizes
-from terrain_estimator.learning.tasks import Range, degrees, random_ground, uniform
+from terrain_estimator.learning.tasks import StrengthRange, degrees, random_ground, uniform
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
@@ -36,9 +36,9 @@ from terramechanics.terrain.profile import random_hills
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 
-FIRM = Range(((1500.0, 5000.0),), (degrees(30.0, 45.0),))
+FIRM = StrengthRange(((1500.0, 5000.0),), (degrees(30.0, 45.0),))
 """Ground that the drives begin on."""
-SOFT = Range(((200.0, 2000.0),), (degrees(10.0, 35.0),))
+SOFT = StrengthRange(((200.0, 2000.0),), (degrees(10.0, 35.0),))
 """Ground of the patches: some hold the rover, some do not."""
 SPREAD = 0.05
 """[1] Each soil constant is wrong by up to this share."""
@@ -54,7 +54,7 @@ PERIOD = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class PatchOutcome:
     """One drive."""
 
     effect: str  # empty: none
@@ -89,7 +89,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Drives:
+class PatchDrives:
     """A batch of drives: what is true, and what each rover measured."""
 
     rover: Rover
@@ -100,7 +100,7 @@ class Drives:
     effects: list[str]
 
 
-def draw_drives(rover: Rover, soil: str, count: int, generator: torch.Generator) -> Drives:
+def draw_drives(rover: Rover, soil: str, count: int, generator: torch.Generator) -> PatchDrives:
     """Drives (S1, over hills) from firm ground over a patch of soft ground of the same soil and on; the patch lies alike for all."""
     kind = load_soil(soil)
     firm, soft = (
@@ -123,7 +123,7 @@ def draw_drives(rover: Rover, soil: str, count: int, generator: torch.Generator)
     drive = simulate(rover, ground, "S1", DURATION_S, generator, count, hills, plant)
     measured = measure_drive(rover, drive.seen, Noise(), generator)
     observations = [observations_of(measured, k) for k in range(count)]
-    return Drives(
+    return PatchDrives(
         rover,
         drive.sample,
         observations,
@@ -173,13 +173,17 @@ def estimates_of(model: LoadedModel, observations: list[Observation]) -> Iterato
 
 
 def judge(
-    drives: Drives, index: int, beliefs: Iterator[Belief], planner: Planner, config: AdviceConfig
-) -> Outcome:
+    drives: PatchDrives,
+    index: int,
+    beliefs: Iterator[Belief],
+    planner: Planner,
+    config: AdviceConfig,
+) -> PatchOutcome:
     """What became of one drive. ``beliefs`` are the estimator's, one an observation; the planner is new."""
     sample = drives.sample
     inside = (sample.contact[index] >= drives.patch[0]) & (sample.contact[index] < drives.patch[1])
     met, stuck = _first(inside[:, 0]), _first(sample.stuck[index])
-    outcome = Outcome(
+    outcome = PatchOutcome(
         drives.effects[index],
         met,
         stuck - STUCK_TIME,
@@ -220,7 +224,7 @@ def _first(happened: Tensor) -> float:
 
 def study(
     model: LoadedModel, soil: str, count: int, config: AdviceConfig, seed: int
-) -> Iterator[Outcome]:
+) -> Iterator[PatchOutcome]:
     """Outcomes of ``count`` drives on patches of one soil, in batches."""
     table = TractionTable(model.rover, model.metadata.soils)
     generator = torch.Generator().manual_seed(seed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from studies.accuracy.scores import Share, share_of
-from studies.planner.patches import Outcome
+from studies.planner.patches import PatchOutcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class PatchScore:
     early: int  # stops before the patch was met, trapped or not
 
 
-def score(outcomes: Sequence[Outcome]) -> PatchScore:
+def score(outcomes: Sequence[PatchOutcome]) -> PatchScore:
     """Score the drives that met their patch."""
     counted = [outcome for outcome in outcomes if outcome.counts]
     trapped = [outcome for outcome in counted if outcome.trapped]

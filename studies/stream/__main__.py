@@ -19,7 +19,7 @@ import torch
 from studies.accuracy.cells import WRONG
 from studies.records import Piece, compute, digest, read_record, write_record, write_results
 from studies.stream.drives import Streamed, joined, stream
-from studies.stream.table import Cell, page, score
+from studies.stream.table import StreamCell, page, score
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
@@ -152,7 +152,7 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
     return found
 
 
-def _cells(pieces: dict[Place, list[Piece[Streamed]]]) -> list[Cell]:
+def _cells(pieces: dict[Place, list[Piece[Streamed]]]) -> list[StreamCell]:
     """Of the batches that are done."""
     cells = []
     for (rover, soil, spread), of_cell in pieces.items():

@@ -32,7 +32,7 @@ class Forecasts:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class StrengthScore:
     """c or tan phi at the end of a drive."""
 
     median_error: float  # relative
@@ -42,7 +42,7 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class StreamCell:
     """One line of the tables."""
 
     rover: str
@@ -51,13 +51,13 @@ class Cell:
     spread: float
     drives: int
     refused: float  # share of observations
-    cohesion: Parameter
-    tan_phi: Parameter
+    cohesion: StrengthScore
+    tan_phi: StrengthScore
     early: Forecasts
     settled: Forecasts
 
 
-def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) -> Cell:
+def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) -> StreamCell:
     """The figures of these drives."""
     cohesion, tan_phi = (_parameter(streamed, k) for k in range(2))
     border = round(SETTLED_S / TIME_STEP)
@@ -66,15 +66,15 @@ def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) 
         _forecasts(streamed.innovation[:, part], streamed.variance[:, part]) for part in parts
     )
     refused = float(streamed.refused.sum() / streamed.observations.sum())
-    return Cell(
+    return StreamCell(
         rover, model, soil, spread, len(streamed.truth), refused, cohesion, tan_phi, early, settled
     )
 
 
-def _parameter(streamed: Streamed, k: int) -> Parameter:
+def _parameter(streamed: Streamed, k: int) -> StrengthScore:
     error = np.abs(streamed.mean[:, k] - streamed.truth[:, k]) / streamed.truth[:, k]
     median, high = np.quantile(error, (0.5, 0.9)).tolist()
-    return Parameter(
+    return StrengthScore(
         median,
         high,
         share_of(torch.from_numpy(streamed.inside_95[:, k] > 0.0)),
@@ -120,7 +120,7 @@ acceleration is known, and the prediction is not valid until the next sample.
 """
 
 
-def page(cells: list[Cell], date: str, seed: int) -> str:
+def page(cells: list[StreamCell], date: str, seed: int) -> str:
     """The whole page."""
     said = {
         "date": date,
@@ -159,7 +159,7 @@ def page(cells: list[Cell], date: str, seed: int) -> str:
     return LICENCE + _INTRODUCTION.format(**said) + every
 
 
-def _place(cell: Cell) -> tuple[str, ...]:
+def _place(cell: StreamCell) -> tuple[str, ...]:
     return (
         cell.rover.removesuffix("_rover"),
         cell.soil.removesuffix("_sand"),
@@ -172,7 +172,7 @@ def _percent(value: float) -> str:
     return f"{100.0 * value:.1f}"
 
 
-def _ground(cell: Cell) -> list[str]:
+def _ground(cell: StreamCell) -> list[str]:
     both = (cell.cohesion, cell.tan_phi)
     errors = [f"{_percent(p.median_error)} / {_percent(p.p90_error)}" for p in both]
     covered = [
@@ -197,5 +197,5 @@ def _foretold(forecasts: Forecasts) -> tuple[str, ...]:
     )
 
 
-def _yes(cell: Cell) -> str:
+def _yes(cell: StreamCell) -> str:
     return "yes" if 0.93 <= cell.settled.inside_95 <= 0.97 else "**no**"

@@ -11,13 +11,13 @@ from types import SimpleNamespace
 import pytest
 
 import benchmarks.__main__ as bench
-from benchmarks.lines import Effort, Line
+from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.machine import machine
 from benchmarks.page import page
 
 
-def line(value: float, bar: float | None, *, least: bool = False) -> Line:
-    return Line("speed", value, "Hz", bar, least=least, reference="loops", against=4.0)
+def line(value: float, bar: float | None, *, least: bool = False) -> BenchmarkLine:
+    return BenchmarkLine("speed", value, "Hz", bar, least=least, reference="loops", against=4.0)
 
 
 def test_a_bar_is_met_on_its_side_and_never_by_what_was_not_measured() -> None:
@@ -34,7 +34,7 @@ def test_a_bar_is_met_on_its_side_and_never_by_what_was_not_measured() -> None:
 def test_a_failing_benchmark_misses_its_bar_and_the_others_are_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_: Effort) -> Iterator[Line]:
+    def broken(_: Effort) -> Iterator[BenchmarkLine]:
         yield line(8.0, 9.0)
         raise RuntimeError("no DDS here")
 

@@ -13,8 +13,8 @@ import torch
 from benchmarks.drives import long_drive
 from benchmarks.soak import core
 from benchmarks.soak.__main__ import verdict
-from benchmarks.soak.core import Sample
-from benchmarks.soak.live import Series
+from benchmarks.soak.core import ProcessSample
+from benchmarks.soak.live import RoverSeries
 from benchmarks.soak.page import HEADING, section
 from benchmarks.soak.verdict import Ran, core_trends, live_trends
 from terrain_estimator.bags import Types
@@ -29,11 +29,11 @@ SAMPLES = 120
 WHOLE = Ran([24.0] * 3, [2.0] * 3, [40.0] * 3, 38.0)
 
 
-def healthy(leak_mb: float = 0.0, abnormal: int = 0) -> list[Sample]:
+def healthy(leak_mb: float = 0.0, abnormal: int = 0) -> list[ProcessSample]:
     generator = np.random.default_rng(1)
     places = range(SAMPLES)
     return [
-        Sample(
+        ProcessSample(
             place / 5.0,
             300.0 + generator.normal() + leak_mb * place / SAMPLES,
             500_000,
@@ -55,7 +55,7 @@ def test_a_leak_and_a_counter_of_the_core_are_named() -> None:
 
 
 def test_a_drifting_rate_and_lost_messages_are_named(capsys: pytest.CaptureFixture[str]) -> None:
-    series = Series("rover2")
+    series = RoverSeries("rover2")
     for place in range(SAMPLES):
         series.seconds.append(5.0 * place)
         series.estimator_mb.append(400.0)

@@ -12,14 +12,14 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from terramechanics.simulation.plant import Contact, Effect, Situation
+from terramechanics.simulation.plant import ContactInputs, Effect, Situation
 from terramechanics.simulation.sample import Drive
 from tests.hidden.sensing import Sensed
 from tests.hidden.soil import Sized
 
 Pair = tuple[Tensor, Tensor]
 """What the hidden law does, and what the plain law of size 1 does, [samples, axles or 1] each; or several of them, [..., laws]."""
-Law = Callable[[Effect, Situation, Contact, Drive], Pair]
+Law = Callable[[Effect, Situation, ContactInputs, Drive], Pair]
 _ONE = torch.ones(1, 1, dtype=torch.float64)
 
 
@@ -37,7 +37,7 @@ def equivalent_size(name: str, effect: Effect, drive: Drive, episodes: Sequence[
     where = Situation(
         drive.rover, 0.0, episode, flat["contact"], flat["wheel_rate"], flat["velocity"]
     )
-    contact = Contact(flat["slip"], flat["sinkage"], flat["constants"], flat["strength"])
+    contact = ContactInputs(flat["slip"], flat["sinkage"], flat["constants"], flat["strength"])
     done, plain = LAWS[name](effect, where, contact, drive)
     plain = plain if plain.dim() == 3 else plain.unsqueeze(-1)
     done, plain = (
@@ -55,22 +55,24 @@ def equivalent_size(name: str, effect: Effect, drive: Drive, episodes: Sequence[
 
 
 def _reading(signal: str) -> Law:
-    def shifted(_effect: Effect, _where: Situation, _contact: Contact, drive: Drive) -> Pair:
+    def shifted(_effect: Effect, _where: Situation, _contact: ContactInputs, drive: Drive) -> Pair:
         change = getattr(drive.seen, signal) - getattr(drive.sample, signal)
         return change.reshape(change.shape[0] * change.shape[1], -1), _ONE
 
     return shifted
 
 
-def _radius_error(_effect: Effect, _where: Situation, _contact: Contact, drive: Drive) -> Pair:
+def _radius_error(
+    _effect: Effect, _where: Situation, _contact: ContactInputs, drive: Drive
+) -> Pair:
     return ((1.0 - drive.sample.slip) / (1.0 - drive.seen.slip)).flatten(0, 1) - 1.0, _ONE
 
 
-def _resistance(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+def _resistance(effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive) -> Pair:
     return -_thrust(effect, where, contact), contact.sinkage**2
 
 
-def _lug_thrust(effect: Effect, where: Situation, contact: Contact, drive: Drive) -> Pair:
+def _lug_thrust(effect: Effect, where: Situation, contact: ContactInputs, drive: Drive) -> Pair:
     """At what slip they are mobilised is free beside the size."""
     mobilised = 0.1 * torch.exp(torch.linspace(-2.8, 2.8, 57, dtype=torch.float64))
     slip = contact.slip.unsqueeze(-1)
@@ -79,7 +81,7 @@ def _lug_thrust(effect: Effect, where: Situation, contact: Contact, drive: Drive
 
 
 def _thrust(
-    effect: Effect, where: Situation, contact: Contact, normal: Tensor | None = None
+    effect: Effect, where: Situation, contact: ContactInputs, normal: Tensor | None = None
 ) -> Tensor:
     """What an effect adds to T where N is ``normal``."""
     load = torch.zeros_like(contact.slip) if normal is None else normal
@@ -89,7 +91,7 @@ def _thrust(
 
 
 def _friction(power: float) -> Law:
-    def lost(effect: Effect, where: Situation, _contact: Contact, _drive: Drive) -> Pair:
+    def lost(effect: Effect, where: Situation, _contact: ContactInputs, _drive: Drive) -> Pair:
         loss = effect.friction(where)
         assert loss is not None
         return loss, where.rate**power
@@ -97,40 +99,44 @@ def _friction(power: float) -> Law:
     return lost
 
 
-def _mass(effect: Effect, where: Situation, _contact: Contact, _drive: Drive) -> Pair:
+def _mass(effect: Effect, where: Situation, _contact: ContactInputs, _drive: Drive) -> Pair:
     load = effect.payload(where)
     assert load is not None
     return load.mass.unsqueeze(-1), _ONE
 
 
-def _exponent(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+def _exponent(effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive) -> Pair:
     """The exponent that gives the pressure of the depth z_0 at the depth z."""
     shrink = (effect.contact(where, contact).sinkage / contact.sinkage).log()
     return contact.constants[..., 0] * shrink / contact.sinkage.log(), contact.slip.abs()
 
 
-def _speed_exponent(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+def _speed_exponent(
+    effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive
+) -> Pair:
     return _stiffening(effect, where, contact).log(), (where.speed / 0.1).log()
 
 
-def _pass_stiffening(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+def _pass_stiffening(
+    effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive
+) -> Pair:
     """What the first pass adds: what later ones add in proportion to it is free beside the size."""
     second = (where.order == 1.0).to(torch.float64).unsqueeze(0)
     return (_stiffening(effect, where, contact) - 1.0) * second, second
 
 
-def _stiffening(effect: Effect, where: Situation, contact: Contact) -> Tensor:
+def _stiffening(effect: Effect, where: Situation, contact: ContactInputs) -> Tensor:
     return effect.contact(where, contact).constants[..., 2] / contact.constants[..., 2]
 
 
-def _rebound(effect: Effect, where: Situation, contact: Contact, _drive: Drive) -> Pair:
+def _rebound(effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive) -> Pair:
     angle = effect.contact(where, contact).exit_angle
     assert angle is not None
     return (1.0 - torch.cos(angle)) * where.rover.wheel_radius, contact.sinkage
 
 
 def _own_size(factor: float) -> Law:
-    def scaled(effect: Effect, where: Situation, _contact: Contact, _drive: Drive) -> Pair:
+    def scaled(effect: Effect, where: Situation, _contact: ContactInputs, _drive: Drive) -> Pair:
         assert isinstance(effect, Sized | Sensed)
         return factor * effect.sizes[where.episode, None], _ONE
 

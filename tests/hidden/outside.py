@@ -7,7 +7,7 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from terramechanics.simulation.plant import Contact, Pull, Situation
+from terramechanics.simulation.plant import ContactInputs, Pull, Situation
 from terramechanics.simulation.sample import Sample
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.sensing import Sensed
@@ -49,7 +49,7 @@ class Crust(Sized):
         super().__init__(sizes)
         self.ends = ends  # [batch] [m]
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         whole = torch.sigmoid((self.ends[where.episode, None] - where.place) / EDGE)
         factor = 1.0 + self.size(where) * whole
         columns = contact.constants.expand(*contact.slip.shape, 6).unbind(-1)

@@ -13,13 +13,13 @@ from terrain_estimator.bags import BagWriter
 from terrain_estimator.importing.mapping import (
     BodySignal,
     Mapping,
-    Noise,
+    SignalNoise,
     Time,
     WheelColumns,
     WheelSignal,
 )
 from terrain_estimator.importing.messages import SampleWriter
-from terrain_estimator.importing.samples import Measured, Sample
+from terrain_estimator.importing.samples import MeasuredValue, TableSample
 from terramechanics.simulation.sensors import Measurement
 from terramechanics.simulation.simulation import TIME_STEP
 from terramechanics.vehicle.rover import Rover
@@ -42,7 +42,7 @@ def seal(case: Case, folder: Path) -> list[Path]:
     return bags
 
 
-def samples(drive: Measurement) -> Iterator[Sample]:
+def samples(drive: Measurement) -> Iterator[TableSample]:
     """The samples of one drive [time, wheels], as what a bag is written from."""
     slips, sinkages, angles = (_pairs(drive, name) for name in ("slip", "sinkage", "contact_angle"))
     velocities, pitches, accelerations = (
@@ -54,16 +54,16 @@ def samples(drive: Measurement) -> Iterator[Sample]:
         drive.bogie_angle.tolist(),
     )
     for k in range(drive.velocity.shape[0]):
-        yield Sample(
+        yield TableSample(
             stamp_ns=START_NS + k * STEP_NS,
-            slip=[Measured(*pair) for pair in slips[k]],
-            sinkage=[Measured(*pair) for pair in sinkages[k]],
-            contact_angle=[Measured(*pair) for pair in angles[k]],
+            slip=[MeasuredValue(*pair) for pair in slips[k]],
+            sinkage=[MeasuredValue(*pair) for pair in sinkages[k]],
+            contact_angle=[MeasuredValue(*pair) for pair in angles[k]],
             wheel_rate=rates[k],
             torque=torques[k],
-            velocity=Measured(*velocities[k]),
-            pitch=Measured(*pitches[k]),
-            acceleration=Measured(*accelerations[k]),
+            velocity=MeasuredValue(*velocities[k]),
+            pitch=MeasuredValue(*pitches[k]),
+            acceleration=MeasuredValue(*accelerations[k]),
             bogie_angle=bogie_angles[k],
         )
 
@@ -77,7 +77,7 @@ def _pairs(drive: Measurement, name: str) -> list:  # type: ignore[type-arg]
 
 def _mapping(rover: Rover, drive: Measurement) -> Mapping:
     """Which signals there are. Deviations come with the samples; those of a mapping have to be there, and are not used."""
-    some = Noise(absolute=1.0)
+    some = SignalNoise(absolute=1.0)
     mapping = Mapping(
         time=Time(COLUMN),
         wheels=tuple(

@@ -7,7 +7,7 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from terramechanics.simulation.plant import Contact, Effect, Situation
+from terramechanics.simulation.plant import ContactInputs, Effect, Situation
 from terramechanics.simulation.sample import Sample
 from terramechanics.vehicle.rover import Rover
 
@@ -22,7 +22,7 @@ TIP_SPEED, SLOWEST = 0.05, 0.01
 """[m/s] Vertical speed of the rim at first contact at which the soil constants hold, and below which they change no more."""
 
 
-def entry(contact: Contact, radius: float) -> Tensor:
+def entry(contact: ContactInputs, radius: float) -> Tensor:
     """Angle at which the rim meets the undisturbed soil [rad]."""
     return torch.acos((1.0 - contact.sinkage / radius).clamp(0.05, 1.0))
 
@@ -41,7 +41,7 @@ class Sized(Effect):
 class PassiveWedge(Sized):
     """Rankine's passive earth pressure on the buried width: b (rho g z^2 K_p / 2 + 2 c z sqrt(K_p)), K_p = tan^2(45 deg + phi / 2)."""
 
-    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         tan_phi = contact.strength[..., 1]
         root = tan_phi + torch.sqrt(1.0 + tan_phi**2)  # tan(45 deg + phi / 2)
         z = contact.sinkage
@@ -59,7 +59,7 @@ class LugThrust(Sized):
     K)); the moment has the arm r + h.
     """
 
-    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         r, b, h = where.rover.wheel_radius, where.rover.wheel_width, self.size(where)
         cohesion, tan_phi = contact.strength.unbind(-1)
         length = r * entry(contact, r)
@@ -75,7 +75,7 @@ class LugThrust(Sized):
 class Excavation(Sized):
     """Lyasko: z = z_0 ((1 + i) / (1 - i / 2))^size. The stresses are those of the depth z_0 that load alone would give."""
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         slip = contact.slip.clamp(min=0.0)
         shrink = ((1.0 - 0.5 * slip) / (1.0 + slip)) ** self.size(where)
         return dataclasses.replace(contact, sinkage=contact.sinkage * shrink)
@@ -107,7 +107,7 @@ class Rut(Sized):
         self.depth = torch.where(here, left.unsqueeze(-1), self.depth)
         self.passed = sample.contact
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         rut = self._rut(where.place, where.episode)
         floor = self.size(where) * rut
         z = contact.sinkage
@@ -140,7 +140,7 @@ class Rut(Sized):
 class PenetrationRate(Sized):
     """k (1 + size ln(v / v_0)) with v the speed at which the rim enters the soil, r w sin(theta_1)."""
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         speed = where.speed * torch.sin(entry(contact, where.rover.wheel_radius))
         factor = (1.0 + self.size(where) * torch.log(speed.clamp(min=SLOWEST) / TIP_SPEED)).clamp(
             min=0.1
@@ -155,7 +155,7 @@ class PenetrationRate(Sized):
 class TrailingContact(Sized):
     """theta_2 = -size theta_1 (1 + i / 2): contact behind the axle in proportion to the entry angle, and growing with slip."""
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         angle = (
             self.size(where) * entry(contact, where.rover.wheel_radius) * (1.0 + 0.5 * contact.slip)
         )

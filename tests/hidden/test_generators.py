@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.effects import EFFECTS
-from terramechanics.simulation.plant import Contact, Plant, Situation
+from terramechanics.simulation.plant import ContactInputs, Plant, Situation
 from terramechanics.simulation.sample import Drive, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
@@ -156,7 +156,7 @@ def test_hidden_sensors_and_drives_do_not_move_the_rover(name: str) -> None:
 
 def test_soil_that_is_entered_faster_is_stiffer() -> None:
     sample = nominal().sample
-    wheels = Contact(
+    wheels = ContactInputs(
         *(getattr(sample, name)[:, -1] for name in ("slip", "sinkage", "constants", "strength"))
     )
     effect = GENERATORS["rate_dependence"].make(

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.stresses import quadrature
-from terramechanics.simulation.plant import Contact, Payload, Situation
+from terramechanics.simulation.plant import ContactInputs, Payload, Situation
 from tests.hidden.soil import Sized
 
 GREASE_RATE = 1.5
@@ -57,7 +57,7 @@ class WornCoupling(Sized):
             torch.full_like(sizes, 0.05) * sizes
         )  # slip lost by the coupling when it was last asked for: a start of the search
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         turn = where.rate.mean(-1, keepdim=True) * where.time
         lost = self.size(where) * (1.0 - 0.05 * (1.0 + torch.cos(turn)))
         axles = torch.arange(where.rover.axles)
@@ -65,7 +65,7 @@ class WornCoupling(Sized):
         episode = torch.arange(where.episode.shape[0])
         axle = self.axle[where.episode]
         soil = (contact.constants[..., episode, axle, :], contact.strength[..., episode, axle, :])
-        wheel = Contact(
+        wheel = ContactInputs(
             contact.slip[..., episode, axle], contact.sinkage[..., episode, axle], *soil
         )
         rim = _slip_of_torque(wheel, where, lost.squeeze(-1), self.lag[where.episode])
@@ -73,7 +73,7 @@ class WornCoupling(Sized):
         return dataclasses.replace(contact, slip=torch.where(here, rim.unsqueeze(-1), contact.slip))
 
 
-def _slip_of_torque(wheel: Contact, where: Situation, lost: Tensor, lag: Tensor) -> Tensor:
+def _slip_of_torque(wheel: ContactInputs, where: Situation, lost: Tensor, lag: Tensor) -> Tensor:
     """Slip at which the ground takes (1 - lost) of the torque of the commanded slip, by secants."""
 
     def torque(slip: Tensor) -> Tensor:

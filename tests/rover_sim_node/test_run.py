@@ -14,7 +14,7 @@ import torch
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import GroundChange, SimulatorConfig, SoilOverrides
 from rover_sim_node.messages import clock_message, step_messages, truth_message
-from rover_sim_node.run import Reading, Run
+from rover_sim_node.run import SimulatedReading, SimulatedRun
 from terrain_estimator.offline import run_report
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
@@ -24,8 +24,8 @@ from terramechanics.vehicle.rover import load_rover
 CONFIG = SimulatorConfig(seed=5)
 
 
-def readings(config: SimulatorConfig, steps: int) -> list[Reading]:
-    run = Run(config)
+def readings(config: SimulatorConfig, steps: int) -> list[SimulatedReading]:
+    run = SimulatedRun(config)
     return [run.step() for _ in range(steps)]
 
 
@@ -248,7 +248,7 @@ def test_another_rate_gives_other_steps() -> None:
 )
 def test_a_wrong_name_is_refused(config: SimulatorConfig, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        Run(config)
+        SimulatedRun(config)
 
 
 def test_the_clock_message_carries_the_time() -> None:
@@ -258,7 +258,7 @@ def test_the_clock_message_carries_the_time() -> None:
 
 def test_an_effect_acts_on_what_is_measured_and_without_size_on_nothing() -> None:
     plain, nothing, biased = (
-        Run(config).step().measured
+        SimulatedRun(config).step().measured
         for config in (
             SimulatorConfig(seed=3),
             SimulatorConfig(seed=3, effect="sinkage_bias"),

@@ -19,7 +19,7 @@ from msg_defs.msg import WheelSlip
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.bags.writing import writer as bag_writer
-from terrain_estimator.bags.writing.part import Part
+from terrain_estimator.bags.writing.part import BagPart
 from terrain_estimator.config import RecorderConfig
 from terrain_estimator.messaging.diagnostics import DISK
 from terrain_estimator.nodes.common import bag_thread
@@ -126,7 +126,9 @@ def test_while_nothing_is_synced_files_are_split_and_the_end_does_not_wait(
 def test_what_cannot_be_written_waits_in_memory_up_to_a_limit(
     disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("terrain_estimator.bags.writing.part.Part.write", disk.through(Part.write))
+    monkeypatch.setattr(
+        "terrain_estimator.bags.writing.part.Part.write", disk.through(BagPart.write)
+    )
     monkeypatch.setattr(bag_thread, "MOMENT_S", 0.05)
     recording = Recording(tmp_path / "run")
     recording.write(0)

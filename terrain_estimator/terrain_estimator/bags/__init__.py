@@ -10,7 +10,7 @@ from terrain_estimator.bags.reading.compare import Difference, compare
 from terrain_estimator.bags.reading.reader import BagReader, RawMessage, TopicInfo, bag_name
 from terrain_estimator.bags.reading.sequence import is_sequenced, sequence_of
 from terrain_estimator.bags.recovery.recovery import Recovery, recover
-from terrain_estimator.bags.writing.part import Topic
+from terrain_estimator.bags.writing.part import BagTopic
 from terrain_estimator.bags.writing.writer import BagWriter, Split, whole_bag
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "BagError",
     "BagExistsError",
     "BagReader",
+    "BagTopic",
     "BagWriter",
     "Definition",
     "Difference",
@@ -26,7 +27,6 @@ __all__ = [
     "RawMessage",
     "Recovery",
     "Split",
-    "Topic",
     "TopicInfo",
     "Types",
     "bag_name",

@@ -17,10 +17,10 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.bags import (
     BagError,
     BagReader,
+    BagTopic,
     BagWriter,
     Qos,
     RawMessage,
-    Topic,
     bag_name,
     parse_qos,
     whole_bag,
@@ -150,9 +150,9 @@ def add_slip(
     return added
 
 
-def _topics(reader: BagReader, writer: BagWriter) -> dict[str, Topic]:
+def _topics(reader: BagReader, writer: BagWriter) -> dict[str, BagTopic]:
     """All topics of a bag in another one. Raises TopicError for one that cannot be copied."""
-    found: dict[str, Topic] = {}
+    found: dict[str, BagTopic] = {}
     for name, topic in reader.topics.items():
         if topic.definition is None:
             raise TopicError(
@@ -174,7 +174,7 @@ def _add(
     raw: RawMessage,
     reader: BagReader,
     writer: BagWriter,
-    slip: Topic,
+    slip: BagTopic,
     added: Added,
 ) -> None:
     for pair in source.pair(name, reader.decode(raw)):

@@ -14,7 +14,7 @@ from pathlib import Path
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, whole_bag
 from terrain_estimator.console.interrupting import interruptible
-from terrain_estimator.importing.mapping import Mapping, Noise, read_mapping
+from terrain_estimator.importing.mapping import Mapping, SignalNoise, read_mapping
 from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.samples import CsvError, read_samples
 from terrain_estimator.importing.units import factor
@@ -87,7 +87,7 @@ def _hints(mapping: Mapping) -> list[str]:
             "no contact_angle: give columns, or constant_contact_angle if the ground was even;"
             " without it no wheel is used"
         )
-    if mapping.measures("torque") and mapping.torque.noise != Noise():
+    if mapping.measures("torque") and mapping.torque.noise != SignalNoise():
         relative, absolute = (
             mapping.torque.noise.relative,
             mapping.torque.noise.absolute * factor("torque", mapping.torque.unit),

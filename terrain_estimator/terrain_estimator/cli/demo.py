@@ -17,7 +17,7 @@ from typing import Any
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.console.arguments import real
 from terrain_estimator.console.interrupting import interruptible
-from terrain_estimator.demonstration.drive import Drive, Recording, drive
+from terrain_estimator.demonstration.drive import DriveSettings, Recording, drive
 from terrain_estimator.demonstration.figure import draw, read_curves
 from terrain_estimator.demonstration.processes import FleetError, executable
 from terrain_estimator.offline.summary import write_summary
@@ -30,7 +30,7 @@ DIFFERENT, FAILED = 1, 2
 def main(arguments: list[str] | None = None) -> int:
     """Run the demo; returns the exit code."""
     options = _parser().parse_args(arguments)
-    what = Drive(
+    what = DriveSettings(
         duration_s=options.duration,
         real_time_factor=options.real_time_factor,
         seed=options.seed,
@@ -87,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def run(what: Drive, folder: Path) -> int:
+def run(what: DriveSettings, folder: Path) -> int:
     """Drive, replay, compare, draw, summarise. Raises FleetError or BagError."""
     print(
         f"{what.rover} drives {what.schedule} on {what.soil} for {what.duration_s:g} s,"

@@ -46,7 +46,7 @@ from terrain_estimator.model.model_file import ModelFileError
 from terrain_estimator.offline.cluster import ClusterError
 from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.offline.finding_file import asked, provenance, write_finding
-from terrain_estimator.offline.reading import Reading, add_options, reading_of
+from terrain_estimator.offline.reading import BagOptions, add_options, reading_of
 from terrain_estimator.offline.topics import TopicError
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import load_soil
@@ -211,7 +211,7 @@ def _read(
     place: Workplace,
     bags: Sequence[Path],
     nominal: Nominal,
-    reading: Reading,
+    reading: BagOptions,
     report: ProgressReport,
     *,
     held_out: bool = False,

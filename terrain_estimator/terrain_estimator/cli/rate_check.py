@@ -17,7 +17,7 @@ from rich.table import Table
 
 from terrain_estimator.console.arguments import real
 from terrain_estimator.console.interrupting import interruptible
-from terrain_estimator.demonstration.drive import Drive, drive
+from terrain_estimator.demonstration.drive import DriveSettings, drive
 from terrain_estimator.demonstration.processes import FleetError
 from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
@@ -51,7 +51,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     domain_id = random.SystemRandom().randint(1, 101)
-    what = Drive(options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", domain_id)
+    what = DriveSettings(
+        options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", domain_id
+    )
     try:
         timing = drive(what, options.out, lambda _: None).timing
     except FleetError as error:

@@ -16,7 +16,7 @@ from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.console.arguments import real
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.demonstration.processes import Fleet, FleetError
-from terrain_estimator.demonstration.verdicts import OUTPUTS, Verdict, verdicts
+from terrain_estimator.demonstration.verdicts import OUTPUTS, OutputVerdict, verdicts
 from terrain_estimator.ros_types import Message
 
 READERS = 4  # of every input: estimator, planner, recorder, and at last the watch, when those that must not miss anything hear
@@ -112,7 +112,7 @@ def _read(bag: Path) -> dict[str, list[Message]]:
     return messages
 
 
-def report(found: list[Verdict]) -> int:
+def report(found: list[OutputVerdict]) -> int:
     """Print the verdicts; returns the exit code."""
     for verdict in found:
         print(

@@ -25,9 +25,9 @@ from terrain_estimator.discovery.evidence.thresholds import read_thresholds
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.single_wheel import (
-    Outcome,
     Rig,
     Row,
+    WheelFinding,
     investigate_wheel,
     of_one_wheel,
     shown_by_one_wheel,
@@ -59,7 +59,7 @@ REPLICATES = "replicates of one setting are one measurement"
 
 
 @dataclass(frozen=True, slots=True)
-class Wheel:
+class TestbedWheel:
     """A wheel on a testbed."""
 
     name: str
@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     try:
         _check(options)
-        wheel = load(Wheel, options.wheel)
+        wheel = load(TestbedWheel, options.wheel)
         rover = wheel_alone(load_rover("mars_rover"), wheel.radius, wheel.width)
         bed = Rig(
             rover,
@@ -325,7 +325,7 @@ def _read(
 
 
 def summary(
-    outcome: Outcome,
+    outcome: WheelFinding,
     bed: Rig,
     rows: Sequence[Row],
     reference: frozenset[str],
@@ -367,7 +367,7 @@ def summary(
     }
 
 
-def _effects(outcome: Outcome, hypothesis: Hypothesis) -> list[dict[str, Any]]:
+def _effects(outcome: WheelFinding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
     found = next(each for each in outcome.found if each.hypothesis == hypothesis)
     probability = outcome.judgement.probabilities.get(" + ".join(hypothesis.names), 0.0)
     factor = found.log_evidence - outcome.nothing.log_evidence
@@ -384,7 +384,7 @@ def _effects(outcome: Outcome, hypothesis: Hypothesis) -> list[dict[str, Any]]:
     ]
 
 
-def _gap(outcome: Outcome, bed: Rig, seed: int) -> dict[str, Any]:
+def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
     """On held-out settings: in deviations of repeatability, and row by row in units."""
     errors = outcome.held_out
     before, after = errors.rms(bed.repeatability)
@@ -419,7 +419,7 @@ def _gap(outcome: Outcome, bed: Rig, seed: int) -> dict[str, Any]:
     return gap | {"rows": rows, "proven": outcome.proven, "settings": errors.settings}
 
 
-def sentence(outcome: Outcome, bed: Rig) -> str:
+def sentence(outcome: WheelFinding, bed: Rig) -> str:
     """The verdict in words."""
     judgement = outcome.judgement
     labels = ", ".join(each.label for each in judgement.named)

@@ -12,7 +12,7 @@ _ROUNDING = 1e-3  # of a period
 
 
 @dataclass(slots=True)
-class History:
+class ChartHistory:
     """At most ``capacity`` rows, at least ``period_s`` apart.
 
     When they are too many the oldest goes; or, to keep the whole drive, every two become one and

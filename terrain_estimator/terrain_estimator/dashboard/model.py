@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from terrain_estimator.config import ShownConfig
-from terrain_estimator.dashboard.history import History, Row
+from terrain_estimator.dashboard.history import ChartHistory, Row
 from terrain_estimator.dashboard.journal import Journal
 from terrain_estimator.dashboard.reading import TOPICS, Values
 from terrain_estimator.messaging.diagnostics import Level
@@ -74,8 +74,8 @@ class LiveModel:
         worst = frozenset(self.columns.index(name) for name in _WORST)
         mean = frozenset(self.columns.index(name) for name in wheels)
         period_s, points = self._config.window_s / self._config.points, self._config.points
-        self._recent = History(period_s, points, whole=False, worst=worst)
-        self._whole = History(period_s, points, whole=True, worst=worst, mean=mean)
+        self._recent = ChartHistory(period_s, points, whole=False, worst=worst)
+        self._whole = ChartHistory(period_s, points, whole=True, worst=worst, mean=mean)
         self._journal = Journal()
         self._stamp_s = self._origin_s = math.nan
         self._jumps = 0

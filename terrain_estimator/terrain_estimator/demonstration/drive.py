@@ -17,7 +17,7 @@ READERS = 3  # of every input: estimator, recorder and watch
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class DriveSettings:
     """What is driven."""
 
     duration_s: float  # of simulated time
@@ -37,7 +37,7 @@ class Recording:
     timing: dict[str, Any]  # the watch's report: messages, rate_hz, jitter_ms_p99 by topic
 
 
-def drive(what: Drive, folder: Path, say: Callable[[str], None]) -> Recording:
+def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Recording:
     """Drive, estimate and record into ``folder``; the watch's lines go to ``say``.
 
     Raises:
@@ -86,7 +86,7 @@ def clear(folder: Path) -> None:
         shutil.rmtree(folder / name, ignore_errors=True)
 
 
-def _simulator_parameters(what: Drive) -> dict[str, object]:
+def _simulator_parameters(what: DriveSettings) -> dict[str, object]:
     return {
         "rover": what.rover,
         "soil": what.soil,

@@ -29,7 +29,7 @@ _AXLES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Curves:
+class RunCurves:
     """What is drawn. Times in seconds from the first estimate."""
 
     time_s: Floats  # [estimates]
@@ -43,7 +43,7 @@ class Curves:
     sinkage_mm: Floats  # [samples, wheels]
 
 
-def read_curves(bag: Path) -> Curves:
+def read_curves(bag: Path) -> RunCurves:
     """Read what is drawn. Raises BagError where the bag cannot be read or has no estimates."""
     with BagReader(bag) as reader:
         estimates, slips, sinkages, truths = (
@@ -64,7 +64,7 @@ def read_curves(bag: Path) -> Curves:
         (each.cohesion, each.cohesion_lower_95, each.cohesion_upper_95) for each in estimates
     ]
     tan_phi = [(each.tan_phi, each.tan_phi_lower_95, each.tan_phi_upper_95) for each in estimates]
-    return Curves(
+    return RunCurves(
         time_s=times(estimates),
         cohesion_kpa=np.array(cohesion) * 1e-3,
         tan_phi=np.array(tan_phi),
@@ -84,7 +84,7 @@ def _decoded(reader: BagReader, topic: str) -> Iterator[Message]:
     return (reader.decode(raw) for raw in reader.messages([topic]))
 
 
-def draw(curves: Curves, path: Path, title: str) -> None:
+def draw(curves: RunCurves, path: Path, title: str) -> None:
     """Draw to an image file; its suffix says which kind."""
     figure, ((cohesion, tan_phi), (slip, sinkage)) = plt.subplots(
         2, 2, figsize=(11.0, 6.5), sharex=True, layout="constrained"

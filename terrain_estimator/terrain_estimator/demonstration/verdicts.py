@@ -19,14 +19,14 @@ CONSISTENT = (0.3, 3.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class OutputVerdict:
     """What became of one output."""
 
     output: str
     fault: str  # empty: passed
 
 
-def verdicts(messages: Mapping[str, Sequence[Message]], steps: int) -> list[Verdict]:
+def verdicts(messages: Mapping[str, Sequence[Message]], steps: int) -> list[OutputVerdict]:
     """One verdict for each of OUTPUTS; ``messages`` by topic, of a drive of ``steps`` samples."""
     checks: dict[str, Callable[[], str]] = {
         "ground_truth/terrain": lambda: "",
@@ -47,7 +47,7 @@ def verdicts(messages: Mapping[str, Sequence[Message]], steps: int) -> list[Verd
     for output in OUTPUTS:
         fault = "no message came" if not messages.get(output) else ""
         found.append(
-            Verdict(
+            OutputVerdict(
                 output,
                 fault
                 or (checks[output]() if output in checks else _missing(messages, output, steps)),

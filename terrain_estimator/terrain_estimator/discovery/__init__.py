@@ -54,7 +54,7 @@ from terrain_estimator.discovery.locate.where import Disagreement, disagreements
 from terrain_estimator.discovery.proof.proof import Proof, prove
 from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
 from terrain_estimator.discovery.report.finding import Finding, investigate, settled
-from terrain_estimator.discovery.runs import Blocks, Run, RunError, cut
+from terrain_estimator.discovery.runs import Blocks, RecordedRun, RunError, cut
 
 __all__ = [
     "NOTHING",
@@ -72,7 +72,7 @@ __all__ = [
     "Nominal",
     "Part",
     "Proof",
-    "Run",
+    "RecordedRun",
     "RunError",
     "Study",
     "Thresholds",

@@ -14,7 +14,7 @@ from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator.screening import screen
 from terrain_estimator.model.packing import ground_torque, link, pack
 from terrain_estimator.model.palpaca import BLOCK
-from terrain_estimator.model.rows import Contact, usable_wheels
+from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terramechanics.simulation.simulation import TIME_STEP
@@ -26,7 +26,7 @@ class RunError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RecordedRun:
     """What one drive measured."""
 
     name: str
@@ -63,7 +63,7 @@ def run_of(
     rover: Rover,
     config: CoreConfig,
     refusals: Refusals,
-) -> Run:
+) -> RecordedRun:
     """The run that these observations make, screened as the estimator does; those that it refuses are added to ``refusals``.
 
     Raises:
@@ -94,7 +94,7 @@ def run_of(
     if not packed:
         raise RunError(f"{name}: no observation can be used: {refusals}")
     seconds = torch.tensor([(stamp - stamps[0]) * 1e-9 for stamp in stamps], dtype=torch.float64)
-    return Run(name, torch.stack(packed), torch.from_numpy(np.stack(rates)), seconds)
+    return RecordedRun(name, torch.stack(packed), torch.from_numpy(np.stack(rates)), seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ class Blocks:
         return found
 
 
-def cut(run: Run, nominal: Contact) -> Blocks:
+def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
     """Cut a run into blocks in which every wheel is measured and in range.
 
     Raises:

@@ -33,7 +33,7 @@ WITH_DEVIATION = ("slip", "sinkage", "contact_angle", "velocity", "pitch", "acce
 
 
 @dataclass(frozen=True)
-class Noise:
+class SignalNoise:
     """Standard deviation of a signal: ``hypot(relative |value|, absolute)``."""
 
     relative: float = number("fraction of the value", low=0.0, default=0.0)
@@ -70,7 +70,7 @@ class WheelSignal:
     """Unit and noise of a signal that each wheel has; its columns stand with the wheels."""
 
     unit: str
-    noise: Noise = Noise()
+    noise: SignalNoise = SignalNoise()
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Constant:
 
     unit: str
     value: float = number("in that unit")
-    noise: Noise = Noise()
+    noise: SignalNoise = SignalNoise()
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class BodySignal:
 
     column: str = ""
     unit: str = ""
-    noise: Noise = Noise()
+    noise: SignalNoise = SignalNoise()
     positive: str = ""  # of pitch and bogie_angle: nose_up or nose_down
 
 
@@ -236,7 +236,7 @@ def _named(mapping: Mapping) -> Iterator[tuple[str, str, str]]:
 
 def _check_signal(name: str, quantity: str, signal: WheelSignal | BodySignal) -> None:
     _check_unit(name, signal.unit, quantity)
-    if name in WITH_DEVIATION and signal.noise == Noise():
+    if name in WITH_DEVIATION and signal.noise == SignalNoise():
         msg = (
             f"{name}: its noise is missing: add noise: {{relative: ..., absolute: ...}}, one of"
             " them above 0"
@@ -249,7 +249,7 @@ def _check_constant(name: str, constant: Constant, *, measured: bool) -> None:
     if measured:
         msg = f"{name}: there are columns of it too: leave one of the two out"
         raise ConfigError(msg)
-    if constant.noise == Noise():
+    if constant.noise == SignalNoise():
         msg = (
             f"{name}: its noise is missing: add noise: {{absolute: ...}} above 0, how well the"
             " value is known"

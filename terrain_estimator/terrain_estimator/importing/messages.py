@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from terrain_estimator.bags import BagWriter, Message, Topic
+from terrain_estimator.bags import BagTopic, BagWriter, Message
 from terrain_estimator.importing.mapping import Mapping
-from terrain_estimator.importing.samples import Measured, Sample
+from terrain_estimator.importing.samples import MeasuredValue, TableSample
 from terrain_estimator.ros_types import INPUT_TYPES
 
 UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: there is no such measurement
@@ -32,12 +32,12 @@ class SampleWriter:
 
     writer: BagWriter
     mapping: Mapping
-    _topics: dict[str, Topic] = field(default_factory=dict)
+    _topics: dict[str, BagTopic] = field(default_factory=dict)
     _sequence: int = 0
 
-    def write_all(self, samples: Iterable[Sample]) -> int:
+    def write_all(self, samples: Iterable[TableSample]) -> int:
         """Write all samples; return how many."""
-        builders: dict[str, Callable[[Sample], Message]] = {
+        builders: dict[str, Callable[[TableSample], Message]] = {
             "wheel_slip": self._slip,
             "wheel_sinkage": self._sinkage,
             "odom": self._odom,
@@ -55,12 +55,12 @@ class SampleWriter:
             self._sequence += 1
         return self._sequence
 
-    def _header(self, sample: Sample, frame: str) -> Message:
+    def _header(self, sample: TableSample, frame: str) -> Message:
         sec, nanosec = divmod(sample.stamp_ns, 1_000_000_000)
         stamp = self.writer.types.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
         return self.writer.types.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
-    def _slip(self, sample: Sample) -> Message:
+    def _slip(self, sample: TableSample) -> Message:
         return self.writer.types.make(
             INPUT_TYPES["wheel_slip"],
             header=self._header(sample, self.mapping.frame),
@@ -70,7 +70,7 @@ class SampleWriter:
             slip_stddev=_deviations(sample.slip),
         )
 
-    def _sinkage(self, sample: Sample) -> Message:
+    def _sinkage(self, sample: TableSample) -> Message:
         return self.writer.types.make(
             INPUT_TYPES["wheel_sinkage"],
             header=self._header(sample, self.mapping.frame),
@@ -82,7 +82,7 @@ class SampleWriter:
             contact_angle_stddev=_deviations(sample.contact_angle),
         )
 
-    def _odom(self, sample: Sample) -> Message:
+    def _odom(self, sample: TableSample) -> Message:
         odom = self.writer.types.make(
             INPUT_TYPES["odom"],
             header=self._header(sample, "odom"),
@@ -93,7 +93,7 @@ class SampleWriter:
         odom.pose.covariance[PITCH_IN_POSE] = self._orient(odom.pose.pose.orientation, sample.pitch)
         return odom
 
-    def _joints(self, sample: Sample) -> Message:
+    def _joints(self, sample: TableSample) -> Message:
         bogie = self.mapping.measures("bogie_angle")
         unknown = [math.nan] * bogie
         return self.writer.types.make(
@@ -105,7 +105,7 @@ class SampleWriter:
             effort=[*sample.torque, *unknown] if self.mapping.measures("torque") else [],
         )
 
-    def _imu(self, sample: Sample) -> Message:
+    def _imu(self, sample: TableSample) -> Message:
         imu = self.writer.types.make(
             INPUT_TYPES["imu"], header=self._header(sample, self.mapping.frame)
         )
@@ -124,7 +124,7 @@ class SampleWriter:
         return imu
 
     @staticmethod
-    def _orient(orientation: Message, pitch: Measured) -> float:
+    def _orient(orientation: Message, pitch: MeasuredValue) -> float:
         """Set a quaternion (REP-103: rotation about y is nose down); return its variance. All zeros where there is no pitch."""
         if math.isnan(pitch.value):
             orientation.w = 0.0
@@ -133,14 +133,14 @@ class SampleWriter:
         return _variance(pitch)
 
 
-def _values(entries: list[Measured]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _values(entries: list[MeasuredValue]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.array([entry.value for entry in entries])
 
 
-def _deviations(entries: list[Measured]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _deviations(entries: list[MeasuredValue]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.array([entry.deviation for entry in entries])
 
 
-def _variance(entry: Measured) -> float:
+def _variance(entry: MeasuredValue) -> float:
     """Return the variance, 0 (in ROS: unknown) where there is no measurement."""
     return 0.0 if math.isnan(entry.deviation) else entry.deviation**2

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from terrain_estimator.importing.mapping import Mapping, Noise
+from terrain_estimator.importing.mapping import Mapping, SignalNoise
 from terrain_estimator.importing.units import factor
 
 LATEST_NS = (2**31 - 1) * 1_000_000_000  # what builtin_interfaces/Time holds
@@ -19,33 +19,33 @@ class CsvError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredValue:
     """A value and its standard deviation, both NaN where nothing was measured."""
 
     value: float
     deviation: float
 
 
-NOTHING = Measured(math.nan, math.nan)
+NOTHING = MeasuredValue(math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class TableSample:
     """One row, in SI units. Lists are in the order of the mapping's wheels."""
 
     stamp_ns: int
-    slip: list[Measured]  # [1] 1 - v / (r w)
-    sinkage: list[Measured]  # [m]
-    contact_angle: list[Measured]  # [rad]
+    slip: list[MeasuredValue]  # [1] 1 - v / (r w)
+    sinkage: list[MeasuredValue]  # [m]
+    contact_angle: list[MeasuredValue]  # [rad]
     wheel_rate: list[float]  # [rad/s]
     torque: list[float]  # [N m]
-    velocity: Measured  # [m/s]
-    pitch: Measured  # [rad] nose up
-    acceleration: Measured  # [m/s^2] specific force along body x
+    velocity: MeasuredValue  # [m/s]
+    pitch: MeasuredValue  # [rad] nose up
+    acceleration: MeasuredValue  # [m/s^2] specific force along body x
     bogie_angle: float  # [rad] nose up, relative to the body
 
 
-def read_samples(path: Path, mapping: Mapping) -> Iterator[Sample]:
+def read_samples(path: Path, mapping: Mapping) -> Iterator[TableSample]:
     """Yield the rows of a file.
 
     An empty cell is a value that was not measured, except in the column of time.
@@ -66,7 +66,7 @@ def read_samples(path: Path, mapping: Mapping) -> Iterator[Sample]:
         raise CsvError(msg) from error
 
 
-def slip_from_max_normalised(slip: Measured) -> Measured:
+def slip_from_max_normalised(slip: MeasuredValue) -> MeasuredValue:
     """Convert slip (r w - v) / max(r w, v) to 1 - v / (r w).
 
     They agree where the wheel drives. Where it brakes, s = r w / v - 1, hence i = s / (1 + s) and
@@ -77,7 +77,7 @@ def slip_from_max_normalised(slip: Measured) -> Measured:
     if slip.value == -1.0:
         return NOTHING
     rest = 1.0 + slip.value
-    return Measured(slip.value / rest, slip.deviation / rest**2)
+    return MeasuredValue(slip.value / rest, slip.deviation / rest**2)
 
 
 class _Rows:
@@ -103,7 +103,7 @@ class _Rows:
             raise CsvError(msg)
         self._place = {name: self._names.index(name) for name in needed}
 
-    def samples(self, rows: Iterator[list[str]]) -> Iterator[Sample]:
+    def samples(self, rows: Iterator[list[str]]) -> Iterator[TableSample]:
         before = -1
         for self._number, self._row in enumerate(rows, start=2):
             if not self._row:
@@ -126,7 +126,7 @@ class _Rows:
             msg = f"{self._path} has no rows of data below row 1"
             raise CsvError(msg)
 
-    def _sample(self, stamp_ns: int) -> Sample:
+    def _sample(self, stamp_ns: int) -> TableSample:
         mapping = self._mapping
         slip = [self._slip(column) for column in mapping.columns("slip")]
         angle = _known(
@@ -139,7 +139,7 @@ class _Rows:
             if mapping.measures("contact_angle")
             else [angle] * len(mapping.wheels)
         )
-        return Sample(
+        return TableSample(
             stamp_ns,
             slip,
             self._wheels("sinkage", "length"),
@@ -166,14 +166,14 @@ class _Rows:
             )
         return stamp
 
-    def _wheels(self, signal: str, quantity: str) -> list[Measured]:
+    def _wheels(self, signal: str, quantity: str) -> list[MeasuredValue]:
         section = getattr(self._mapping, signal)
         return [
             self._measured(column, section.unit, quantity, section.noise)
             for column in self._mapping.columns(signal)
         ]
 
-    def _slip(self, column: str) -> Measured:
+    def _slip(self, column: str) -> MeasuredValue:
         slip = self._measured(column, self._mapping.slip.unit, "ratio", self._mapping.slip.noise)
         if self._mapping.slip_definition == "one_minus_v_over_rw":
             return slip
@@ -185,22 +185,22 @@ class _Rows:
             )
         return slip_from_max_normalised(slip)
 
-    def _body(self, signal: str, quantity: str) -> Measured:
+    def _body(self, signal: str, quantity: str) -> MeasuredValue:
         section = getattr(self._mapping, signal)
         return self._measured(section.column, section.unit, quantity, section.noise)
 
-    def _pitch(self) -> Measured:
+    def _pitch(self) -> MeasuredValue:
         constant = self._mapping.constant_pitch
         if not self._mapping.measures("pitch"):
             return _known(constant.value, constant.unit, constant.noise)
         return self._nose_up("pitch")
 
-    def _nose_up(self, signal: str) -> Measured:
+    def _nose_up(self, signal: str) -> MeasuredValue:
         angle = self._body(signal, "angle")
         down = getattr(self._mapping, signal).positive == "nose_down"
-        return Measured(-angle.value, angle.deviation) if down else angle
+        return MeasuredValue(-angle.value, angle.deviation) if down else angle
 
-    def _measured(self, column: str, unit: str, quantity: str, noise: Noise) -> Measured:
+    def _measured(self, column: str, unit: str, quantity: str, noise: SignalNoise) -> MeasuredValue:
         if not column:
             return NOTHING
         return _in_si(self._number_in(column), factor(quantity, unit), noise)
@@ -230,13 +230,13 @@ class _Rows:
         )
 
 
-def _known(value: float, unit: str, noise: Noise) -> Measured:
+def _known(value: float, unit: str, noise: SignalNoise) -> MeasuredValue:
     return _in_si(value, factor("angle", unit), noise) if unit else NOTHING
 
 
-def _in_si(value: float, size: float, noise: Noise) -> Measured:
+def _in_si(value: float, size: float, noise: SignalNoise) -> MeasuredValue:
     si = value * size
-    return Measured(
+    return MeasuredValue(
         si,
         math.hypot(noise.relative * si, noise.absolute * size) if not math.isnan(si) else math.nan,
     )

@@ -10,7 +10,7 @@ import torch
 
 from terrain_estimator.learning.departures import Family, random_plant
 from terrain_estimator.learning.regression import Regression, regression
-from terrain_estimator.learning.tasks import BENCHMARK, Range, draw_tasks
+from terrain_estimator.learning.tasks import BENCHMARK, StrengthRange, draw_tasks
 from terrain_estimator.learning.training import PRIOR, build_model
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
@@ -28,7 +28,7 @@ class Order:
     drives: int
     seed: int
     duration_s: float = 40.0
-    strength: Range = BENCHMARK
+    strength: StrengthRange = BENCHMARK
     family: Family = Family.LEARNT
     share: float = 0.0  # [1] of the drives in which each effect of the family acts
     constants_sd: float = (

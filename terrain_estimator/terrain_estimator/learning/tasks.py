@@ -25,7 +25,7 @@ SOILS = ("loose_sand", "compact_sand", "regolith")
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class StrengthRange:
     """Where c [Pa] and phi [rad] come from: uniform over unions of disjoint intervals."""
 
     cohesion: tuple[tuple[float, float], ...]
@@ -58,9 +58,9 @@ def degrees(*ends: float) -> tuple[float, float]:
     return math.radians(low), math.radians(high)
 
 
-BENCHMARK = Range(((500.0, 5000.0),), (degrees(15.0, 45.0),))
+BENCHMARK = StrengthRange(((500.0, 5000.0),), (degrees(15.0, 45.0),))
 """Where the benchmarks draw from."""
-PAPER = Range(((500.0, 700.0), (1300.0, 5000.0)), (degrees(0.0, 20.0), degrees(45.0, 60.0)))
+PAPER = StrengthRange(((500.0, 700.0), (1300.0, 5000.0)), (degrees(0.0, 20.0), degrees(45.0, 60.0)))
 """The paper's training tasks (Banerjee et al., section V): its test tasks lie in the gaps."""
 CONSTANTS_SPREAD = 0.05
 """[1] Each soil constant of a training task is wrong by up to this share: that is what the net can learn."""
@@ -107,7 +107,7 @@ def random_ground(
     batch: int,
     generator: torch.Generator,
     spread: float = CONSTANTS_SPREAD,
-    strength: Range | AboveZero = BENCHMARK,
+    strength: StrengthRange | AboveZero = BENCHMARK,
 ) -> Ground:
     """One ground a drive: c and phi as ``strength`` says, each soil constant uniform within +-``spread``."""
     unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
@@ -124,7 +124,7 @@ def draw_tasks(
     batch: int,
     generator: torch.Generator,
     spread: float = CONSTANTS_SPREAD,
-    strength: Range = BENCHMARK,
+    strength: StrengthRange = BENCHMARK,
     plant: Plant | None = None,
 ) -> Tasks:
     """Simulate and measure a batch of drives; the same state of the generator gives the same tasks.

@@ -20,7 +20,7 @@ from terrain_estimator.learning.loss import (
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.prior import Body, Prior
+from terrain_estimator.model.prior import Prior, RoverBody
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
@@ -68,9 +68,9 @@ class Progress:
     overlap: float  # squared cosine between learnt and nominal features
 
 
-def body_of(rover: Rover) -> Body:
+def body_of(rover: Rover) -> RoverBody:
     """What the rows need of ``rover``."""
-    return Body(
+    return RoverBody(
         len(rover.axle_x),
         rover.wheels_per_axle,
         rover.mass,

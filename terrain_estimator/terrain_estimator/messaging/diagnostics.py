@@ -33,7 +33,7 @@ class Check:
     error: float = math.inf
     stale: float = math.inf
 
-    def judge(self, value: float, subject: str = "", text: str = "") -> "Finding":
+    def judge(self, value: float, subject: str = "", text: str = "") -> "CheckResult":
         """The finding for one value; NaN is a value that nothing is known of, and no fault.
 
         Args:
@@ -44,13 +44,13 @@ class Check:
         limits = ((Level.STALE, self.stale), (Level.ERROR, self.error), (Level.WARN, self.warn))
         level = next((level for level, limit in limits if value > limit), Level.OK)
         unit = "" if self.unit == "1" else f" {self.unit}"
-        return Finding(
+        return CheckResult(
             self, subject, value, level, text or f"{self.quantity} is {value:.3g}{unit}".rstrip()
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckResult:
     """One value, judged."""
 
     check: Check
@@ -199,7 +199,7 @@ CHECKS = (
 """In the order of the page."""
 
 
-def worst(findings: Iterable[Finding]) -> tuple[Level, str]:
+def worst(findings: Iterable[CheckResult]) -> tuple[Level, str]:
     """The highest level, and all findings of that level in words; empty where nothing is wrong."""
     every = list(findings)
     level = max((finding.level for finding in every), default=Level.OK)

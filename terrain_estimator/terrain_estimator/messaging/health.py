@@ -18,7 +18,7 @@ from terrain_estimator.messaging.diagnostics import (
     OPTIONAL,
     REFUSED,
     REQUIRED,
-    Finding,
+    CheckResult,
     Level,
     worst,
 )
@@ -60,7 +60,7 @@ class Health:
     latency_median_s: float
     latency_max_s: float
     resets: int
-    findings: tuple[Finding, ...]  # of which the level is the worst
+    findings: tuple[CheckResult, ...]  # of which the level is the worst
 
 
 class HealthMonitor:
@@ -137,7 +137,7 @@ class HealthMonitor:
             return "standing still"
         return "estimating" if self._recent else "waiting for complete observations"
 
-    def _judge_inputs(self, inputs: tuple[InputHealth, ...]) -> Iterator[Finding]:
+    def _judge_inputs(self, inputs: tuple[InputHealth, ...]) -> Iterator[CheckResult]:
         incomplete = any(self._unpaired(entry) for entry in inputs if entry.topic == REFERENCE)
         for entry in inputs:
             age_s = entry.age_s
@@ -175,7 +175,7 @@ class HealthMonitor:
             f"{count} {what}" for what, count in counts if count
         )
 
-    def _judge_updates(self) -> Iterator[Finding]:
+    def _judge_updates(self) -> Iterator[CheckResult]:
         refused = {
             outcome: count
             for outcome, count in self._recent.items()

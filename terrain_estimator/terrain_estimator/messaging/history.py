@@ -56,7 +56,7 @@ class Errors:
 
 
 @dataclass(slots=True)
-class Span:
+class UpdateSpan:
     """Consecutive observations: the estimate after the last of them, the rest summed up over all."""
 
     stamp_ns: int
@@ -80,8 +80,8 @@ class Span:
             self.nis_sum += nis
             self.nis_count += 1
 
-    def __add__(self, later: "Span") -> "Span":
-        return Span(
+    def __add__(self, later: "UpdateSpan") -> "UpdateSpan":
+        return UpdateSpan(
             later.stamp_ns,
             later.estimate,
             _larger(self.change_probability, later.change_probability),
@@ -135,7 +135,7 @@ class Spans(Generic[SpanT]):
         return self.spans[-1]
 
 
-class History(Spans[Span]):
+class RunHistory(Spans[UpdateSpan]):
     """What a run's updates said."""
 
     first_ns = 0
@@ -144,7 +144,7 @@ class History(Spans[Span]):
         """Take the next update."""
         if not self.spans:
             self.first_ns = update.stamp_ns
-        self.room(lambda: Span(update.stamp_ns, update.estimate)).add(update)
+        self.room(lambda: UpdateSpan(update.stamp_ns, update.estimate)).add(update)
 
 
 @dataclass(slots=True)

@@ -21,7 +21,7 @@ RESTART_AFTER = (
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class InputTopic:
     """One input. The first topic of a synchronizer is the reference: its stamps are those of the sets."""
 
     name: str
@@ -51,7 +51,7 @@ class MessageSet:
 class _Input:
     """The waiting messages of one topic, by increasing stamp."""
 
-    topic: Topic
+    topic: InputTopic
     counters: Counters = field(default_factory=Counters)
     waiting: deque[tuple[int, Message]] = field(default_factory=deque)
     latest_ns: int = -1  # stamp of the last message taken
@@ -70,7 +70,7 @@ class Synchronizer:
     """
 
     def __init__(
-        self, topics: tuple[Topic, ...], tolerance_ns: int = 0, timeout_ns: int = 500_000_000
+        self, topics: tuple[InputTopic, ...], tolerance_ns: int = 0, timeout_ns: int = 500_000_000
     ) -> None:
         """``topics[0]`` is the reference and must be required. Raises ValueError where it is not."""
         if not topics or not topics[0].required:

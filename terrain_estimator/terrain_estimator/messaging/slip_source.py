@@ -20,7 +20,7 @@ import torch
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config import SlipSourceConfig
-from terrain_estimator.messaging.pairing import MessageSet, Synchronizer, Topic
+from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Floats
 from terrain_estimator.ros_types import BODY_FRAME, Make, Message, stamp_ns
 from terramechanics.vehicle.equilibrium import slip_at
@@ -67,7 +67,7 @@ class SlipSource:
                 f" {', '.join(VELOCITY_TYPES)}"
             )
         self._rover, self._config = rover, config
-        topics = (Topic(JOINTS, required=True), Topic(VELOCITY, required=True))
+        topics = (InputTopic(JOINTS, required=True), InputTopic(VELOCITY, required=True))
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._sequence = 0
         self._turned = False  # whether rates of our wheels came

@@ -30,7 +30,7 @@ _LARGEST = float(np.finfo(np.float32).max)
 _KINDS = {"<f4": 7, "<f8": 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64
 
 
-class Track:
+class MapTrack:
     """Points along the way, at least a spacing apart; when they are too many every second one goes and the spacing doubles.
 
     Where stamps go back (a bag loops, another run begins, a clock was set back) the track begins
@@ -87,7 +87,7 @@ class Track:
         return np.array(self._points, dtype=POINT)
 
 
-def cloud_message(track: Track, make: Make, header: Message) -> Message:
+def cloud_message(track: MapTrack, make: Make, header: Message) -> Message:
     """sensor_msgs/PointCloud2 of the points; ``header`` carries the frame of the places."""
     points = track.points()
     fields = [

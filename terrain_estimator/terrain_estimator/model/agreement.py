@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.model.gaussian import cholesky
-from terrain_estimator.model.rows import Contact, Rows, are_usable
+from terrain_estimator.model.rows import ContactModel, Rows, are_usable
 
 LARGEST_ERROR = 3.0
 """[standard deviations] by which an input is moved at most."""
@@ -24,7 +24,7 @@ class Agreement(NamedTuple):
 def agreement(
     rows: Rows,
     packed: Tensor,
-    contact: Contact,
+    contact: ContactModel,
     theta: Tensor,
     chosen: Tensor,
     largest: float = LARGEST_ERROR,

@@ -137,7 +137,7 @@ def velocity_twice(values: Tensor, dim: int) -> Tensor:
     return torch.cat([values.narrow(dim, 0, 1), values], dim)
 
 
-class Step(NamedTuple):
+class GaussNewtonStep(NamedTuple):
     """One Gauss-Newton step of every hypothesis."""
 
     mean: Tensor  # [H, D + 1] after the step
@@ -179,7 +179,7 @@ def nuisance_columns(rows: BlockRows, away: Tensor, theta: Tensor) -> tuple[Tens
 
 def gauss_newton(
     prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor, fixed: int = FIXED
-) -> Step:
+) -> GaussNewtonStep:
     """One step from ``mean`` [H, D + 1] towards the minimum of (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r.
 
     ``prior`` has D + 1 parameters, of the last it knows nothing. The sources of noise that explain
@@ -216,7 +216,7 @@ def gauss_newton(
     longest = (step.narrow(1, 0, 2).squeeze(-1).abs() / longest_step).amax(1, keepdim=True)
     gained = (gradient * step).sum(1)
     misfit = ((residual * weighted).sum(1) + (pull * restoring).sum(1) - gained).squeeze(-1)
-    return Step(
+    return GaussNewtonStep(
         mean + step.squeeze(-1) / longest.clamp(min=1.0),
         precision,
         root,
@@ -230,7 +230,9 @@ MOST_APPARENT = 0.5
 """[1] Of the variance of (c, tan phi) after a block: what is taken for apparent is not more."""
 
 
-def without_apparent(step: Step, rows: BlockRows, most: float = MOST_APPARENT) -> Step:
+def without_apparent(
+    step: GaussNewtonStep, rows: BlockRows, most: float = MOST_APPARENT
+) -> GaussNewtonStep:
     """Take off what noise in the columns of (c, tan phi) looks like information about them.
 
     Of the noise G_a in a column the residual tells the part G_a G' S^-1 r, which the columns are
@@ -258,7 +260,9 @@ def without_apparent(step: Step, rows: BlockRows, most: float = MOST_APPARENT) -
     )  # at least the largest part of the variance that it takes off in any direction
     apparent = apparent * (most / share.clamp(min=most)).view(-1, 1, 1)
     precision = step.precision - nn.functional.pad(apparent, [0, size - 2, 0, size - 2])
-    return Step(step.mean, precision, cholesky(precision), step.noise, step.misfit, step.decrement)
+    return GaussNewtonStep(
+        step.mean, precision, cholesky(precision), step.noise, step.misfit, step.decrement
+    )
 
 
 MOST_STEPS = 8
@@ -288,7 +292,7 @@ def solve_block(
     return solution_of(prior, without_apparent(step, rows))
 
 
-def solution_of(prior: Posterior, step: Step) -> Solution:
+def solution_of(prior: Posterior, step: GaussNewtonStep) -> Solution:
     """The posteriors after the last ``step`` from ``prior`` over D parameters; all may have leading dimensions."""
     before = log_determinant(cholesky(prior.precision))
     last = step.precision.select(-1, -1).select(-1, -1)

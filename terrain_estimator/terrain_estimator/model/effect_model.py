@@ -19,9 +19,9 @@ from terrain_estimator.model.effects import Law, Touching, rates
 from terrain_estimator.model.gaussian import mixture, project
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
-from terrain_estimator.model.prior import Body, Prior
+from terrain_estimator.model.prior import Prior, RoverBody
 from terrain_estimator.model.rows import (
-    Contact,
+    ContactModel,
     Rows,
     frame_of,
     measured_forces,
@@ -59,7 +59,7 @@ class PAlpacaWithEffects(PAlpaca):
 
     def __init__(
         self,
-        body: Body,
+        body: RoverBody,
         constants: Tensor,
         prior: Prior,
         net: NetFeatures,
@@ -114,7 +114,7 @@ class PAlpacaWithEffects(PAlpaca):
             packed = law.undone(packed, values[:, law.first : law.first + law.count])
         return packed
 
-    def loaded(self, contact: Contact, values: Tensor) -> Contact:
+    def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:
         """The body with what the effects make of it."""
         for law in self.laws:
             contact = law.loaded(contact, values[:, law.first : law.first + law.count])
@@ -147,7 +147,7 @@ class PAlpacaWithEffects(PAlpaca):
         self,
         packed: Tensor,
         away: Tensor,
-        contact: Contact,
+        contact: ContactModel,
         values: Tensor,
         doubt: Tensor | None = None,
     ) -> Rows:
@@ -164,7 +164,12 @@ class PAlpacaWithEffects(PAlpaca):
         )
 
     def rows(
-        self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor
+        self,
+        packed: Tensor,
+        contact: ContactModel,
+        deviations: Tensor,
+        theta: Tensor,
+        chosen: Tensor,
     ) -> Rows:
         """See Physics; the changes by the effects' values follow those by the constants."""
         values, alone = self.values_at(deviations), values_alone(contact)

@@ -16,8 +16,8 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.packing import RATES
-from terrain_estimator.model.prior import Body
-from terrain_estimator.model.rows import Contact, with_body
+from terrain_estimator.model.prior import RoverBody
+from terrain_estimator.model.rows import ContactModel, with_body
 from terramechanics.effects.laws import (
     GROUSER_SLIP,
     bulldozing_resistance,
@@ -67,7 +67,7 @@ class Law(nn.Module):
 
     order: Tensor
 
-    def __init__(self, body: Body, count: int = 1) -> None:
+    def __init__(self, body: RoverBody, count: int = 1) -> None:
         super().__init__()
         self.axles, self.radius, self.count = body.axles, body.radius_m, count
         self.first = 0  # place of its values among those of all
@@ -93,7 +93,7 @@ class Law(nn.Module):
         del values
         return torch.zeros_like(touching.slip)
 
-    def loaded(self, contact: Contact, values: Tensor) -> Contact:
+    def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:
         """What it makes of the rover's body."""
         del values
         return contact
@@ -115,7 +115,7 @@ class SlopeBias(Law):
 class OdometryScale(Law):
     """See the registry; beside the size, how uneven it is from one axle to the next behind it."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: RoverBody) -> None:
         super().__init__(body, 2)
 
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
@@ -174,7 +174,7 @@ class Bulldozing(Law):
 class Grousers(Law):
     """See the registry; beside the size, the logarithm of the slip that mobilises them, over the registry's."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: RoverBody) -> None:
         super().__init__(body, 2)
         self.mobilised = GROUSER_SLIP
 
@@ -207,7 +207,7 @@ class SlipSinkage(Law):
 class Multipass(Law):
     """See the registry; beside the size, how much more later passes add than the first one, less 1."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: RoverBody) -> None:
         super().__init__(body, 2)
 
     def touching(self, before: Touching, values: Tensor, rate: Tensor) -> Touching:
@@ -223,7 +223,7 @@ class Multipass(Law):
 class RateDependence(Law):
     """See the registry."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: RoverBody) -> None:
         super().__init__(body)
         self.slowest = SLOWEST
 
@@ -261,11 +261,11 @@ class ExitAngle(Law):
 class Load(Law):
     """The registry's payload wherever it lies: beside its mass its moments [kg m] about the rover's centre of mass."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: RoverBody) -> None:
         super().__init__(body, 3)
         self.mass = body.mass_kg
 
-    def loaded(self, contact: Contact, values: Tensor) -> Contact:
+    def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:
         """See Law."""
         total = (self.mass + values[:, :1]).clamp(min=0.1 * self.mass)
         geometry = contact.geometry
@@ -274,7 +274,7 @@ class Load(Law):
         return with_body(contact, moved, contact.body_scale * self.mass / total)
 
 
-LAWS: dict[str, Callable[[Body], Law]] = {
+LAWS: dict[str, Callable[[RoverBody], Law]] = {
     "slope_bias": SlopeBias,
     "bulldozing": Bulldozing,
     "drive_drag": DriveDrag,

@@ -18,7 +18,7 @@ from terrain_estimator.model.bank import (
 from terrain_estimator.model.block import Posterior, Solution
 from terrain_estimator.model.gaussian import cholesky, drop, mixture, random_walk
 from terrain_estimator.model.net import NetFeatures
-from terrain_estimator.model.prior import Body, Prior
+from terrain_estimator.model.prior import Prior, RoverBody
 from terrain_estimator.model.velocity import OPEN, VelocityFilter
 from terramechanics.numerics.batching import any_of
 
@@ -56,7 +56,7 @@ class Hypotheses(VelocityFilter):
     net_log_weight: Tensor
 
     def __init__(
-        self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
+        self, body: RoverBody, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
     ) -> None:
         """See Physics."""
         super().__init__(body, constants, prior, net, added)

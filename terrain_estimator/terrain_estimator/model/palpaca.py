@@ -35,7 +35,7 @@ from terrain_estimator.model.bank import Bank, Solved, join, take, weigh
 from terrain_estimator.model.block import BlockRows, Posterior, Solution, solve_block
 from terrain_estimator.model.hypotheses import Hypotheses
 from terrain_estimator.model.net import NetFeatures
-from terrain_estimator.model.prior import Body, Prior
+from terrain_estimator.model.prior import Prior, RoverBody
 from terramechanics.simulation.simulation import TIME_STEP
 
 BLOCK = 10
@@ -89,7 +89,7 @@ class PAlpaca(Hypotheses):
     longest_step: Tensor
 
     def __init__(
-        self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
+        self, body: RoverBody, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
     ) -> None:
         """See Physics."""
         super().__init__(body, constants, prior, net, added)

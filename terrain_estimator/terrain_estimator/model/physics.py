@@ -9,11 +9,11 @@ from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.block import FIXED, LINK_VARIANCE, BlockRows, block_rows, fixed_columns
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.packing import packed_size
-from terrain_estimator.model.prior import Body, Prior, uncertain_constants
+from terrain_estimator.model.prior import Prior, RoverBody, uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
-    Contact,
+    ContactModel,
     Rows,
     frame_of,
     row_names,
@@ -50,7 +50,7 @@ class Physics(nn.Module):
     column_unit: Tensor
 
     def __init__(
-        self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
+        self, body: RoverBody, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
     ) -> None:
         """``constants`` [K, 6] are those of the K soils that the model knows, as in terramechanics.contact.stresses.CONSTANTS.
 
@@ -107,29 +107,29 @@ class Physics(nn.Module):
             "column_unit", torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64)
         )
 
-    def contact(self, soil: int, deviations: Tensor) -> Contact:
+    def contact(self, soil: int, deviations: Tensor) -> ContactModel:
         """The physics that the rows need, for the constants of a soil and their ``deviations`` [M or more] from the nominal ones."""
         constants = (
             self.constants[soil] + deviations[: self.uncertain_constants] @ self.uncertain[soil]
         )
         return self.physics(constants, self.varied[soil])
 
-    def leading(self, state: dict[str, Tensor]) -> Contact:
+    def leading(self, state: dict[str, Tensor]) -> ContactModel:
         """The same for the most probable soil and its expected constants."""
         return self.physics(state["constants"], state["varied"])
 
-    def physics(self, constants: Tensor, varied: Tensor) -> Contact:
+    def physics(self, constants: Tensor, varied: Tensor) -> ContactModel:
         """The same for given constants."""
         differences = Stencil(
             self.stencil_moves, self.stencil_constants, self.stencil_weights, self.stencil_curvature
         )
         geometry = Geometry(self.axle_x, self.centre, self.pivot, self.radius)
-        return Contact(
+        return ContactModel(
             constants, varied, differences, self.nodes, self.column_unit, geometry,
             self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius, self.width,
         )  # fmt: skip
 
-    def nominal_contact(self, soil: int = 0) -> Contact:
+    def nominal_contact(self, soil: int = 0) -> ContactModel:
         """The same with the soil constants as given."""
         return self.physics(self.constants[soil], self.varied[soil])
 
@@ -161,7 +161,12 @@ class Physics(nn.Module):
         return deviations
 
     def rows(
-        self, packed: Tensor, contact: Contact, deviations: Tensor, theta: Tensor, chosen: Tensor
+        self,
+        packed: Tensor,
+        contact: ContactModel,
+        deviations: Tensor,
+        theta: Tensor,
+        chosen: Tensor,
     ) -> Rows:
         """Rows of packed observations where those that are ``chosen`` agree best, given ``theta`` [3]."""
         del deviations

@@ -11,7 +11,7 @@ from terramechanics.contact.stresses import CONSTANTS
 from terramechanics.vehicle.suspension import Geometry
 
 
-class Body(NamedTuple):
+class RoverBody(NamedTuple):
     """What the rows need of a rover."""
 
     axles: int

@@ -78,7 +78,7 @@ def row_names(axles: int) -> tuple[str, ...]:
     )
 
 
-class Contact(NamedTuple):
+class ContactModel(NamedTuple):
     """What the rows need to know of rover and soil."""
 
     constants: Tensor  # [6] of the soil, in the order of terramechanics.contact.stresses.CONSTANTS; or [n, 1, 6]
@@ -97,17 +97,17 @@ class Contact(NamedTuple):
     width: float  # [m]
 
 
-def usable_wheels(wheels: Tensor, contact: Contact) -> Tensor:
+def usable_wheels(wheels: Tensor, contact: ContactModel) -> Tensor:
     """Wheels [n, A] of packed groups [n, 8, A] that are measured and inside the model's range."""
     return are_usable(wheels.select(1, 0), wheels.select(1, 2), wheels.select(1, 4), contact)
 
 
-def are_usable(slip: Tensor, sinkage: Tensor, angle: Tensor, contact: Contact) -> Tensor:
+def are_usable(slip: Tensor, sinkage: Tensor, angle: Tensor, contact: ContactModel) -> Tensor:
     """The same of slips, sinkages and contact angles [n, A]."""
     return in_range(slip, sinkage, contact.constants, contact.radius) & (angle.abs() < float("inf"))
 
 
-def drive_row(wheels: Tensor, contact: Contact) -> Tensor:
+def drive_row(wheels: Tensor, contact: ContactModel) -> Tensor:
     """Row 0 of one packed group [8, A] whose wheels are all usable, without noise: [1 + M, 3].
 
     First the features, then their change for one prior deviation of each uncertain constant.
@@ -131,7 +131,7 @@ class Variation(NamedTuple):
     scale: Tensor  # [n, A] deviation of the sinkage over the one by which it is varied
 
 
-def varied_inputs(wheels: Tensor, contact: Contact) -> Variation:
+def varied_inputs(wheels: Tensor, contact: ContactModel) -> Variation:
     """Slip and sinkage with and without a deviation of each, for every set of soil constants.
 
     ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed
@@ -159,7 +159,7 @@ class Forces(NamedTuple):
     by_sinkage: Tensor  # [C, n, A, 3, 3] change for one standard deviation
 
 
-def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Forces:
+def changes(forces: Tensor, scale: Tensor, contact: ContactModel) -> Forces:
     """Forces and their changes from those [K, n, A, 3, 3] at the inputs of a Variation with its ``scale``."""
     weights = contact.stencil.weights
     read = (weights.flatten(0, 1) @ (forces * contact.column_unit).flatten(1)).view(
@@ -169,7 +169,7 @@ def changes(forces: Tensor, scale: Tensor, contact: Contact) -> Forces:
     return Forces(values, by_slip, by_sinkage * scale.unsqueeze(-1).unsqueeze(-1))
 
 
-def values_alone(contact: Contact, own: int = OWN) -> Contact:
+def values_alone(contact: ContactModel, own: int = OWN) -> ContactModel:
     """The same without the changes for uncertain constants (TorchScript has no ``_replace``)."""
     stencil = contact.stencil
     first = Stencil(
@@ -178,22 +178,22 @@ def values_alone(contact: Contact, own: int = OWN) -> Contact:
         stencil.weights[:, :1, :own],
         stencil.curvature[:, :own],
     )
-    return Contact(
+    return ContactModel(
         contact.constants, contact.varied[:1], first, contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
     )  # fmt: skip
 
 
-def with_body(contact: Contact, geometry: Geometry, body_scale: Tensor) -> Contact:
+def with_body(contact: ContactModel, geometry: Geometry, body_scale: Tensor) -> ContactModel:
     """The same with another body."""
-    return Contact(
+    return ContactModel(
         contact.constants, contact.varied, contact.stencil, contact.nodes, contact.column_unit, geometry, body_scale,
         contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
     )  # fmt: skip
 
 
 def without_excess(
-    forces: Forces, evaluated: Tensor, scale: Tensor, doubt: Tensor, contact: Contact
+    forces: Forces, evaluated: Tensor, scale: Tensor, doubt: Tensor, contact: ContactModel
 ) -> Forces:
     """Less what the values come out too large on average where slip and sinkage are in ``doubt`` [n, 3, A], see :class:`Agreement`.
 
@@ -215,7 +215,7 @@ def without_excess(
 
 
 def read_forces(
-    evaluated: Tensor, scale: Tensor, contact: Contact, doubt: Tensor | None = None
+    evaluated: Tensor, scale: Tensor, contact: ContactModel, doubt: Tensor | None = None
 ) -> Forces:
     """What :func:`changes` reads from the forces, without their excess where slip and sinkage are in ``doubt``."""
     forces = changes(evaluated, scale, contact)
@@ -234,7 +234,7 @@ class Frame(NamedTuple):
     used: Tensor
 
 
-def frame_of(packed: Tensor, contact: Contact) -> Frame:
+def frame_of(packed: Tensor, contact: ContactModel) -> Frame:
     """The frame of packed observations [n, 8 A + SCALARS]. A wheel that is not usable takes the rows that need it along."""
     axles = contact.geometry.axle_x.shape[0]
     wheels = packed.narrow(1, 0, 8 * axles).view(-1, 8, axles)
@@ -270,7 +270,7 @@ def frame_of(packed: Tensor, contact: Contact) -> Frame:
     )
 
 
-def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: Contact) -> Tensor:
+def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: ContactModel) -> Tensor:
     """What N, T, M of each wheel do in each row at contact angles [n, A], and its change for one deviation of these: [n, A, 2, R, 3]."""
     axles = angle.shape[1]
     action = directions(angle)
@@ -293,7 +293,7 @@ def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: Contact)
     return torch.cat([velocity, load, torques, velocity, moments], 2).permute(1, 3, 0, 2, 4)
 
 
-def places(likely: Tensor, frame: Frame, contact: Contact) -> Tensor:
+def places(likely: Tensor, frame: Frame, contact: ContactModel) -> Tensor:
     """Slips, sinkages and their deviations [n, 4, A] of the observations ``likely`` [n, 8 A + SCALARS], harmless where not usable."""
     axles = frame.usable.shape[1]
     wheels = likely.narrow(1, 0, 4 * axles).view(-1, 4, axles)
@@ -313,12 +313,14 @@ def measured_forces(frame: Frame, place: Tensor, forces: Forces) -> Forces:
     )
 
 
-def regression_rows(packed: Tensor, likely: Tensor, contact: Contact) -> Rows:
+def regression_rows(packed: Tensor, likely: Tensor, contact: ContactModel) -> Rows:
     """Rows of n packed observations [n, 8 A + SCALARS], expanded around the inputs of ``likely``, which has the same shape."""
     return rows_at(frame_of(packed, contact), likely, contact)
 
 
-def rows_at(frame: Frame, likely: Tensor, contact: Contact, doubt: Tensor | None = None) -> Rows:
+def rows_at(
+    frame: Frame, likely: Tensor, contact: ContactModel, doubt: Tensor | None = None
+) -> Rows:
     """What :func:`regression_rows` returns, from the frame of the measured observations, without the excess that ``doubt`` makes."""
     place = places(likely, frame, contact)
     where = varied_inputs(place, contact)

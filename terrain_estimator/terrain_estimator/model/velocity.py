@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from terrain_estimator.model.gaussian import drop
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.physics import Physics
-from terrain_estimator.model.prior import Body, Prior
+from terrain_estimator.model.prior import Prior, RoverBody
 from terrain_estimator.model.rows import drive_row
 
 OPEN = 1e-2
@@ -21,7 +21,7 @@ class VelocityFilter(Physics):
     """Follows, foretells and re-opens the velocity of a state."""
 
     def __init__(
-        self, body: Body, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
+        self, body: RoverBody, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
     ) -> None:
         """See Physics."""
         super().__init__(body, constants, prior, net, added)

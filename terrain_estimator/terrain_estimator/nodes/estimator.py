@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from rover_parameters.records import ConfigError
 from terrain_estimator.config import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state
-from terrain_estimator.messaging.diagnostics import REQUIRED, Finding
+from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
 from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
@@ -65,7 +65,7 @@ class EstimatorNode(ManagedNode):
         self._health_output = self.create_publisher(message_class(HEALTH), "estimator_health", QOS)
         self._listening: list[Subscription] = []
         self._ticking: list[Timer] = []
-        self._judged: tuple[Finding, ...] = ()
+        self._judged: tuple[CheckResult, ...] = ()
         self._alone = threading.Lock()  # with the pipeline: services run beside the other callbacks where an executor has threads
         meanwhile = (
             ReentrantCallbackGroup()
@@ -137,7 +137,7 @@ class EstimatorNode(ManagedNode):
         gc.unfreeze()
         gc.collect()
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self) -> Iterator[CheckResult]:
         """Inputs and updates as of the last report of health, publishers that are not heard, and the saved state."""
         yield from map(self._explained, self._judged)
         for each in self._listening:
@@ -145,7 +145,7 @@ class EstimatorNode(ManagedNode):
         if self._keeper:
             yield self._keeper.judge()
 
-    def _explained(self, finding: Finding) -> Finding:
+    def _explained(self, finding: CheckResult) -> CheckResult:
         """With the reason, where a required input was never heard."""
         if finding.check is not REQUIRED or not finding.level or math.isfinite(finding.value):
             return finding

@@ -18,7 +18,7 @@ from terrain_estimator.nodes.common.factory import make, message_class
 from terrain_estimator.nodes.common.plain import LOG_PERIOD_S, guarded, run
 from terrain_estimator.nodes.common.quality import listen
 from terrain_estimator.nodes.common.silence import Pairs, Patience
-from terrain_estimator.planning.inputs import Inputs
+from terrain_estimator.planning.inputs import PlannerInputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
@@ -56,7 +56,7 @@ class PlannerNode(Node):
         self._planner = Planner(
             table, model.metadata.prior_mean, model.metadata.prior_sd, config.advice
         )
-        self._inputs = Inputs(rover, config)
+        self._inputs = PlannerInputs(rover, config)
         self._period_ns, self._advised_ns, self._sequence = round(config.period_s * 1e9), 0, 0
         self._soils = [soil.name for soil in model.metadata.soils]
         self._model, self._warned = model, False

@@ -22,9 +22,9 @@ from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.bags import BagError, BagWriter, Topic
+from terrain_estimator.bags import BagError, BagTopic, BagWriter
 from terrain_estimator.config import RecorderConfig
-from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, Finding
+from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, CheckResult
 from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.command_line import begin
 from terrain_estimator.nodes.common.factory import message_class
@@ -41,7 +41,7 @@ POLL_S = 0.1
 class Source:
     """A topic that is recorded."""
 
-    topic: Topic
+    topic: BagTopic
     subscription: Subscription
     reliable: bool
     transient_local: bool
@@ -68,7 +68,7 @@ class RecorderNode(ManagedNode):
         self._thread: BagThread | None = None
         self._looking: Timer | None = None
         self._sources: dict[str, Source] = {}
-        self._adding: dict[str, Future[Topic]] = {}
+        self._adding: dict[str, Future[BagTopic]] = {}
         self._identities: set[tuple[str, ...]] = set()
         self._complaints: set[str] = set()
         self._waiting: list[str] = []
@@ -122,7 +122,7 @@ class RecorderNode(ManagedNode):
             f"recorded {span.count} messages in {span.duration_ns / 1e9:.1f} s to {writer.folder}"
         )
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self) -> Iterator[CheckResult]:
         """Messages that were left out, topics that are not recorded, and a disk that is behind."""
         failures, self._failures_said = self.failures - self._failures_said, self.failures
         yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
@@ -291,7 +291,7 @@ class RecorderNode(ManagedNode):
 
     def _topic(
         self, name: str, type_name: str, publishers: list[TopicEndpointInfo]
-    ) -> Topic | None:
+    ) -> BagTopic | None:
         """None while the disk hangs: then the bag has it at a later look."""
         if name not in self._adding:
             qos = tuple(offered(end) for end in publishers)

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from terrain_estimator.config import SlipSourceConfig
-from terrain_estimator.messaging.diagnostics import REFUSED, Finding
+from terrain_estimator.messaging.diagnostics import REFUSED, CheckResult
 from terrain_estimator.messaging.pairing import MessageSet
 from terrain_estimator.messaging.slip_source import (
     JOINTS,
@@ -76,7 +76,7 @@ class SlipSourceNode(Node):
         self._output.publish(message)
         self._used += 1
 
-    def _findings(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[CheckResult]:
         count = len(self._refused)
         words = f"{count} of {self._used + count} pairs: {self._refused[-1]}" if count else "none"
         yield REFUSED.judge(count / max(self._used + count, 1), text=f"refused: {words}")

@@ -8,8 +8,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from terrain_estimator.config import MapConfig
-from terrain_estimator.messaging.pairing import Synchronizer, Topic
-from terrain_estimator.messaging.track import Track, cloud_message
+from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
+from terrain_estimator.messaging.track import MapTrack, cloud_message
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.factory import make, message_class
 from terrain_estimator.nodes.common.plain import guarded, run
@@ -29,8 +29,8 @@ class MapNode(Node):
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
         super().__init__("terrain_map", automatically_declare_parameters_from_overrides=True)
         config = declare(self, MapConfig, TOPICS)
-        self._track = Track(config.spacing_m, config.points)
-        topics = tuple(Topic(name, required=True) for name in TOPICS)
+        self._track = MapTrack(config.spacing_m, config.points)
+        topics = tuple(InputTopic(name, required=True) for name in TOPICS)
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._period_ns, self._published_ns, self._changed = round(config.period_s * 1e9), 0, False
         self._output = self.create_publisher(

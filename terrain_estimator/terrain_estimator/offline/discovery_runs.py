@@ -11,14 +11,22 @@ from pathlib import Path
 from typing import cast
 
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.discovery import Blocks, Contributions, Nominal, Run, RunError, cut, here
+from terrain_estimator.discovery import (
+    Blocks,
+    Contributions,
+    Nominal,
+    RecordedRun,
+    RunError,
+    cut,
+    here,
+)
 from terrain_estimator.discovery.proof.held_out import long_enough
 from terrain_estimator.discovery.runs import Refusals, run_of
 from terrain_estimator.messaging.conversion import Converter
-from terrain_estimator.messaging.pairing import MessageSet, Synchronizer, Topic
+from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Observation
 from terrain_estimator.offline.cluster import Cluster, Held, Item, Result, cluster
-from terrain_estimator.offline.reading import Reading
+from terrain_estimator.offline.reading import BagOptions
 from terrain_estimator.offline.topics import TopicError, check_inputs
 from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.vehicle.rover import Rover
@@ -54,7 +62,7 @@ class Workplace:
         self,
         bags: Sequence[Path],
         nominal: Nominal,
-        reading: Reading,
+        reading: BagOptions,
         say: Progress,
         *,
         held_out: bool = False,
@@ -99,17 +107,17 @@ def _sorted_out(
 
 
 def read_blocks(
-    nominal: Nominal, bag: Path, *, reading: Reading | None = None, held_out: bool = False
+    nominal: Nominal, bag: Path, *, reading: BagOptions | None = None, held_out: bool = False
 ) -> Blocks | str:
     """The blocks of a run, or why it cannot be used; by the estimator's own topics and parameters where there is no ``reading``."""
     try:
-        blocks = cut(read_run(bag, nominal.rover, reading or Reading()), nominal.contact)
+        blocks = cut(read_run(bag, nominal.rover, reading or BagOptions()), nominal.contact)
         return long_enough(blocks) if held_out else blocks
     except (BagError, TopicError, RunError, OSError) as error:
         return str(error)
 
 
-def read_run(bag: Path, rover: Rover, reading: Reading) -> Run:
+def read_run(bag: Path, rover: Rover, reading: BagOptions) -> RecordedRun:
     """The run that ``bag`` holds.
 
     Raises:
@@ -132,7 +140,7 @@ def read_run(bag: Path, rover: Rover, reading: Reading) -> Run:
 
 
 def _observations(
-    reader: BagReader, rover: Rover, reading: Reading, refusals: Refusals
+    reader: BagReader, rover: Rover, reading: BagOptions, refusals: Refusals
 ) -> Iterator[Observation]:
     """Raises RunError where no messages are of one instant."""
     used = reading.config.core
@@ -157,8 +165,8 @@ def _observations(
         )
 
 
-def _paired(reader: BagReader, reading: Reading, converter: Converter) -> Iterator[MessageSet]:
-    topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
+def _paired(reader: BagReader, reading: BagOptions, converter: Converter) -> Iterator[MessageSet]:
+    topics = tuple(InputTopic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
     pairing = reading.config.pairing
     synchronizer = Synchronizer(
         topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9)

@@ -13,7 +13,7 @@ from typing import Any
 
 from rover_parameters.parameters import effective
 from terrain_estimator.offline.origin import bag_sha256, versions
-from terrain_estimator.offline.reading import Reading
+from terrain_estimator.offline.reading import BagOptions
 from terrain_estimator.pages.finding import finding_page
 from terrain_estimator.ros_types import INPUT_TYPES
 from terramechanics.terrain.soil import Soil
@@ -43,9 +43,9 @@ def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
     return [folder / name for name in texts]
 
 
-def asked(rover: str, soil: str, seed: int, reading: Reading) -> dict[str, Any]:
+def asked(rover: str, soil: str, seed: int, reading: BagOptions) -> dict[str, Any]:
     """What the command line said beside the runs; nothing that the answer does not depend on."""
-    usual = Reading()
+    usual = BagOptions()
     topics = {
         name: reading.names[name]
         for name in INPUT_TYPES

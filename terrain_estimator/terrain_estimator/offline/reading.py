@@ -14,7 +14,7 @@ from terrain_estimator.offline.topics import absolute, bag_topics
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class BagOptions:
     """Names of the topics in the bag, by the estimator's names, and the estimator's parameters."""
 
     names: dict[str, str] = field(default_factory=lambda: bag_topics([], ""))
@@ -71,6 +71,6 @@ def node_config(options: Namespace, **more: Any) -> EstimatorNodeConfig:
     return parameters_of(options, "estimator", EstimatorNodeConfig, **more)
 
 
-def reading_of(options: Namespace) -> Reading:
+def reading_of(options: Namespace) -> BagOptions:
     """Topics and parameters that the options name. Raises ConfigError and TopicError."""
-    return Reading(bag_topics(options.remap, options.namespace), node_config(options).estimator)
+    return BagOptions(bag_topics(options.remap, options.namespace), node_config(options).estimator)

@@ -32,7 +32,7 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.estimator.saved_state import Arrays, read_state
 from terrain_estimator.messaging.conversion import Conversion
-from terrain_estimator.messaging.history import History, WheelHistory
+from terrain_estimator.messaging.history import RunHistory, WheelHistory
 from terrain_estimator.messaging.messages import status_of
 from terrain_estimator.messaging.pairing import Counters, MessageSet
 from terrain_estimator.messaging.pipeline import Answer, Pipeline, rover_of
@@ -81,7 +81,7 @@ class Replay:
     truths: list[Message] = field(
         default_factory=list
     )  # grows with the changes of the simulated ground alone
-    history: History = field(default_factory=History)
+    history: RunHistory = field(default_factory=RunHistory)
     slip: WheelHistory = field(default_factory=WheelHistory)
     sinkage: WheelHistory = field(default_factory=WheelHistory)
     differences: dict[str, str] | None = (

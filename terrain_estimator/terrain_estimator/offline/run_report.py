@@ -15,7 +15,7 @@ from terrain_estimator.offline.origin import bag_sha256, versions
 from terrain_estimator.offline.replaying import Replay
 from terrain_estimator.offline.summary import remarks
 from terrain_estimator.pages.citations import citations
-from terrain_estimator.pages.run import Origin, Run, Truth, run_page
+from terrain_estimator.pages.run import Origin, ReplayedRun, ShownTruth, run_page
 from terrain_estimator.ros_types import stamp_ns
 
 
@@ -29,9 +29,9 @@ def write_report(
     )
 
 
-def _run(replay: Replay, model: LoadedModel) -> Run:
+def _run(replay: Replay, model: LoadedModel) -> ReplayedRun:
     last = replay.last
-    return Run(
+    return ReplayedRun(
         name=replay.name,
         bag=str(replay.bag),
         bag_sha256=bag_sha256(replay.bag),
@@ -50,12 +50,12 @@ def _run(replay: Replay, model: LoadedModel) -> Run:
     )
 
 
-def _truth(message: Message) -> Truth:
+def _truth(message: Message) -> ShownTruth:
     sizes = zip(message.effect, message.effect_value, message.effect_unit, strict=True)
     effects = [
         f"{name} {size:.4g}" + ("" if unit == "1" else f" {unit}") for name, size, unit in sizes
     ]
-    return Truth(
+    return ShownTruth(
         stamp_ns(message),
         (message.cohesion, message.tan_phi),
         " with ".join([message.soil, *effects]),

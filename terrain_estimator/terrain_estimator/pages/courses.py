@@ -22,7 +22,7 @@ from terrain_estimator.pages.pictures import (
     QUIET,
     WIDTH_INCH,
     Picture,
-    Series,
+    PlotSeries,
     Table,
     inline,
 )
@@ -86,7 +86,7 @@ def curves(
     name: str,
     title: str,
     time_s: Sequence[float],
-    series: Sequence[Series],
+    series: Sequence[PlotSeries],
     axis: str,
     marks_s: Sequence[float] = (),
     top: float | None = None,
@@ -218,7 +218,7 @@ def _known(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else value
 
 
-def _said(series: Series) -> str:
+def _said(series: PlotSeries) -> str:
     known = [value for value in map(_known, series.values) if value is not None]
     return (
         f"{series.name} at most {max(known):.3g}, at the end {known[-1]:.3g}"

@@ -17,7 +17,7 @@ from terrain_estimator.pages.pictures import (
     BEFORE,
     INK,
     Picture,
-    Series,
+    PlotSeries,
     Table,
     bars,
     lines,
@@ -190,8 +190,8 @@ def _proof(finding: Finding) -> dict[str, Any]:
 
 
 def _rollout(rollout: Mapping[str, Any]) -> Picture:
-    series = [Series("measured", rollout["measured"], INK, "^")]
-    series += [Series(word, rollout[word], *STYLES[word]) for word in STYLES if rollout[word]]
+    series = [PlotSeries("measured", rollout["measured"], INK, "^")]
+    series += [PlotSeries(word, rollout[word], *STYLES[word]) for word in STYLES if rollout[word]]
     title = f"{rollout['signal'].capitalize()} in {rollout['run']}"
     return lines(
         f"rollout-{rollout['signal']}",
@@ -222,10 +222,12 @@ def _halves(strengths: Sequence[Mapping[str, Any]]) -> list[Picture]:
     ]
 
 
-def _half_series(strengths: Sequence[Mapping[str, Any]], key: str, unit: float, k: int) -> Series:
+def _half_series(
+    strengths: Sequence[Mapping[str, Any]], key: str, unit: float, k: int
+) -> PlotSeries:
     word = tuple(STYLES)[k]
     halves = [NORMAL_95 * unit * each[f"{key}_sd"][k] for each in strengths]
-    return Series(word, [unit * each[key][k] for each in strengths], *STYLES[word], halves)
+    return PlotSeries(word, [unit * each[key][k] for each in strengths], *STYLES[word], halves)
 
 
 def _gap_table(gap: Mapping[str, Any]) -> Table:
@@ -249,7 +251,7 @@ def _scores_picture(kind: str, rows: Sequence[Mapping[str, Any]]) -> Picture:
         word for k, word in enumerate(STYLES) if any(each["error"][k] is not None for each in rows)
     ]
     series = [
-        Series(word, [_over(each, k) for each in rows], *STYLES[word])
+        PlotSeries(word, [_over(each, k) for each in rows], *STYLES[word])
         for k, word in enumerate(words)
     ]
     labels = [each["row"] for each in rows]
@@ -298,12 +300,12 @@ def _parameters(finding: Finding, unsealed: Unsealed | None) -> list[Picture]:
     pictures = []
     for key, title, axis, unit in _STRENGTHS:
         series = [
-            Series(word, [unit * each for each in found[word][key]], *STYLES[word])
+            PlotSeries(word, [unit * each for each in found[word][key]], *STYLES[word])
             for word in words
         ]
         if unsealed is not None:
             series.append(
-                Series(
+                PlotSeries(
                     "truth",
                     [unit * unsealed.strengths[run][key] for run in finding["runs"]],
                     INK,

@@ -13,7 +13,7 @@ from terramechanics.effects import EFFECTS
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Headline:
     """The answer on top of the page."""
 
     name: str
@@ -25,7 +25,7 @@ class Verdict:
 _SIGNS = {"none": "✓", "named": "●", "confusable": "≈", "unknown": "?"}
 
 
-def verdict(finding: Mapping[str, Any]) -> Verdict:
+def verdict(finding: Mapping[str, Any]) -> Headline:
     """The verdict; a name that is none of the four is an error."""
     name = finding["verdict"]
     headline, sentence = {
@@ -34,7 +34,7 @@ def verdict(finding: Mapping[str, Any]) -> Verdict:
         "confusable": _confusable,
         "unknown": _unknown,
     }[name](finding)
-    return Verdict(name, _SIGNS[name], headline, sentence)
+    return Headline(name, _SIGNS[name], headline, sentence)
 
 
 def what_it_is(name: str) -> str:

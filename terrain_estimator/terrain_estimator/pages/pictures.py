@@ -69,7 +69,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class PlotSeries:
     """Values, one for each label or place, with half widths of their intervals; None where there is none."""
 
     name: str
@@ -102,7 +102,7 @@ def points(
     name: str,
     title: str,
     labels: Sequence[str],
-    series: Sequence[Series],
+    series: Sequence[PlotSeries],
     axis: str,
     goal: float | None = None,
 ) -> Picture:
@@ -148,7 +148,7 @@ def lines(
     name: str,
     title: str,
     across: Sequence[float],
-    series: Sequence[Series],
+    series: Sequence[PlotSeries],
     axes_words: tuple[str, str],
 ) -> Picture:
     """Curves over ``across``, with a marker every now and then; ``axes_words`` stand below and beside them."""
@@ -188,11 +188,11 @@ def lines(
     )
 
 
-def _columns(series: Series) -> tuple[str, ...]:
+def _columns(series: PlotSeries) -> tuple[str, ...]:
     return (series.name, "95 % ±") if series.halves else (series.name,)
 
 
-def _cells(series: Series, k: int) -> tuple[float | None, ...]:
+def _cells(series: PlotSeries, k: int) -> tuple[float | None, ...]:
     return (series.values[k], series.halves[k]) if series.halves else (series.values[k],)
 
 

@@ -11,13 +11,19 @@ from typing import Any
 from markupsafe import Markup
 
 from terrain_estimator.intervals import OUTSIDE_68, credible_interval
-from terrain_estimator.messaging.history import Errors, History, Span, WheelHistory, WheelSpan
+from terrain_estimator.messaging.history import (
+    Errors,
+    RunHistory,
+    UpdateSpan,
+    WheelHistory,
+    WheelSpan,
+)
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.pages.courses import Course, bands, curves, occurrences
 from terrain_estimator.pages.numbers import interval, number, words
 from terrain_estimator.pages.page import page
-from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, Series, Table
+from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, PlotSeries, Table
 from terrain_estimator.update import Estimate
 
 MARKS = 20
@@ -34,7 +40,7 @@ _PAIR_COLOURS = (AFTER, BEFORE, INK)
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
+class ShownTruth:
     """The ground of a simulated run from one moment on."""
 
     stamp_ns: int
@@ -43,7 +49,7 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ReplayedRun:
     """One replayed bag."""
 
     name: str
@@ -54,10 +60,10 @@ class Run:
     status: str
     status_text: str
     remarks: Sequence[str]
-    history: History
+    history: RunHistory
     slip: WheelHistory  # [1]
     sinkage: WheelHistory  # [m]
-    truths: Sequence[Truth]
+    truths: Sequence[ShownTruth]
     inputs: Mapping[str, Counters]
 
 
@@ -71,7 +77,7 @@ class Origin:
     citations: Sequence[str]
 
 
-def run_page(runs: Sequence[Run], origin: Origin) -> str:
+def run_page(runs: Sequence[ReplayedRun], origin: Origin) -> str:
     """The page about these runs."""
     title = f"Run report: {runs[0].name}" if len(runs) == 1 else f"Run report: {len(runs)} runs"
     changed = [name for name, value, default, _ in origin.parameters if value != default]
@@ -79,7 +85,7 @@ def run_page(runs: Sequence[Run], origin: Origin) -> str:
     return page("run.html", title=title, runs=shown, origin=origin, changed=changed)
 
 
-def _shown(key: str, run: Run) -> dict[str, Any]:
+def _shown(key: str, run: ReplayedRun) -> dict[str, Any]:
     spans = run.history.spans
     told = {
         "key": key,
@@ -168,23 +174,23 @@ def _sd(estimate: Estimate, k: int) -> float:
     return math.sqrt(float(estimate.covariance[k, k]))
 
 
-def _truths(run: Run) -> list[tuple[float, float]]:
+def _truths(run: ReplayedRun) -> list[tuple[float, float]]:
     """c [Pa] and tan phi that were true at the end of each span; NaN where nothing tells."""
     stamps = [truth.stamp_ns for truth in run.truths]
     places = [bisect_right(stamps, span.stamp_ns) for span in run.history.spans]
     return [run.truths[place - 1].values if place else (math.nan, math.nan) for place in places]
 
 
-def _ground(truths: Sequence[Truth]) -> str:
+def _ground(truths: Sequence[ShownTruth]) -> str:
     return words(list(dict.fromkeys(truth.ground for truth in truths)), "then")
 
 
-def _times(run: Run, spans: Sequence[Span] | Sequence[WheelSpan] = ()) -> list[float]:
+def _times(run: ReplayedRun, spans: Sequence[UpdateSpan] | Sequence[WheelSpan] = ()) -> list[float]:
     """[s] The ends of the spans, from the first observation."""
     return [(span.stamp_ns - run.history.first_ns) * 1e-9 for span in spans or run.history.spans]
 
 
-def _strengths(key: str, run: Run, truths: Sequence[tuple[float, float]]) -> list[Picture]:
+def _strengths(key: str, run: ReplayedRun, truths: Sequence[tuple[float, float]]) -> list[Picture]:
     estimates, time_s = [span.estimate for span in run.history.spans], _times(run)
     return [
         bands(
@@ -263,12 +269,12 @@ def _soils(estimate: Estimate) -> Table | None:
 
 
 def _wheels(
-    name: str, title: str, run: Run, history: WheelHistory, axis: str, scale: float
+    name: str, title: str, run: ReplayedRun, history: WheelHistory, axis: str, scale: float
 ) -> Picture:
     """Means over short times, as on the live page: a colour for each pair of wheels, dashes for the second of a pair."""
     spans = history.spans
     series = [
-        Series(
+        PlotSeries(
             wheel.replace("_", " "),
             [_scaled(scale, span.mean(wheel)) for span in spans],
             _PAIR_COLOURS[k // 2 % len(_PAIR_COLOURS)],
@@ -280,12 +286,12 @@ def _wheels(
     return curves(name, title, _times(run, spans), series, axis)
 
 
-def _prediction(key: str, run: Run) -> Picture:
+def _prediction(key: str, run: ReplayedRun) -> Picture:
     coarse = _coarse(run.history.spans)
     errors = [span.errors for span in coarse]
     series = [
-        Series("error", [_millimetres(each.rms) for each in errors], BEFORE, ""),
-        Series("predicted", [_millimetres(each.predicted_rms) for each in errors], AFTER, ""),
+        PlotSeries("error", [_millimetres(each.rms) for each in errors], BEFORE, ""),
+        PlotSeries("predicted", [_millimetres(each.predicted_rms) for each in errors], AFTER, ""),
     ]
     return curves(
         f"{key}-prediction",
@@ -296,7 +302,7 @@ def _prediction(key: str, run: Run) -> Picture:
     )
 
 
-def _coarse(spans: Sequence[Span]) -> list[Span]:
+def _coarse(spans: Sequence[UpdateSpan]) -> list[UpdateSpan]:
     """The same in fewer spans, so that a mean square is one of many errors."""
     length = math.ceil(len(spans) / COARSE)
     return [sum(spans[k + 1 : k + length], start=spans[k]) for k in range(0, len(spans), length)]
@@ -310,7 +316,7 @@ def _scaled(scale: float, value: float) -> float | None:
     return scale * value if math.isfinite(value) else None
 
 
-def _errors(whole: Span) -> Table:
+def _errors(whole: UpdateSpan) -> Table:
     errors: Errors = whole.errors
     share = [
         count / errors.count if errors.count else None
@@ -330,9 +336,11 @@ def _errors(whole: Span) -> Table:
     return Table(("one step ahead", "value"), rows)
 
 
-def _change(key: str, run: Run) -> Picture:
+def _change(key: str, run: ReplayedRun) -> Picture:
     series = [
-        Series("probability", [span.change_probability for span in run.history.spans], AFTER, "")
+        PlotSeries(
+            "probability", [span.change_probability for span in run.history.spans], AFTER, ""
+        )
     ]
     marks = [(truth.stamp_ns - run.history.first_ns) * 1e-9 for truth in run.truths[1:]]
     title = "Probability that the ground changed in the last 3 s"
@@ -347,7 +355,7 @@ def _change(key: str, run: Run) -> Picture:
     )
 
 
-def _when(key: str, run: Run) -> Picture:
+def _when(key: str, run: ReplayedRun) -> Picture:
     happened = sorted({outcome for span in run.history.spans for outcome in span.outcomes})
     counts = {
         outcome.name: [span.outcomes[outcome] for span in run.history.spans] for outcome in happened
@@ -355,7 +363,7 @@ def _when(key: str, run: Run) -> Picture:
     return occurrences(f"{key}-outcomes", "What became of the observations", _times(run), counts)
 
 
-def _outcomes(whole: Span) -> list[dict[str, Any]]:
+def _outcomes(whole: UpdateSpan) -> list[dict[str, Any]]:
     total = whole.outcomes.total()
     ranked: list[tuple[Outcome, int]] = sorted(whole.outcomes.items())
     return [

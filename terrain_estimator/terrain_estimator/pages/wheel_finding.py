@@ -9,7 +9,7 @@ from typing import Any
 from terrain_estimator.pages import finding_words as say
 from terrain_estimator.pages.finding import STYLES, Finding, candidates, effects_title
 from terrain_estimator.pages.page import page
-from terrain_estimator.pages.pictures import Picture, Series, Table, points
+from terrain_estimator.pages.pictures import Picture, PlotSeries, Table, points
 
 _PROVEN = {
     True: "The effect that is named helps to predict settings that were not fitted",
@@ -70,7 +70,9 @@ def _picture(rows: Mapping[str, Any]) -> Picture:
     """Errors in units of repeatability, so that rows of different units share a picture."""
     words = [word for word in STYLES if any(each[word] is not None for each in rows.values())]
     series = [
-        Series(word, [each[word] / each["noise_floor"] for each in rows.values()], *STYLES[word])
+        PlotSeries(
+            word, [each[word] / each["noise_floor"] for each in rows.values()], *STYLES[word]
+        )
         for word in words
     ]
     axis = "root mean square error over the noise floor [1]"

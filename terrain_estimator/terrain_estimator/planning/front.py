@@ -26,7 +26,7 @@ STIFFNESS_DEVIATION = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class FrontReading:
     """What the rover measured, averaged over a short time; [axles] front to rear."""
 
     slip: Floats  # [1]
@@ -54,7 +54,7 @@ class Reading:
         )
 
 
-def front_load(rover: Rover, reading: Reading) -> float:
+def front_load(rover: Rover, reading: FrontReading) -> float:
     """Normal force [N] of one front wheel: all wheels share in holding the slope."""
     level = level_pose(rover, torch.zeros(1, dtype=torch.float64))
     pitch = torch.tensor([reading.pitch], dtype=torch.float64)
@@ -72,7 +72,7 @@ TORQUE_DEVIATION = 0.08
 
 
 def log_likelihood(
-    rover: Rover, soil: Soil, samples: Floats, reading: Reading, load: float
+    rover: Rover, soil: Soil, samples: Floats, reading: FrontReading, load: float
 ) -> Floats:
     """Of the front wheels' torque under the grounds ``samples`` [n, 2] of ``soil``, [n]; ``load`` from :func:`front_load`."""
     slip, sinkage = (
@@ -96,7 +96,7 @@ def log_likelihood(
 
 
 def front_samples(
-    rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: Reading
+    rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: FrontReading
 ) -> Samples:
     """What is believed about the ground of the front wheels after their torque was seen."""
     load, grounds = front_load(rover, reading), zip(soils, prior.strength, strict=True)

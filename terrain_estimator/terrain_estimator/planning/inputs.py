@@ -4,13 +4,13 @@
 
 from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
 from terrain_estimator.messaging.conversion import Converter
-from terrain_estimator.messaging.pairing import Synchronizer, Topic
+from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
 from terrain_estimator.observation import Observation
 from terrain_estimator.ros_types import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
 from terramechanics.vehicle.rover import Rover
 
 
-class Inputs:
+class PlannerInputs:
     """Pairs the input topics and converts what belongs together; what cannot be converted is left to the estimator to report."""
 
     def __init__(self, rover: Rover, config: PlannerConfig) -> None:
@@ -20,7 +20,7 @@ class Inputs:
             CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu),
         )
         self.topics = paired_inputs(use_imu=config.use_imu)
-        topics = tuple(Topic(name, name in REQUIRED_INPUTS) for name in self.topics)
+        topics = tuple(InputTopic(name, name in REQUIRED_INPUTS) for name in self.topics)
         self._synchronizer = Synchronizer(
             topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9)
         )

@@ -16,7 +16,7 @@ LOWER, UPPER = 0.05, 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class CredibleRange:
     """Median of a quantity, and what it exceeds or stays below with 95 % confidence each."""
 
     median: float
@@ -24,19 +24,19 @@ class Range:
     upper: float
 
 
-NOTHING = Range(math.nan, math.nan, math.nan)
+NOTHING = CredibleRange(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
 class Margins:
     """On one slope, all wheels on one ground."""
 
-    available: Range  # [N] drawbar pull at a slip up to the limit
+    available: CredibleRange  # [N] drawbar pull at a slip up to the limit
     needed: float  # [N] to hold the slope at constant speed
     stall_probability: float  # [1] that less is available than needed
-    slope_limit: Range  # [rad] steepest slope
-    slip: Range  # [1] 1 where the rover would be stuck
-    sinkage: Range  # [m]
+    slope_limit: CredibleRange  # [rad] steepest slope
+    slip: CredibleRange  # [1] 1 where the rover would be stuck
+    sinkage: CredibleRange  # [m]
 
 
 def unknown_margins(needed: float) -> Margins:
@@ -85,6 +85,6 @@ def stall_probability(
     return probability
 
 
-def _range(values: Floats, weight: Floats) -> Range:
+def _range(values: Floats, weight: Floats) -> CredibleRange:
     median, lower, upper = quantiles(values, weight, (0.5, LOWER, UPPER))
-    return Range(median, lower, upper)
+    return CredibleRange(median, lower, upper)

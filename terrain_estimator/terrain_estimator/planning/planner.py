@@ -14,7 +14,7 @@ from terrain_estimator.config import AdviceConfig
 from terrain_estimator.estimator.screening import FASTEST, backwards
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw
-from terrain_estimator.planning.front import Reading, front_samples
+from terrain_estimator.planning.front import FrontReading, front_samples
 from terrain_estimator.planning.margins import Margins, margins, stall_probability, unknown_margins
 from terrain_estimator.planning.table import TractionTable
 
@@ -151,7 +151,7 @@ class Planner:
             reason=self._reason,
         )
 
-    def _front(self, here: Samples, reading: Reading) -> float:
+    def _front(self, here: Samples, reading: FrontReading) -> float:
         """Probability that the rover would be stuck if all its wheels were where the front ones are."""
         if reading.front_lacks or self._belief is None:
             return math.nan
@@ -191,7 +191,7 @@ class Planner:
         """Speed [m/s] of a rover that nothing is known of but that it stands; fast enough to be seen moving."""
         return max(0.5 * self._speed_limit(known=False), self._slowest)
 
-    def _reading(self, stamp_ns: int) -> Reading | None:
+    def _reading(self, stamp_ns: int) -> FrontReading | None:
         """What was measured within the window of a stamp; None where nothing was."""
         recent = [
             entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns
@@ -201,9 +201,9 @@ class Planner:
         if self._standing is None or abs(stamp_ns - self._standing.stamp_ns) > self._window_ns:
             return None
         unknown = np.full(self._table.rover.axles, math.nan)
-        return Reading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
+        return FrontReading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
 
-    def _typical(self, recent: list[Observation]) -> Reading:
+    def _typical(self, recent: list[Observation]) -> FrontReading:
         """Means over time without outliers: a stop holds until someone resumes, so a few absurd readings must not be one."""
         names = ("slip", "sinkage", "torque", "contact_angle", "wheel_rate")
         slip, sinkage, torque, angle, rate = (
@@ -215,7 +215,7 @@ class Planner:
         rim = self._table.rover.wheel_radius * _mean(rate)
         if math.isnan(rim):
             rim = velocity / max(1.0 - _mean(slip), _LEAST_ROLLING)
-        return Reading(slip, sinkage, torque, angle, pitch, rim)
+        return FrontReading(slip, sinkage, torque, angle, pitch, rim)
 
 
 _LEAST_ROLLING = 0.01

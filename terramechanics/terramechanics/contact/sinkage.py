@@ -11,7 +11,7 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, quadrature
 from terramechanics.numerics.roots import bracketed_root
-from terramechanics.simulation.plant import Contact, Plant, Situation
+from terramechanics.simulation.plant import ContactInputs, Plant, Situation
 from terramechanics.vehicle.rover import Rover
 
 SHALLOWEST = 1e-7
@@ -59,13 +59,15 @@ class WheelGround:
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
         """N, T [N] and M [N m] of one wheel, shape [..., 3]; at a slip angle [..., 4] with the lateral force [N]."""
-        contact = Contact(slip, sinkage, self.constants, self.strength, slip_angle=self.slip_angle)
+        contact = ContactInputs(
+            slip, sinkage, self.constants, self.strength, slip_angle=self.slip_angle
+        )
         if self.plant is None or self.where is None:
             return self._integrated(contact)
         contact = self.plant.contact(self.where, contact)
         return self.plant.push(self.where, contact, self._integrated(contact))
 
-    def _integrated(self, contact: Contact) -> Tensor:
+    def _integrated(self, contact: ContactInputs) -> Tensor:
         braked = contact.slip < 0.0
         if braked.numel() < FEW or not bool(braked.any()):
             return contact.forces(self.radius, self.width, self.nodes)

@@ -19,7 +19,7 @@ from terramechanics.effects.laws import (
     rut_stiffness,
     side_resistance,
 )
-from terramechanics.simulation.plant import Contact, Effect, Situation, Size
+from terramechanics.simulation.plant import ContactInputs, Effect, Situation, Size
 
 NODES = quadrature()
 """For the side of a wheel."""
@@ -38,7 +38,7 @@ class Bulldozing(Effect):
 
     size: Size
 
-    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """See Effect."""
         return with_traction(forces, -bulldozing_resistance(where.of(self.size), contact.sinkage))
 
@@ -49,7 +49,7 @@ class LateralBulldozing(Effect):
 
     size: Size
 
-    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """See Effect."""
         if contact.slip_angle is None:
             return forces
@@ -66,7 +66,7 @@ class Grousers(Effect):
     size: Size
     mobilised: float = GROUSER_SLIP  # [1] slip at which 63 % of the thrust are there
 
-    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """See Effect."""
         thrust = grouser_thrust(
             where.of(self.size), contact.slip, torch.tensor(self.mobilised, dtype=torch.float64)
@@ -80,7 +80,7 @@ class SlipSinkage(Effect):
 
     size: Size
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """See Effect."""
         return contact.with_constants(
             n=digging_exponent(where.of(self.size), contact.slip, contact.constants[..., 0])
@@ -97,7 +97,7 @@ class Multipass(Effect):
     size: Size
     growth: float = 1.0
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """See Effect."""
         return contact.stiffened(
             rut_stiffness(
@@ -112,7 +112,7 @@ class RateDependence(Effect):
 
     size: Size
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """See Effect."""
         return contact.stiffened(rate_stiffness(where.of(self.size), where.speed))
 
@@ -123,7 +123,7 @@ class ExitAngle(Effect):
 
     size: Size
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """See Effect."""
         angle = rebound_angle(where.of(self.size), contact.sinkage, where.rover.wheel_radius)
         return dataclasses.replace(contact, exit_angle=angle)

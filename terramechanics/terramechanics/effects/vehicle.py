@@ -11,7 +11,7 @@ from torch import Tensor
 
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, quadrature
 from terramechanics.effects.laws import dry_torque, viscous_torque
-from terramechanics.simulation.plant import Contact, Effect, Payload, Situation, Size
+from terramechanics.simulation.plant import ContactInputs, Effect, Payload, Situation, Size
 from terramechanics.vehicle.rover import Rover
 
 REAR = 2
@@ -85,11 +85,11 @@ class FailedWheel(Effect):
         del rover
         self._lag = torch.zeros(batch, 1, dtype=torch.float64)
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """See Effect."""
         rover, whole = where.rover, contact.expanded()
         here = torch.arange(rover.axles) == self.axle
-        failing = Contact(
+        failing = ContactInputs(
             whole.slip[..., here],
             whole.sinkage[..., here],
             whole.constants[..., here, :],

@@ -18,7 +18,7 @@ from torch import Tensor
 from terramechanics.contact.stresses import CONSTANTS, wheel_forces
 from terramechanics.simulation.sample import Sample
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.suspension import Body
+from terramechanics.vehicle.suspension import BodyLoad
 
 Size = float | Tensor
 """Size of an effect: one for all episodes, or a tensor [batch] with one for each."""
@@ -63,7 +63,7 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ContactInputs:
     """What the stress integrals of wheels are evaluated at. Shapes [..., rows, axles] that broadcast."""
 
     slip: Tensor  # [1]
@@ -77,7 +77,7 @@ class Contact:
         None  # [rad] between heading and way, positive where the wheel moves to the right; None: straight ahead
     )
 
-    def with_constants(self, **factors: Tensor) -> "Contact":
+    def with_constants(self, **factors: Tensor) -> "ContactInputs":
         """The same with soil constants, by their names, multiplied by ``factors`` [..., rows, axles]."""
         columns = list(self.constants.unbind(-1))
         for name, factor in factors.items():
@@ -85,7 +85,7 @@ class Contact:
         alike = torch.broadcast_tensors(*columns)  # type: ignore[no-untyped-call]
         return dataclasses.replace(self, constants=torch.stack(alike, dim=-1))
 
-    def stiffened(self, factor: Tensor) -> "Contact":
+    def stiffened(self, factor: Tensor) -> "ContactInputs":
         """The same with the whole pressure-sinkage law multiplied by ``factor`` [..., rows, axles]."""
         return self.with_constants(k_c=factor, k_phi=factor)
 
@@ -106,7 +106,7 @@ class Contact:
             + coefficients[..., 2]
         )
 
-    def expanded(self) -> "Contact":
+    def expanded(self) -> "ContactInputs":
         """The same with all leading dimensions spelled out."""
         parts = (self.slip, self.sinkage, self.constants[..., 0], self.strength[..., 0])
         slip, sinkage, *_ = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
@@ -114,7 +114,7 @@ class Contact:
             None if angle is None else angle.expand_as(slip)
             for angle in (self.exit_angle, self.slip_angle)
         )
-        return Contact(
+        return ContactInputs(
             slip,
             sinkage,
             self.constants.expand(*slip.shape, 6),
@@ -122,12 +122,12 @@ class Contact:
             *angles,
         )
 
-    def part(self, mask: Tensor) -> "Contact":
+    def part(self, mask: Tensor) -> "ContactInputs":
         """The wheels of an expanded contact where ``mask`` is set."""
         angles = (
             None if angle is None else angle[mask] for angle in (self.exit_angle, self.slip_angle)
         )
-        return Contact(
+        return ContactInputs(
             self.slip[mask], self.sinkage[mask], self.constants[mask], self.strength[mask], *angles
         )
 
@@ -157,12 +157,12 @@ class Effect:
     def begin(self, rover: Rover, batch: int) -> None:
         """A new simulation of ``batch`` rovers begins: forget what was remembered."""
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """Change what the stress integrals are evaluated at: slip of the rim, soil, exit angle."""
         del where
         return contact
 
-    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """Change N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], which act on its axle; ``contact`` gave ``forces``.
 
         At a slip angle there are four: the lateral force [N] is the last.
@@ -205,19 +205,19 @@ class Plant:
         for effect in self.effects:
             effect.begin(rover, batch)
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """See Effect."""
         return reduce(lambda before, effect: effect.contact(where, before), self.effects, contact)
 
-    def push(self, where: Situation, contact: Contact, forces: Tensor) -> Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """See Effect."""
         return reduce(
             lambda before, effect: effect.push(where, contact, before), self.effects, forces
         )
 
-    def body(self, where: Situation) -> Body:
+    def body(self, where: Situation) -> BodyLoad:
         """Mass, centre of mass and outer forces of every episode."""
-        body = Body.of(where.rover)
+        body = BodyLoad.of(where.rover)
         for payload in (effect.payload(where) for effect in self.effects):
             if payload is not None:
                 body = body.loaded(payload.mass, payload.x, payload.height)

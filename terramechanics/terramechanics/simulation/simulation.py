@@ -17,10 +17,10 @@ from terramechanics.simulation.sample import Drive, Sample
 from terramechanics.simulation.schedules import Command, Schedule, make_profile, make_schedule
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Profile
-from terramechanics.vehicle.equilibrium import Contacts, Step, solve_rates, solve_torques
+from terramechanics.vehicle.equilibrium import Contacts, StepEquations, solve_rates, solve_torques
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import (
-    Body,
+    BodyLoad,
     Pose,
     balance_target,
     level_pose,
@@ -152,15 +152,19 @@ class Simulation:
     def _wheel(self, pose: Pose, where: Situation | None, points: int) -> WheelGround:
         return WheelGround.of(self.rover, *self.ground.at(pose.contact), points, self.plant, where)
 
-    def _body(self, where: Situation | None) -> Body:
+    def _body(self, where: Situation | None) -> BodyLoad:
         return (
-            Body.of(self.rover) if self.plant is None or where is None else self.plant.body(where)
+            BodyLoad.of(self.rover)
+            if self.plant is None or where is None
+            else self.plant.body(where)
         )
 
     def _contacts(self, pose: Pose, kind: Command, command: Tensor, duration: float) -> Contacts:
         where = self._situation(pose, command if kind is Command.RATE else self.rate)
         fine, coarse = (self._wheel(pose, where, points) for points in (POINTS, COARSE_POINTS))
-        step = Step.of(self.rover, pose, fine, coarse, self.velocity, duration, self._body(where))
+        step = StepEquations.of(
+            self.rover, pose, fine, coarse, self.velocity, duration, self._body(where)
+        )
         # Extrapolated, so that the first imbalance is of the order of the step squared.
         sinkage = self._sinkage * (self._sinkage / self._last_sinkage).clamp(0.5, 2.0)
         if kind is Command.TORQUE:

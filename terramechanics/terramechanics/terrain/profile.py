@@ -49,7 +49,7 @@ class Ramp:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StepProfile:
     """A rounded step of height ``rise`` [m] that starts at ``start`` [m] and is ``length`` [m] long."""
 
     rise: float

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.sinkage import WheelGround
-from terramechanics.vehicle.equilibrium import Step, carried
+from terramechanics.vehicle.equilibrium import StepEquations, carried
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import level_pose
 
@@ -41,7 +41,7 @@ def climb(
         strength.unsqueeze(-2).expand(*axles, 2),
         points,
     )
-    step = Step.of(rover, pose, wheel, wheel, torch.zeros_like(slope), duration=1.0)
+    step = StepEquations.of(rover, pose, wheel, wheel, torch.zeros_like(slope), duration=1.0)
     every = slip.unsqueeze(-1).expand(axles)
     depth = carried(
         step, every, torch.full(axles, 0.1 * rover.wheel_radius, dtype=slope.dtype), ROUNDS

@@ -26,7 +26,7 @@ from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP
 from terramechanics.numerics.roots import Rows, bracketed_root, quasi_newton
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import (
-    Body,
+    BodyLoad,
     Pose,
     balance_matrix,
     balance_target,
@@ -54,14 +54,14 @@ class Contacts:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StepEquations:
     """The equations of one time step, without the command."""
 
     rover: Rover
     pose: Pose
     wheel: WheelGround
     coarse: WheelGround  # the same with few quadrature points: good enough for a Jacobian
-    body: Body
+    body: BodyLoad
     matrix: Tensor  # [batch, 4, axles, 3] balance_matrix
     velocity: Tensor  # [batch] at the start of the step [m/s]
     duration: float  # [s]
@@ -75,19 +75,19 @@ class Step:
         coarse: WheelGround,
         velocity: Tensor,
         duration: float,
-        body: Body | None = None,
-    ) -> "Step":
+        body: BodyLoad | None = None,
+    ) -> "StepEquations":
         """The step from ``velocity`` over ``duration`` in ``pose``; ``body`` is by default that of the rover."""
-        body = body or Body.of(rover)
+        body = body or BodyLoad.of(rover)
         return cls(
             rover, pose, wheel, coarse, body, balance_matrix(rover, pose, body), velocity, duration
         )
 
-    def rows(self, index: Tensor) -> "Step":
+    def rows(self, index: Tensor) -> "StepEquations":
         """The same for some of the episodes."""
         pose = Pose(*(getattr(self.pose, name)[index] for name in Pose.__slots__))
         wheel, coarse = self.wheel.rows(index), self.coarse.rows(index)
-        return Step(
+        return StepEquations(
             self.rover,
             pose,
             wheel,
@@ -129,13 +129,13 @@ def slip_at(rover: Rover, velocity: Tensor, rate: Tensor) -> Tensor:
     return 1.0 - velocity.unsqueeze(-1) / (rover.wheel_radius * rate)
 
 
-def solve_rates(step: Step, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> Contacts:
+def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> Contacts:
     """Contacts for commanded wheel rates [batch, axles] [rad/s], all positive; ``sinkage`` and ``velocity`` are the start."""
     speed = step.rover.wheel_radius * rate
     unit = speed.mean(-1)
     unknown = torch.cat([sinkage.log(), (velocity / unit).unsqueeze(-1)], dim=-1)
 
-    def contacts(u: Tensor, index: Tensor) -> tuple[Step, Tensor, Tensor, Tensor]:
+    def contacts(u: Tensor, index: Tensor) -> tuple[StepEquations, Tensor, Tensor, Tensor]:
         end = u[:, -1] * unit[index]
         return step.rows(index), slip_at(step.rover, end, rate[index]), u[:, :-1].exp(), end
 
@@ -167,7 +167,7 @@ def solve_rates(step: Step, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> 
     return Contacts(slip, depth, step.wheel.forces(slip, depth), end, solved, slip == wanted)
 
 
-def solve_torques(step: Step, torque: Tensor, sinkage: Tensor, slip: Tensor) -> Contacts:
+def solve_torques(step: StepEquations, torque: Tensor, sinkage: Tensor, slip: Tensor) -> Contacts:
     """Contacts for commanded torques of one wheel [batch, axles] [N m]; ``sinkage`` and ``slip`` are the start."""
     unit = step.rover.weight * step.rover.wheel_radius / len(step.rover.wheels)
     axles = step.rover.axles
@@ -223,7 +223,9 @@ def _clamped(slip: Tensor) -> Tensor:
     return slip.clamp(MIN_SLIP, MAX_SLIP)
 
 
-def _depth_limits(step: Step, others: tuple[float, float], count: int) -> tuple[Tensor, Tensor]:
+def _depth_limits(
+    step: StepEquations, others: tuple[float, float], count: int
+) -> tuple[Tensor, Tensor]:
     """Lowest and highest value of log(sinkage) of every axle, followed by ``count`` other unknowns."""
     radius, axles = step.rover.wheel_radius, step.rover.axles
     low = [math.log(SHALLOWEST * radius)] * axles + [others[0]] * count
@@ -249,7 +251,7 @@ def _solve(
     return unknown, solved
 
 
-def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
+def _search_rates(step: StepEquations, rate: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
     """Sinkages and end velocity by a search for the velocity, with the quasi-static sinkages of each trial.
 
     The net force falls with velocity, the inertial force rises, so there is one root. A wheel that
@@ -272,7 +274,7 @@ def _search_rates(step: Step, rate: Tensor, start: Tensor) -> tuple[Tensor, Tens
     return carried(step, _clamped(slip_at(step.rover, end, rate)), depth, rounds=10), end
 
 
-def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
+def _search_torques(step: StepEquations, torque: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
     """Sinkages and slips wheel by wheel: loads from the statics, slip from the torque, in turn."""
     traction, slip, depth = torch.zeros_like(torque), torch.zeros_like(torque), start
     for _ in range(4):
@@ -282,7 +284,7 @@ def _search_torques(step: Step, torque: Tensor, start: Tensor) -> tuple[Tensor, 
     return depth, slip
 
 
-def carried(step: Step, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
+def carried(step: StepEquations, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
     """Sinkages [batch, axles] [m] at which the wheels carry their loads at given ``slip``: loads and tractions in turn."""
     depth = start
     for _ in range(rounds):

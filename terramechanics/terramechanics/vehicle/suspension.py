@@ -44,7 +44,7 @@ def shifted_centre(centre: Tensor, moment: Tensor, mass: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class BodyLoad:
     """The rover's mass and the outer forces on it; numbers, or tensors [batch] where episodes differ."""
 
     gravity: float  # [m/s^2]
@@ -56,7 +56,7 @@ class Body:
     )
 
     @classmethod
-    def of(cls, rover: Rover) -> "Body":
+    def of(cls, rover: Rover) -> "BodyLoad":
         """The body as the rover file has it."""
         return cls(rover.gravity, rover.mass, rover.centre_of_mass_x, rover.centre_of_mass_height)
 
@@ -65,7 +65,7 @@ class Body:
         """Weight m g [N]."""
         return self.mass * self.gravity
 
-    def loaded(self, mass: Tensor, x: Tensor, height: Tensor) -> "Body":
+    def loaded(self, mass: Tensor, x: Tensor, height: Tensor) -> "BodyLoad":
         """The body with ``mass`` [batch] [kg] more at ``x`` and ``height`` [batch] [m]."""
         total = self.mass + mass
         old = (
@@ -76,13 +76,13 @@ class Body:
             shifted_centre(here, mass * (there - here), total)
             for here, there in zip(old, (x, height), strict=True)
         ]
-        return Body(self.gravity, total, centre[0], centre[1], self.outer)
+        return BodyLoad(self.gravity, total, centre[0], centre[1], self.outer)
 
-    def pulled(self, along: Tensor, up: Tensor, x: float, height: float) -> "Body":
+    def pulled(self, along: Tensor, up: Tensor, x: float, height: float) -> "BodyLoad":
         """The body with a force ``along``, ``up`` [batch] [N] more that acts at ``x``, ``height`` [m]; payload comes first."""
         moment = (x - self.x) * up - (height - self.height) * along
         force = torch.stack([along, up, moment, torch.zeros_like(along)], dim=-1)
-        return Body(
+        return BodyLoad(
             self.gravity,
             self.mass,
             self.x,
@@ -90,7 +90,7 @@ class Body:
             force if self.outer is None else self.outer + force,
         )
 
-    def rows(self, index: Tensor) -> "Body":
+    def rows(self, index: Tensor) -> "BodyLoad":
         """The same for some of the episodes."""
         if self.outer is None and not isinstance(self.mass, Tensor):
             return self
@@ -98,7 +98,7 @@ class Body:
             value[index] if isinstance(value, Tensor) else value
             for value in (self.mass, self.x, self.height)
         )
-        return Body(
+        return BodyLoad(
             self.gravity, mass, x, height, None if self.outer is None else self.outer[index]
         )
 
@@ -257,7 +257,7 @@ def _corrected(
     return height + lift, pitch + turn, bogie + bend
 
 
-def balance_matrix(rover: Rover, pose: Pose, body: Body | None = None) -> Tensor:
+def balance_matrix(rover: Rover, pose: Pose, body: BodyLoad | None = None) -> Tensor:
     """Balances of the rover as functions of the wheels' N, T, M: shape [batch, 4, axles, 3].
 
     The rows are those of :func:`balances`; all wheels of an axle are counted. ``body`` is by
@@ -282,7 +282,7 @@ def _per_axle(value: float | Tensor) -> Tensor:
     )
 
 
-def balance_target(body: Body, pitch: Tensor, acceleration: Tensor) -> Tensor:
+def balance_target(body: BodyLoad, pitch: Tensor, acceleration: Tensor) -> Tensor:
     """What the balances of :func:`balance_matrix` sum to, [batch, 4]: m (dv/dt + g sin ab), m g cos ab, 0, 0 less outer forces."""
     zero = torch.zeros_like(pitch)
     along = body.mass * acceleration + body.weight * torch.sin(pitch)
@@ -291,14 +291,14 @@ def balance_target(body: Body, pitch: Tensor, acceleration: Tensor) -> Tensor:
 
 
 def wheel_loads(
-    rover: Rover, pose: Pose, traction: Tensor, torque: Tensor, body: Body | None = None
+    rover: Rover, pose: Pose, traction: Tensor, torque: Tensor, body: BodyLoad | None = None
 ) -> Tensor:
     """Normal force N [batch, axles] [N] of one wheel of each axle, for given traction [N] and torque [N m] of one wheel.
 
     Solves the vertical balance, the moment of the whole rover and the moment of the bogie. A
     negative load means that the rover would lift that wheel.
     """
-    body = body or Body.of(rover)
+    body = body or BodyLoad.of(rover)
     matrix = balance_matrix(rover, pose, body)[..., 1:, :, :]
     known = (matrix[..., 1] * traction.unsqueeze(-2) + matrix[..., 2] * torque.unsqueeze(-2)).sum(
         -1

@@ -5,8 +5,8 @@
 import pytest
 import torch
 
-from studies.accuracy.cells import Part, Setting
-from studies.accuracy.lines import Line, lines
+from studies.accuracy.cells import CellBatch, Setting
+from studies.accuracy.lines import TableLine, lines
 from studies.accuracy.scores import LONG_TIMES_S, TIMES_S, Judged
 from studies.accuracy.targets import Verdict, verdicts
 from terramechanics.simulation.sensors import Noise
@@ -36,12 +36,14 @@ def judged(deviation: torch.Tensor, bound: float, off: float, velocity_sd: float
     )
 
 
-def line(rows: str, values: Judged, model: str = "physics", soil: str = "compact_sand") -> Line:
-    (found,) = lines(Setting("paper_rover", soil), [Part({(rows, model): values}, [], [])])
+def line(
+    rows: str, values: Judged, model: str = "physics", soil: str = "compact_sand"
+) -> TableLine:
+    (found,) = lines(Setting("paper_rover", soil), [CellBatch({(rows, model): values}, [], [])])
     return found
 
 
-def found_of(of: list[Line], what: str, model: str = "physics") -> Verdict:
+def found_of(of: list[TableLine], what: str, model: str = "physics") -> Verdict:
     (verdict,) = [verdict for verdict in verdicts(of, model) if verdict[0].startswith(what)]
     return verdict
 
@@ -69,7 +71,7 @@ def test_long_drives_are_judged_after_each_time_and_no_target_is_for_them() -> N
     values = judged(torch.full((DRIVES,), 0.3, dtype=torch.float64), 0.3, 0.0, 0.01)
     late = values.mean.clone()
     late[:, -1] += 3.0 * values.covariance[:, -1].diagonal(dim1=1, dim2=2).sqrt()
-    parts = [Part({("v+L", "physics"): values._replace(mean=late)}, [], [])]
+    parts = [CellBatch({("v+L", "physics"): values._replace(mean=late)}, [], [])]
     found = lines(Setting("paper_rover", "loose_sand", times_s=LONG_TIMES_S), parts)
     assert [(line.duration_s, line.after_s) for line in found] == [
         (400.0, time) for time in LONG_TIMES_S

@@ -9,19 +9,19 @@ import pytest
 import torch
 
 from studies.accuracy import cells as study
-from studies.accuracy.scores import Drives, draw_drives
+from studies.accuracy.scores import MeasuredDrives, draw_drives
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.model.model_file import load_model
 
 
 @pytest.fixture(scope="module")
-def drives() -> Drives:
+def drives() -> MeasuredDrives:
     model = load_model("mars_rover")
     return draw_drives(model.rover, model.metadata.soils[1], "S1", 2, 0.0, seed=5)
 
 
 def test_the_share_of_the_net_takes_the_soil_that_is_driven_on_and_stops_where_a_drive_ends(
-    drives: Drives,
+    drives: MeasuredDrives,
 ) -> None:
     model = restore(load_model("mars_rover"))
     mean = torch.full((2, model.first_constant + 12), 0.1, dtype=torch.float64)
@@ -29,7 +29,7 @@ def test_the_share_of_the_net_takes_the_soil_that_is_driven_on_and_stops_where_a
     trace: Any = SimpleNamespace(final=mean)
 
     def share(ends: list[int], soil: int = 1) -> study.NetShare:
-        cut = Drives(drives.tasks, torch.tensor(ends), drives.constants)
+        cut = MeasuredDrives(drives.tasks, torch.tensor(ends), drives.constants)
         return study._share(model, soil, cut, trace, study.Setting("mars_rover", "compact_sand"))
 
     whole, short = share([400, 400]), share([400, 200])

@@ -9,7 +9,7 @@ from studies.baselines.alpaca import Alpaca, update_all
 from studies.baselines.drives import closed_form_forces
 from studies.baselines.features import LearntModel
 from studies.baselines.palpaca import PaperPAlpaca
-from studies.paper.plants import TESTING, Plant, draw_drives, vehicle
+from studies.paper.plants import TESTING, PaperPlant, draw_drives, vehicle
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -44,7 +44,7 @@ def test_the_recursion_equals_the_gaussian_over_the_stacked_matrix() -> None:
 
 
 def test_with_one_output_alpaca_is_p_alpaca_without_nominal_features() -> None:
-    plant = Plant.CLOSED_FORM
+    plant = PaperPlant.CLOSED_FORM
     drives = draw_drives(
         plant, ROVER, SOIL, TESTING, 6.0, 3, torch.Generator().manual_seed(1)
     ).drives
@@ -60,7 +60,7 @@ def test_with_one_output_alpaca_is_p_alpaca_without_nominal_features() -> None:
 
 
 def test_nominal_features_come_before_the_learnt_ones() -> None:
-    plant = Plant.CLOSED_FORM
+    plant = PaperPlant.CLOSED_FORM
     drives = draw_drives(
         plant, ROVER, SOIL, TESTING, 2.0, 2, torch.Generator().manual_seed(1)
     ).drives

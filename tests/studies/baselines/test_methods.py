@@ -10,34 +10,41 @@ import pytest
 import torch
 
 from studies.baselines.drives import (
-    Drives,
+    LevelDrives,
     closed_form_forces,
     quadrature_forces,
     velocity_features,
 )
 from studies.baselines.iagnemma import Iagnemma
 from studies.baselines.integrated import IntegratedRegression, cramer_rao
-from studies.baselines.interface import Prior
+from studies.baselines.interface import BaselinePrior
 from studies.baselines.least_squares import RecursiveLeastSquares
 from studies.baselines.linear import LinearModel
-from studies.paper.plants import NARROW, Noise, Plant, draw_drives, vehicle
+from studies.paper.plants import NARROW, PaperNoise, PaperPlant, draw_drives, vehicle
 from terramechanics.terrain.soil import Soil, load_soil
 from terramechanics.vehicle.rover import load_rover
 
-ROVER, PRIOR = load_rover("paper_rover"), Prior()
-VEHICLE = vehicle(ROVER, Plant.CLOSED_FORM)
-SILENT = Noise(slip=0.0, sinkage=0.0, velocity=1e-7)
+ROVER, PRIOR = load_rover("paper_rover"), BaselinePrior()
+VEHICLE = vehicle(ROVER, PaperPlant.CLOSED_FORM)
+SILENT = PaperNoise(slip=0.0, sinkage=0.0, velocity=1e-7)
 LOOSE, COMPACT = load_soil("loose_sand"), load_soil("compact_sand")
 
 
 @cache
-def closed_form_drives(soil: Soil, noise: Noise, count: int) -> Drives:
+def closed_form_drives(soil: Soil, noise: PaperNoise, count: int) -> LevelDrives:
     return draw_drives(
-        Plant.CLOSED_FORM, ROVER, soil, NARROW, 40.0, count, torch.Generator().manual_seed(5), noise
+        PaperPlant.CLOSED_FORM,
+        ROVER,
+        soil,
+        NARROW,
+        40.0,
+        count,
+        torch.Generator().manual_seed(5),
+        noise,
     ).drives
 
 
-def relative_error(parameters: torch.Tensor | None, drives: Drives) -> torch.Tensor:
+def relative_error(parameters: torch.Tensor | None, drives: LevelDrives) -> torch.Tensor:
     """[batch, 2] after the whole drive, in percent."""
     assert parameters is not None
     return 100.0 * ((parameters[:, -1] - drives.strength) / drives.strength).abs()
@@ -93,7 +100,7 @@ def test_iagnemmas_method_gives_the_papers_errors_on_the_authors_own_step() -> N
 def test_velocity_as_a_state_meets_five_and_three_percent_where_increments_are_biased() -> None:
     """Closed form and torques of the authors' code, exact constants, 40 s, means over 60 drives of two soils."""
     for soil in (LOOSE, COMPACT):
-        drives = closed_form_drives(soil, Noise(), 60)
+        drives = closed_form_drives(soil, PaperNoise(), 60)
         integrated = IntegratedRegression(VEHICLE, soil.constants(), PRIOR).estimate(drives)
         error = relative_error(integrated.parameters, drives).mean(0)
         assert float(error[0]) < 5.0, (soil.name, error)
@@ -105,7 +112,7 @@ def test_velocity_as_a_state_meets_five_and_three_percent_where_increments_are_b
 
 
 def test_the_integrated_regression_stays_near_the_bound_and_covers() -> None:
-    drives = closed_form_drives(LOOSE, Noise(), 60)
+    drives = closed_form_drives(LOOSE, PaperNoise(), 60)
     estimates = IntegratedRegression(VEHICLE, LOOSE.constants(), PRIOR).estimate(drives)
     assert estimates.parameters is not None
     assert estimates.deviation is not None
@@ -122,7 +129,7 @@ def test_the_integrated_regression_stays_near_the_bound_and_covers() -> None:
 
 
 def test_no_method_looks_at_what_is_true() -> None:
-    drives = closed_form_drives(LOOSE, Noise(), 60).subset(torch.arange(3))
+    drives = closed_form_drives(LOOSE, PaperNoise(), 60).subset(torch.arange(3))
     names = ("true_velocity", "true_slip", "true_sinkage", "strength", "true_constants")
     blinded = dataclasses.replace(
         drives, **{name: torch.full_like(getattr(drives, name), torch.nan) for name in names}
@@ -144,9 +151,9 @@ def test_on_the_integrated_plant_the_quadrature_explains_the_velocity_and_the_cl
     None
 ):
     drives = draw_drives(
-        Plant.INTEGRATED, ROVER, LOOSE, NARROW, 4.0, 3, torch.Generator().manual_seed(6)
+        PaperPlant.INTEGRATED, ROVER, LOOSE, NARROW, 4.0, 3, torch.Generator().manual_seed(6)
     ).drives
-    car = vehicle(ROVER, Plant.INTEGRATED)
+    car = vehicle(ROVER, PaperPlant.INTEGRATED)
     theta = torch.cat(
         [drives.strength / torch.tensor([1000.0, 1.0]), torch.ones(3, 1)], 1
     ).unsqueeze(1)

@@ -14,7 +14,7 @@ from scipy.stats import binom, poisson
 from studies.change import drives as change
 from studies.change.drives import Change, changed_ground
 from studies.change.scores import quantile_of, rate_limits, score_change
-from studies.change.table import Run, page
+from studies.change.table import ChangeRun, page
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.model.model_file import load_model
 from terramechanics.vehicle.rover import load_rover
@@ -111,8 +111,12 @@ def test_a_second_in_which_nobody_drives_is_not_a_good_one() -> None:
     assert short.drives == (10, 10, 0)
     assert short.known_s == (math.inf, math.inf)
     assert math.isnan(short.coverage_40_s[0])
-    assert "| 10 / 10 / 0 |" in page(Run("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], []))
-    assert "| never | **no** |" in page(Run("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], []))
+    assert "| 10 / 10 / 0 |" in page(
+        ChangeRun("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], [])
+    )
+    assert "| never | **no** |" in page(
+        ChangeRun("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], [])
+    )
 
 
 def test_the_limits_of_a_quantile_are_order_statistics() -> None:

@@ -6,20 +6,20 @@ import pytest
 import torch
 
 from studies.baselines.drives import closed_form_forces
-from studies.baselines.features import LearntModel, Span
-from studies.paper.plants import TRAINING, Plant, draw_drives, vehicle
-from studies.paper.training import Recipe, train
+from studies.baselines.features import FeatureSpan, LearntModel
+from studies.paper.plants import TRAINING, PaperPlant, draw_drives, vehicle
+from studies.paper.training import PaperRecipe, train
 from terrain_estimator.learning.loss import Orthogonality, paper_penalty, shortfall
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
-ROVER, SOIL, PLANT = load_rover("paper_rover"), load_soil("loose_sand"), Plant.CLOSED_FORM
+ROVER, SOIL, PLANT = load_rover("paper_rover"), load_soil("loose_sand"), PaperPlant.CLOSED_FORM
 DRIVES = draw_drives(
     PLANT, ROVER, SOIL, TRAINING, 40.0, 12, torch.Generator().manual_seed(7)
 ).drives
 
 
-def small_model(span: Span = Span.FREE) -> LearntModel:
+def small_model(span: FeatureSpan = FeatureSpan.FREE) -> LearntModel:
     return LearntModel(
         vehicle(ROVER, PLANT), SOIL.constants(), closed_form_forces, columns=4, hidden=16, span=span
     )
@@ -61,7 +61,7 @@ def test_only_negative_parameters_fall_short() -> None:
 
 
 def test_the_same_seed_gives_the_same_model_and_training_lowers_the_loss() -> None:
-    recipe = Recipe(seed=3, iterations=80, batch=8)
+    recipe = PaperRecipe(seed=3, iterations=80, batch=8)
     first, second = small_model(), small_model()
     losses = [progress.loss for progress in train(first, DRIVES, recipe)]
     assert losses == [progress.loss for progress in train(second, DRIVES, recipe)]
@@ -74,7 +74,7 @@ def test_the_same_seed_gives_the_same_model_and_training_lowers_the_loss() -> No
 def test_the_whitened_penalty_turns_the_learnt_features_away_from_the_nominal_ones() -> None:
     penalties = []
     for strength in (0.0, 30.0):
-        recipe = Recipe(
+        recipe = PaperRecipe(
             iterations=80, batch=8, strength=strength, orthogonality=Orthogonality.WHITENED
         )
         penalties.append(
@@ -84,8 +84,8 @@ def test_the_whitened_penalty_turns_the_learnt_features_away_from_the_nominal_on
 
 
 def test_projected_features_are_orthogonal_to_the_nominal_ones_over_the_training_drives() -> None:
-    model = small_model(Span.PROJECTED)
-    list(train(model, DRIVES, Recipe(iterations=20, batch=8)))
+    model = small_model(FeatureSpan.PROJECTED)
+    list(train(model, DRIVES, PaperRecipe(iterations=20, batch=8)))
     features = model.features(DRIVES)[0].flatten(0, 1)
     cross = features[:, :2].T @ features[:, 2:]
     length = features.norm(dim=0)

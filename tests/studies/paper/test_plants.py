@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from studies.paper.plants import TRAINING, Draw, Plant, closed_form_motion, draw_drives
+from studies.paper.plants import TRAINING, Draw, PaperPlant, closed_form_motion, draw_drives
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -16,7 +16,7 @@ ROVER, SOIL = load_rover("paper_rover"), load_soil("loose_sand")
 
 def test_training_grounds_leave_the_test_bands_out() -> None:
     batch = draw_drives(
-        Plant.CLOSED_FORM, ROVER, SOIL, TRAINING, 1.0, 300, torch.Generator().manual_seed(3)
+        PaperPlant.CLOSED_FORM, ROVER, SOIL, TRAINING, 1.0, 300, torch.Generator().manual_seed(3)
     )
     cohesion, angle = (
         batch.drives.strength[:, 0],
@@ -33,8 +33,8 @@ def test_training_grounds_leave_the_test_bands_out() -> None:
     assert float((angle < 30.0).double().mean()) == pytest.approx(20.0 / 35.0, abs=0.1)
 
 
-@pytest.mark.parametrize("plant", list(Plant))
-def test_the_same_seed_gives_the_same_drives(plant: Plant) -> None:
+@pytest.mark.parametrize("plant", list(PaperPlant))
+def test_the_same_seed_gives_the_same_drives(plant: PaperPlant) -> None:
     one, other = (
         draw_drives(plant, ROVER, SOIL, TRAINING, 2.0, 3, torch.Generator().manual_seed(4))
         for _ in range(2)
@@ -61,4 +61,6 @@ def test_the_closed_form_has_the_loads_and_sinkages_of_the_authors_stored_drive(
 def test_ground_that_no_drive_survives_is_an_error_that_says_so() -> None:
     mud = Draw(((1.0, 2.0),), ((0.0, math.radians(0.1)),))
     with pytest.raises(ValueError, match="loose_sand, closed form plant: only 0 of"):
-        draw_drives(Plant.CLOSED_FORM, ROVER, SOIL, mud, 0.5, 1, torch.Generator().manual_seed(6))
+        draw_drives(
+            PaperPlant.CLOSED_FORM, ROVER, SOIL, mud, 0.5, 1, torch.Generator().manual_seed(6)
+        )

@@ -11,11 +11,11 @@ import pytest
 
 from studies.planner import patches
 from studies.planner.__main__ import main, table
-from studies.planner.patches import Outcome
+from studies.planner.patches import PatchOutcome
 from studies.planner.scores import score
 from terrain_estimator.planning.planner import Reason
 
-PASSED = Outcome("", 20.0, math.inf, math.inf, math.inf, Reason.NONE, math.nan, 0, holds=True)
+PASSED = PatchOutcome("", 20.0, math.inf, math.inf, math.inf, Reason.NONE, math.nan, 0, holds=True)
 TRAPPED = dataclasses.replace(PASSED, stuck_s=30.0)
 STOPPED = dataclasses.replace(
     PASSED, stop_s=24.0, rest_s=25.0, reason=Reason.FRONT, slip=0.2, axles=1, holds=False

@@ -16,10 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_estimator.bags import BagReader, BagWriter
-from terrain_estimator.bags.writing.part import Topic
+from terrain_estimator.bags.writing.part import BagTopic
 from terrain_estimator.cli.csv_to_bag import main
 from terrain_estimator.console.interrupting import INTERRUPTED
-from terrain_estimator.importing.samples import Measured, slip_from_max_normalised
+from terrain_estimator.importing.samples import MeasuredValue, slip_from_max_normalised
 from terrain_estimator.messaging.conversion import nose_up_pitch
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -326,7 +326,7 @@ def test_slip_of_either_definition_is_one_minus_v_over_rw(
     rim_speed: float, velocity: float
 ) -> None:
     normalised = (rim_speed - velocity) / max(rim_speed, velocity)
-    converted = slip_from_max_normalised(Measured(normalised, 0.01))
+    converted = slip_from_max_normalised(MeasuredValue(normalised, 0.01))
     assert converted.value == pytest.approx(1.0 - velocity / rim_speed, rel=1e-9, abs=1e-12)
 
 
@@ -334,14 +334,14 @@ def test_slip_of_either_definition_is_one_minus_v_over_rw(
 def test_the_deviation_of_slip_follows_its_derivative(slip: float) -> None:
     step = 1e-6
     above, below = (
-        slip_from_max_normalised(Measured(slip + sign * step, 0.0)).value for sign in (1, -1)
+        slip_from_max_normalised(MeasuredValue(slip + sign * step, 0.0)).value for sign in (1, -1)
     )
-    converted = slip_from_max_normalised(Measured(slip, 0.01))
+    converted = slip_from_max_normalised(MeasuredValue(slip, 0.01))
     assert converted.deviation == pytest.approx(0.01 * (above - below) / (2 * step), rel=1e-4)
 
 
 def test_a_locked_wheel_has_no_slip() -> None:
-    assert math.isnan(slip_from_max_normalised(Measured(-1.0, 0.01)).value)
+    assert math.isnan(slip_from_max_normalised(MeasuredValue(-1.0, 0.01)).value)
 
 
 @pytest.mark.parametrize(
@@ -355,7 +355,7 @@ def test_a_bag_that_is_not_written_to_its_end_is_taken_back(
 ) -> None:
     write = BagWriter.write
 
-    def fail(self: BagWriter, topic: Topic, *rest: Any) -> None:
+    def fail(self: BagWriter, topic: BagTopic, *rest: Any) -> None:
         if topic.count.count:
             raise ended_by
         write(self, topic, *rest)

@@ -16,7 +16,7 @@ from terrain_estimator.cli.find_missing_effect import main
 from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.cells import wheel_alone
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table, rim_slip
-from terramechanics.simulation.plant import Contact, Effect, Situation
+from terramechanics.simulation.plant import ContactInputs, Effect, Situation
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -32,7 +32,7 @@ TURNED = f"{HEADER},slip_angle_deg,lateral_force_N"
 class Churned(Effect):
     """The soil below a slipping wheel gets softer: another law than the library's, which changes the exponent."""
 
-    def contact(self, where: Situation, contact: Contact) -> Contact:
+    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         del where
         return contact.stiffened(1.0 / (1.0 + 8.0 * contact.slip.abs()))
 
@@ -40,7 +40,7 @@ class Churned(Effect):
 class Ploughed(Effect):
     """The side of the wheel pushes soil away by Rankine's passive pressure over the chord: the library integrates along the rim."""
 
-    def push(self, where: Situation, contact: Contact, forces: torch.Tensor) -> torch.Tensor:
+    def push(self, where: Situation, contact: ContactInputs, forces: torch.Tensor) -> torch.Tensor:
         if contact.slip_angle is None:
             return forces
         depth = contact.sinkage

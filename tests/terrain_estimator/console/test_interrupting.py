@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from terrain_estimator.bags import BagWriter, Types
-from terrain_estimator.bags.writing.part import Topic
+from terrain_estimator.bags.writing.part import BagTopic
 from terrain_estimator.cli import replay
 from terrain_estimator.console.interrupting import INTERRUPTED, interruptible
 from tests.drives import drive_messages, write_bag
@@ -77,7 +77,7 @@ def test_an_interrupted_replay_leaves_nothing_that_is_in_the_way_of_the_next(
     bag = write_bag(tmp_path / "drive", drive_messages(types.make, 2.0), types)
     write = BagWriter.write
 
-    def interrupt(self: BagWriter, topic: Topic, *rest: Any) -> None:
+    def interrupt(self: BagWriter, topic: BagTopic, *rest: Any) -> None:
         write(self, topic, *rest)
         raise KeyboardInterrupt
 

@@ -4,16 +4,16 @@
 
 import pytest
 
-from terrain_estimator.dashboard.history import History
+from terrain_estimator.dashboard.history import ChartHistory
 from terrain_estimator.dashboard.journal import KEPT, Journal
 
 
-def rows(history: History) -> list[tuple[float | None, ...]]:
+def rows(history: ChartHistory) -> list[tuple[float | None, ...]]:
     return list(history.since(0))
 
 
 def test_the_recent_history_keeps_the_newest_rows_and_gives_each_viewer_what_it_lacks() -> None:
-    history = History(period_s=0.2, capacity=5, whole=False)
+    history = ChartHistory(period_s=0.2, capacity=5, whole=False)
     for k in range(100):
         history.add((0.1 * k, float(k)))
     assert [row[1] for row in rows(history)] == [
@@ -32,7 +32,7 @@ def test_the_recent_history_keeps_the_newest_rows_and_gives_each_viewer_what_it_
 def test_a_row_of_a_whole_drive_is_the_mean_of_its_period_where_noise_would_hide_the_course() -> (
     None
 ):
-    history = History(period_s=0.4, capacity=10, whole=True, mean=frozenset({1}))
+    history = ChartHistory(period_s=0.4, capacity=10, whole=True, mean=frozenset({1}))
     for k in range(320):
         history.add((0.1 * k, None if k % 4 == 3 else 1.0 + k % 4))
     kept = rows(history)
@@ -40,7 +40,7 @@ def test_a_row_of_a_whole_drive_is_the_mean_of_its_period_where_noise_would_hide
     assert [row[1] for row in kept] == [2.0] * len(
         kept
     )  # of 1, 2, 3 and a value that was not known
-    once = History(period_s=4.0, capacity=10, whole=True, mean=frozenset({1}))
+    once = ChartHistory(period_s=4.0, capacity=10, whole=True, mean=frozenset({1}))
     for k in range(80):
         once.add((0.1 * k, float(k)))
     assert [row[1] for row in rows(once)] == [19.5]
@@ -53,7 +53,7 @@ def test_a_row_of_a_whole_drive_is_the_mean_of_its_period_where_noise_would_hide
 
 
 def test_the_history_of_a_whole_drive_becomes_coarser_and_loses_no_peak() -> None:
-    history = History(period_s=0.1, capacity=50, whole=True, worst=frozenset({2}))
+    history = ChartHistory(period_s=0.1, capacity=50, whole=True, worst=frozenset({2}))
     for k in range(20_000):
         peak = 0.9 if k == 7777 else None if k < 100 else 0.0
         history.add((0.1 * k, float(k), peak))
@@ -66,7 +66,7 @@ def test_the_history_of_a_whole_drive_becomes_coarser_and_loses_no_peak() -> Non
 
 
 def test_a_gap_is_no_row() -> None:
-    history = History(period_s=1.0, capacity=50, whole=False)
+    history = ChartHistory(period_s=1.0, capacity=50, whole=False)
     for time_s in (0.0, 0.9, 1.1, 500.0, 500.9, 501.0):
         history.add((time_s,))
     assert rows(history) == [(0.9,), (1.1,), (500.9,)]

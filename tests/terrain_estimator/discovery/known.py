@@ -6,7 +6,7 @@ from functools import cache
 
 import torch
 
-from terrain_estimator.discovery import Run, Study, cut, nominal_of
+from terrain_estimator.discovery import RecordedRun, Study, cut, nominal_of
 from terrain_estimator.learning.tasks import measure_tasks
 from terramechanics.effects import make_effect
 from terramechanics.simulation.plant import Plant
@@ -21,7 +21,7 @@ SIZES = {"drive_drag": 0.5, "slope_bias": 0.01}
 
 
 @cache
-def drives(name: str) -> tuple[Run, ...]:
+def drives(name: str) -> tuple[RecordedRun, ...]:
     """Two drives of 25 s with the soil constants as in the file."""
     generator = torch.Generator().manual_seed(41)
     strength = torch.tensor([[2500.0, 0.6], [1500.0, 0.7]], dtype=torch.float64)
@@ -31,7 +31,9 @@ def drives(name: str) -> tuple[Run, ...]:
     )
     packed = measure_tasks(drive, Noise(), generator).measured
     time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
-    return tuple(Run(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(2))
+    return tuple(
+        RecordedRun(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(2)
+    )
 
 
 @cache

@@ -12,7 +12,7 @@ import sys
 
 import torch
 
-from terrain_estimator.discovery import Proof, Run, Study, cut, nominal_of, prove, singles
+from terrain_estimator.discovery import Proof, RecordedRun, Study, cut, nominal_of, prove, singles
 from terrain_estimator.model.packing import pack_measurement
 from terramechanics.simulation.sensors import Measurement
 from terramechanics.simulation.simulation import TIME_STEP
@@ -25,7 +25,7 @@ from tests.hidden.matters import axle_means
 SEED = 52_000
 
 
-def run_of(drive: Measurement, rover: Rover, name: str) -> Run:
+def run_of(drive: Measurement, rover: Rover, name: str) -> RecordedRun:
     """One measured drive as a run: the means of each axle's wheels, torque without what turns the wheels faster."""
     means = axle_means(drive, rover.axles)
     gain = torch.diff(means.wheel_rate, dim=0, prepend=means.wheel_rate[:1]) / TIME_STEP
@@ -37,7 +37,7 @@ def run_of(drive: Measurement, rover: Rover, name: str) -> Run:
         }
     )
     packed = pack_measurement(batch)[0]
-    return Run(
+    return RecordedRun(
         name,
         packed,
         means.wheel_rate,

@@ -7,7 +7,15 @@ import math
 import pytest
 import torch
 
-from terrain_estimator.discovery import Candidate, Part, Run, RunError, cut, nominal_of, singles
+from terrain_estimator.discovery import (
+    Candidate,
+    Part,
+    RecordedRun,
+    RunError,
+    cut,
+    nominal_of,
+    singles,
+)
 from terrain_estimator.discovery.hypotheses.library import (
     OTHER_LAW,
     OTHER_SOIL_LAW,
@@ -60,7 +68,7 @@ def test_the_fit_does_not_depend_on_where_the_search_for_the_size_begins() -> No
 
 def test_a_run_of_a_few_seconds_is_refused_with_its_name() -> None:
     run = drives("")[0]
-    short = Run("field_7", run.packed[:30], run.wheel_rate[:30], run.time[:30])
+    short = RecordedRun("field_7", run.packed[:30], run.wheel_rate[:30], run.time[:30])
     with pytest.raises(RunError, match="field_7: 3 whole seconds"):
         cut(short, nominal_of(MARS, LOOSE).contact)
 
@@ -69,7 +77,9 @@ def test_blocks_are_joined_by_velocities_where_the_run_is_not_interrupted() -> N
     run = drives("")[0]
     packed = run.packed.clone()
     packed[125, 0] = torch.nan
-    blocks = cut(Run("run", packed, run.wheel_rate, run.time), nominal_of(MARS, LOOSE).contact)
+    blocks = cut(
+        RecordedRun("run", packed, run.wheel_rate, run.time), nominal_of(MARS, LOOSE).contact
+    )
     assert blocks.packed.shape[0] == 12 + 12
     assert blocks.velocities == blocks.packed.shape[0] + 2
     assert torch.equal(blocks.ends[11:13], torch.tensor([[11, 12], [13, 14]]))

@@ -13,7 +13,7 @@ from terrain_estimator.discovery import (
     Blocks,
     Candidate,
     Proof,
-    Run,
+    RecordedRun,
     RunError,
     Study,
     Verdict,
@@ -54,7 +54,9 @@ def drives() -> tuple[Drive, tuple[Blocks, ...]]:
     drive = simulate(MARS, ground, "S1", 24.0, generator, len(DRAG), plant=plant)
     packed = measure_tasks(drive, Noise(), generator).measured
     time = torch.arange(packed.shape[1], dtype=torch.float64) * 0.1
-    runs = (Run(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(len(DRAG)))
+    runs = (
+        RecordedRun(f"run {k}", packed[k], drive.seen.wheel_rate[k], time) for k in range(len(DRAG))
+    )
     return drive, tuple(cut(run, nominal_of(MARS, LOOSE).contact) for run in runs)
 
 

@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import pytest
 
-from studies.calibration.thresholds import Sample, thresholds
+from studies.calibration.thresholds import CalibrationCase, thresholds
 from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds, Verdict, is_pair, judge
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.parts import Part
@@ -135,11 +135,11 @@ def test_effects_that_tables_of_one_wheel_confuse_come_with_a_measurement() -> N
 def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_whose_effect_was_taken_out() -> (
     None
 ):
-    samples = [Sample("", gains({"payload": -4.0}, 6.0, -9.0), None)]
+    samples = [CalibrationCase("", gains({"payload": -4.0}, 6.0, -9.0), None)]
     for share in (0.82, 0.9, 1.0):
         with_truth = gains({"payload": 300.0 * share, "latency": 10.0}, 250.0, 300.0)
         samples.append(
-            Sample(
+            CalibrationCase(
                 "payload",
                 with_truth,
                 gains({"latency": 10.0, "bulldozing": 300.0 * (share - 0.5)}, 250.0, 300.0),

@@ -7,7 +7,7 @@ import torch
 from scipy.stats import truncnorm
 
 from studies.accuracy.scores import FROM_PRIOR
-from terrain_estimator.learning.tasks import Range, degrees
+from terrain_estimator.learning.tasks import StrengthRange, degrees
 
 
 def test_the_prior_above_zero_has_the_quantiles_of_the_truncated_gaussians() -> None:
@@ -21,7 +21,7 @@ def test_the_prior_above_zero_has_the_quantiles_of_the_truncated_gaussians() -> 
 
 
 def test_a_range_is_uniform_in_cohesion_and_angle_over_all_its_intervals() -> None:
-    ground = Range(((500.0, 600.0), (1000.0, 1300.0)), (degrees(10.0, 20.0),))
+    ground = StrengthRange(((500.0, 600.0), (1000.0, 1300.0)), (degrees(10.0, 20.0),))
     share = torch.tensor([[0.0, 0.0], [0.25, 0.5], [0.5, 1.0]], dtype=torch.float64)
     expected = [
         [500.0, np.tan(np.radians(10.0))],

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from terrain_estimator.messaging.history import History, WheelHistory
+from terrain_estimator.messaging.history import RunHistory, WheelHistory
 from terrain_estimator.outcome import Outcome
 from tests.terrain_estimator.updates import START_NS, STEP_NS, update
 
@@ -15,7 +15,7 @@ from tests.terrain_estimator.updates import START_NS, STEP_NS, update
 def test_a_long_run_takes_no_more_spans_than_fit_and_its_sums_are_those_of_all_observations(
     observations: int,
 ) -> None:
-    history = History(capacity=8)
+    history = RunHistory(capacity=8)
     for number in range(observations):
         history.add(
             update(
@@ -47,7 +47,7 @@ def test_a_long_run_takes_no_more_spans_than_fit_and_its_sums_are_those_of_all_o
 
 
 def test_a_short_rise_of_the_change_probability_stays_visible() -> None:
-    history = History(capacity=4)
+    history = RunHistory(capacity=4)
     for number in range(200):
         history.add(
             update(number, change=0.9 if number == 77 else math.nan if number < 10 else 0.01)
@@ -56,7 +56,7 @@ def test_a_short_rise_of_the_change_probability_stays_visible() -> None:
 
 
 def test_a_run_without_predictions_has_no_error() -> None:
-    history = History()
+    history = RunHistory()
     history.add(update(0, Outcome.STANDSTILL))
     assert math.isnan(history.spans[0].errors.rms)
     assert math.isnan(history.spans[0].errors.predicted_rms)

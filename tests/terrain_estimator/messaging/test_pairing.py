@@ -9,15 +9,15 @@ import pytest
 from terrain_estimator.messaging.pairing import (
     CAPACITY,
     RESTART_AFTER,
+    InputTopic,
     MessageSet,
     Synchronizer,
-    Topic,
 )
 
 REQUIRED, OPTIONAL = ("slip", "sinkage", "odom"), ("joints", "imu")
 TOPICS = (
-    *(Topic(name, required=True) for name in REQUIRED),
-    *(Topic(name, required=False) for name in OPTIONAL),
+    *(InputTopic(name, required=True) for name in REQUIRED),
+    *(InputTopic(name, required=False) for name in OPTIONAL),
 )
 STEP = 100_000_000
 NEVER = 10**18
@@ -242,4 +242,4 @@ def test_after_a_reset_earlier_stamps_are_taken_again() -> None:
 
 def test_an_optional_reference_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match="imu"):
-        Synchronizer((Topic("imu", required=False),))
+        Synchronizer((InputTopic("imu", required=False),))

@@ -15,7 +15,7 @@ from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
-from terrain_estimator.planning.inputs import Inputs
+from terrain_estimator.planning.inputs import PlannerInputs
 from terrain_estimator.ros_types import Message
 from tests.drives import ROVER, STEP_NS, Event, drive_messages
 
@@ -52,7 +52,7 @@ def test_estimator_and_planner_pair_as_if_nobody_else_were_there() -> None:
     def paired(*offsets_ns: int) -> tuple[list[Observation], list[Observation], Counters]:
         pipeline, inputs = (
             Pipeline(model, configure(EstimatorConfig, TOLERANCE)),
-            Inputs(ROVER, configure(PlannerConfig, TOLERANCE)),
+            PlannerInputs(ROVER, configure(PlannerConfig, TOLERANCE)),
         )
         sets = [
             found

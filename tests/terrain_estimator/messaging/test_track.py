@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from terrain_estimator.bags import Types
-from terrain_estimator.messaging.track import POINT, Track, cloud_message
+from terrain_estimator.messaging.track import POINT, MapTrack, cloud_message
 from terrain_estimator.ros_types import Message
 
 TYPES = Types()
@@ -44,8 +44,8 @@ def odometry(x: float, z: float = 0.0) -> Message:
     )
 
 
-def filled(count: int, **values: Any) -> Track:
-    track = Track(values.get("spacing_m", 0.1), values.get("capacity", 1000))
+def filled(count: int, **values: Any) -> MapTrack:
+    track = MapTrack(values.get("spacing_m", 0.1), values.get("capacity", 1000))
     for step in range(count):
         track.add(estimate(step, 1000.0 + step), odometry(0.05 * step))
     return track
@@ -70,7 +70,7 @@ def test_memory_is_bounded_and_the_whole_way_stays() -> None:
 
 
 def test_what_is_not_finite_is_no_point() -> None:
-    track = Track(0.1, 10)
+    track = MapTrack(0.1, 10)
     assert not track.add(estimate(0.0, math.nan), odometry(0.0))
     assert not track.add(estimate(0.0), odometry(math.inf))
     assert not track.add(estimate(0.0), odometry(-1e39)), "infinite in single precision"
@@ -79,7 +79,7 @@ def test_what_is_not_finite_is_no_point() -> None:
 
 
 def test_an_estimate_without_observations_is_no_point() -> None:
-    track = Track(0.1, 10)
+    track = MapTrack(0.1, 10)
     assert not track.add(estimate(0.0, used=0), odometry(0.0))
     assert len(track) == 0
 

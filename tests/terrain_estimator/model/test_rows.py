@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from studies.accuracy.scores import Drives, draw_drives, row_mask
+from studies.accuracy.scores import MeasuredDrives, draw_drives, row_mask
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.rows import (
@@ -28,16 +28,16 @@ BALANCES = [
 ]
 
 
-def drives(soil: str) -> Drives:
+def drives(soil: str) -> MeasuredDrives:
     return draw_drives(load_rover("mars_rover"), load_soil(soil), "S1", EPISODES, 0.0, 11)
 
 
-def flat(observations: Tensor, found: Drives) -> Tensor:
+def flat(observations: Tensor, found: MeasuredDrives) -> Tensor:
     """Observations [n, 8 A + 9] of all drives up to their ends."""
     return torch.cat([observations[drive, : int(end)] for drive, end in enumerate(found.ends)])
 
 
-def strength(found: Drives) -> Tensor:
+def strength(found: MeasuredDrives) -> Tensor:
     """theta [n, 3, 1] of each of those observations."""
     theta = torch.cat(
         [found.tasks.strength / torch.tensor([PA_PER_UNIT, 1.0]), torch.ones(EPISODES, 1)], 1

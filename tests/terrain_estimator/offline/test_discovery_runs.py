@@ -12,11 +12,11 @@ import pytest
 import torch
 
 from terrain_estimator.bags import Types
-from terrain_estimator.discovery import Run, RunError
+from terrain_estimator.discovery import RecordedRun, RunError
 from terrain_estimator.model.packing import AXLE_FIELDS
 from terrain_estimator.offline.discovery_runs import read_run
 from terrain_estimator.offline.finding_file import asked
-from terrain_estimator.offline.reading import Reading, add_options, reading_of
+from terrain_estimator.offline.reading import BagOptions, add_options, reading_of
 from terrain_estimator.offline.topics import TopicError
 from tests.drives import ROVER, Event, drive_messages, write_bag
 
@@ -25,7 +25,7 @@ SECONDS = 3.0
 LATER_NS = 3_000_000
 
 
-def reading(*options: str) -> Reading:
+def reading(*options: str) -> BagOptions:
     parser = ArgumentParser()
     add_options(parser)
     return reading_of(parser.parse_args(options))
@@ -60,14 +60,14 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_bag(tmp_path_factory.mktemp("other") / "bag", of_another_rover(), TYPES, "/rover1")
 
 
-def torque(run: Run) -> torch.Tensor:
+def torque(run: RecordedRun) -> torch.Tensor:
     return run.packed[:, : 8 * ROVER.axles].view(-1, 8, ROVER.axles)[:, AXLE_FIELDS.index("torque")]
 
 
 def test_topics_and_stamps_of_another_rover_are_told_and_joints_of_a_mast_cost_nothing(
     plain: Path, other: Path
 ) -> None:
-    expected = read_run(plain, ROVER, Reading())
+    expected = read_run(plain, ROVER, BagOptions())
     found = read_run(
         other, ROVER, reading("--namespace", "rover1", "-p", "pairing_tolerance:=0.02")
     )
@@ -99,13 +99,13 @@ def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(
             r"30 WRONG_WHEELS \(wheel_slip: got wheels .*front_left_wheel.*publish the wheel names"
         ),
     ):
-        read_run(plain, dataclasses.replace(ROVER, wheels=renamed), Reading())
+        read_run(plain, dataclasses.replace(ROVER, wheels=renamed), BagOptions())
     with pytest.raises(RunError, match=r"30 STANDSTILL .*: drive: slip is undefined"):
         read_run(plain, ROVER, reading("-p", "standstill_speed:=1.0"))
     with pytest.raises(RunError, match=r"have stamps within the parameter pairing_tolerance, 0 s"):
         read_run(other, ROVER, reading("--namespace", "rover1"))
     with pytest.raises(TopicError, match=r"/rover1/odom.*: give --namespace or --remap"):
-        read_run(other, ROVER, Reading())
+        read_run(other, ROVER, BagOptions())
 
 
 def test_a_finding_says_with_which_topics_and_parameters_the_bags_were_read() -> None:

@@ -6,10 +6,10 @@ import dataclasses
 import math
 from functools import cache
 
-from terrain_estimator.messaging.history import History, WheelHistory
+from terrain_estimator.messaging.history import RunHistory, WheelHistory
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pages.run import Origin, Run, Truth, run_page
+from terrain_estimator.pages.run import Origin, ReplayedRun, ShownTruth, run_page
 from tests.terrain_estimator.updates import START_NS, STEP_NS, update
 
 OBSERVATIONS = 1000
@@ -24,9 +24,9 @@ ORIGIN = Origin(
 )
 
 
-def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
+def run(observations: int = OBSERVATIONS, *, true: bool = True) -> ReplayedRun:
     """A run whose ground changes in its middle, with a second of observations that were refused."""
-    history = History()
+    history = RunHistory()
     for number in range(observations):
         refused = 500 <= number < 510
         history.add(
@@ -47,12 +47,12 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> Run:
         )
         sinkage.add(START_NS + number * STEP_NS, wheels, [0.01 + 0.02 * share, 0.012, 0.015, 0.016])
     truths = [
-        Truth(START_NS - STEP_NS, (830.0, 0.61), "loose_sand"),
-        Truth(
+        ShownTruth(START_NS - STEP_NS, (830.0, 0.61), "loose_sand"),
+        ShownTruth(
             START_NS + 500 * STEP_NS, (1800.0, 0.65), "compact_sand with drive_drag 0.2 N m s/rad"
         ),
     ]
-    return Run(
+    return ReplayedRun(
         name="dune",
         bag="bags/dune",
         bag_sha256="cd" * 32,

@@ -11,7 +11,7 @@ from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import PlannerConfig
 from terrain_estimator.observation import Observation
-from terrain_estimator.planning.inputs import Inputs
+from terrain_estimator.planning.inputs import PlannerInputs
 from terrain_estimator.ros_types import INPUT_TYPES
 from tests.drives import drive_messages
 from tests.terrain_estimator.planning.support import ROVER
@@ -19,7 +19,7 @@ from tests.terrain_estimator.planning.support import ROVER
 
 def paired(late_ns: int, *topics: str, **values: float) -> int:
     """Observations of a drive on some topics, its odometry stamped late."""
-    inputs, count = Inputs(ROVER, configure(PlannerConfig, values)), 0
+    inputs, count = PlannerInputs(ROVER, configure(PlannerConfig, values)), 0
     for topic, _, message in drive_messages(Types().make, 2.0):
         if topic == "odom":
             message.header.stamp = copy.deepcopy(message.header.stamp)  # all topics share it
@@ -42,7 +42,7 @@ def test_messages_are_paired_as_the_estimator_pairs_them() -> None:
 
 def observed(**values: bool) -> list[Observation]:
     """Observations of a drive whose imu sits at an angle that odom does not have."""
-    inputs, observations = Inputs(ROVER, configure(PlannerConfig, values)), []
+    inputs, observations = PlannerInputs(ROVER, configure(PlannerConfig, values)), []
     for topic, _, message in drive_messages(Types().make, 2.0):
         if topic == "imu":
             message.orientation = copy.deepcopy(message.orientation)  # odom has the same

@@ -15,7 +15,7 @@ from scipy.integrate import quad
 from terramechanics.contact.stresses import quadrature, wheel_forces
 from terramechanics.effects.laws import side_resistance
 from terramechanics.effects.soil import Bulldozing, LateralBulldozing
-from terramechanics.simulation.plant import Contact, Situation
+from terramechanics.simulation.plant import ContactInputs, Situation
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -159,7 +159,7 @@ def test_lateral_bulldozing_adds_to_the_lateral_force_alone_and_nothing_straight
     where = Situation(rover, 0.0, torch.arange(1), none, none, none[:, 0])
     effect = LateralBulldozing(7e4)
     for angle in (-0.5, 0.5):
-        contact = Contact(
+        contact = ContactInputs(
             none, none + SINKAGE, SOIL.constants(), SOIL.strength(), slip_angle=none + angle
         )
         forces = contact.forces(rover.wheel_radius, rover.wheel_width, quadrature())
@@ -171,6 +171,6 @@ def test_lateral_bulldozing_adds_to_the_lateral_force_alone_and_nothing_straight
         assert float(added[3]) == pytest.approx(math.sin(angle) * side, rel=1e-9)
         pulled = (Bulldozing(1e4).push(where, contact, forces) - forces)[0, 0]
         assert pulled.tolist() == pytest.approx([0.0, -1e4 * SINKAGE**2, 0.0, 0.0])
-    straight = Contact(none, none + SINKAGE, SOIL.constants(), SOIL.strength())
+    straight = ContactInputs(none, none + SINKAGE, SOIL.constants(), SOIL.strength())
     forces = straight.forces(rover.wheel_radius, rover.wheel_width, quadrature())
     assert torch.equal(effect.push(where, straight, forces), forces)

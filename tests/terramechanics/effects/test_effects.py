@@ -12,7 +12,7 @@ from torch import Tensor
 from terramechanics.contact.sinkage import WheelGround
 from terramechanics.contact.stresses import entry_angle, quadrature, wheel_forces
 from terramechanics.effects import EFFECTS, make_effect
-from terramechanics.simulation.plant import Contact, Effect, Plant, Pull, Situation
+from terramechanics.simulation.plant import ContactInputs, Effect, Plant, Pull, Situation
 from terramechanics.simulation.sample import Drive, Sample
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
@@ -70,9 +70,9 @@ def situation(episodes: int = 1) -> Situation:
     )
 
 
-def contact(slip: float = 0.2, sinkage: float = 0.02) -> Contact:
+def contact(slip: float = 0.2, sinkage: float = 0.02) -> ContactInputs:
     wheels = torch.ones(1, 3, dtype=torch.float64)
-    return Contact(
+    return ContactInputs(
         slip * wheels,
         sinkage * wheels,
         LOOSE.constants().expand(1, 3, 6),
@@ -309,7 +309,7 @@ def test_the_stresses_behind_the_axle_are_integrated_like_a_plain_sum() -> None:
     one, depth, behind = (
         torch.tensor([value], dtype=torch.float64) for value in (slip, sinkage, reach)
     )
-    wheel = Contact(one, depth, LOOSE.constants(), LOOSE.strength(), behind)
+    wheel = ContactInputs(one, depth, LOOSE.constants(), LOOSE.strength(), behind)
     torch.testing.assert_close(
         wheel.forces(r, b, quadrature(24))[0], expected, rtol=1e-5, atol=1e-4
     )

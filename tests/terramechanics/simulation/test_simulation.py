@@ -18,7 +18,7 @@ from terramechanics.simulation.simulation import TIME_STEP, Simulation, simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Flat, Ramp
 from terramechanics.terrain.soil import Soil, load_soil, soil_names
-from terramechanics.vehicle.equilibrium import Step, _search_rates, solve_rates
+from terramechanics.vehicle.equilibrium import StepEquations, _search_rates, solve_rates
 from terramechanics.vehicle.rover import Rover, load_rover, rover_names
 from terramechanics.vehicle.suspension import level_pose, wheel_loads
 
@@ -332,7 +332,7 @@ def test_the_search_finds_what_newton_finds() -> None:
     pose = level_pose(MARS, torch.zeros(batch, dtype=torch.float64))
     fine = WheelGround.of(MARS, *ground.at(pose.contact), points=12)
     coarse = WheelGround.of(MARS, *ground.at(pose.contact), points=3)
-    step = Step.of(
+    step = StepEquations.of(
         MARS, pose, fine, coarse, torch.full((batch,), 0.12, dtype=torch.float64), TIME_STEP
     )
     rate = rates(MARS, 0.15, batch) * torch.tensor([1.1, 0.9, 1.0], dtype=torch.float64)

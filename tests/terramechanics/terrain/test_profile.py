@@ -16,7 +16,7 @@ from terramechanics.terrain.profile import (
     Profile,
     Ramp,
     Sampled,
-    Step,
+    StepProfile,
     random_hills,
 )
 
@@ -46,8 +46,8 @@ def sampled(spacing: float = 0.5) -> Sampled:
         Flat(),
         Ramp(0.1),
         Ramp(-0.2, start=0.5, blend=0.3),
-        Step(0.1),
-        Step(-0.05, length=0.4),
+        StepProfile(0.1),
+        StepProfile(-0.05, length=0.4),
         hills(),
     ],
 )
@@ -82,8 +82,8 @@ def test_dense_samples_of_hills_are_the_hills() -> None:
 def test_a_ramp_ends_at_its_grade_and_a_step_at_its_rise() -> None:
     far = torch.tensor([[50.0]], dtype=torch.float64)
     assert float(Ramp(0.1).shape(far)[1]) == pytest.approx(math.tan(0.1))
-    assert float(Step(0.1).shape(far)[0]) == pytest.approx(0.1)
-    assert float(Step(0.1).shape(far)[1]) == 0.0
+    assert float(StepProfile(0.1).shape(far)[0]) == pytest.approx(0.1)
+    assert float(StepProfile(0.1).shape(far)[1]) == 0.0
 
 
 def test_random_hills_keep_their_bounds() -> None:

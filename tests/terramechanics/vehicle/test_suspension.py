@@ -9,10 +9,10 @@ import pytest
 import torch
 from scipy import optimize
 
-from terramechanics.terrain.profile import Flat, Profile, Ramp, Step, random_hills
+from terramechanics.terrain.profile import Flat, Profile, Ramp, StepProfile, random_hills
 from terramechanics.vehicle.rover import Rover, load_rover
 from terramechanics.vehicle.suspension import (
-    Body,
+    BodyLoad,
     Pose,
     TerrainError,
     balance_matrix,
@@ -28,7 +28,12 @@ PLACES = torch.linspace(0.3, 9.7, 24, dtype=torch.float64)
 
 def profiles() -> list[Profile]:
     hills = random_hills(24, torch.ones(24, dtype=torch.float64), torch.Generator().manual_seed(5))
-    return [Flat(), Ramp(0.15, start=2.0, blend=2.5), Step(0.08, start=3.0, length=2.5), hills]
+    return [
+        Flat(),
+        Ramp(0.15, start=2.0, blend=2.5),
+        StepProfile(0.08, start=3.0, length=2.5),
+        hills,
+    ]
 
 
 def posed(rover: Rover, profile: Profile, x: torch.Tensor = PLACES) -> Pose:
@@ -119,7 +124,7 @@ def test_a_profile_that_is_sharper_than_the_wheel_is_refused() -> None:
     with pytest.raises(TerrainError, match=r"curved too sharply for wheels of radius 0\.4 m"):
         posed(
             ROVERS[1],
-            Step(0.2, start=1.0, length=0.3),
+            StepProfile(0.2, start=1.0, length=0.3),
             torch.linspace(0.0, 1.5, 30, dtype=torch.float64),
         )
 
@@ -231,7 +236,7 @@ def test_driving_torque_takes_load_off_the_front_wheels_and_a_climb_does_too() -
 def test_the_target_of_the_balances_is_gravity_and_inertia() -> None:
     rover = ROVERS[0]
     target = balance_target(
-        Body.of(rover),
+        BodyLoad.of(rover),
         torch.tensor([0.1], dtype=torch.float64),
         torch.tensor([0.5], dtype=torch.float64),
     )

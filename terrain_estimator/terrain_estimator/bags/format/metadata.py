@@ -32,7 +32,7 @@ class TopicCount:
 
 
 @dataclass(slots=True)
-class Span:
+class TimeSpan:
     """Log times [ns] of the messages counted so far."""
 
     first_ns: int = NO_TIME
@@ -51,7 +51,7 @@ class Span:
         return self.last_ns - self.first_ns if self.count else 0
 
     @classmethod
-    def of(cls, parts: Iterable["Span"]) -> "Span":
+    def of(cls, parts: Iterable["TimeSpan"]) -> "TimeSpan":
         """Return the span of several files."""
         spans = [part for part in parts if part.count]
         if not spans:
@@ -68,18 +68,18 @@ class StoredMetadata:
     """What a reader needs of a metadata.yaml."""
 
     files: tuple[str, ...]
-    span: Span
+    span: TimeSpan
     custom: dict[str, str] = field(default_factory=dict)
 
 
 def information(
-    topics: Sequence[TopicCount], files: Mapping[str, Span], custom: dict[str, str]
+    topics: Sequence[TopicCount], files: Mapping[str, TimeSpan], custom: dict[str, str]
 ) -> dict[str, Any]:
     """Return the fields of ``rosbag2_bagfile_information`` for a bag of files, named in their order.
 
     Source: rosbag2_storage, ``yaml.hpp``, ``convert<BagMetadata>``.
     """
-    whole = Span.of(files.values())
+    whole = TimeSpan.of(files.values())
     return {
         "version": VERSION,
         "storage_identifier": "mcap",
@@ -135,7 +135,7 @@ def read_metadata(path: Path) -> StoredMetadata:
             fields["starting_time"]["nanoseconds_since_epoch"],
             fields["duration"]["nanoseconds"],
         )
-        span = Span(int(first), int(first) + int(duration), int(fields["message_count"]))
+        span = TimeSpan(int(first), int(first) + int(duration), int(fields["message_count"]))
         files = tuple(Path(name).name for name in fields["relative_file_paths"])
         stored = StoredMetadata(files, span, dict(fields.get("custom_data") or {}))
         compressed = str(mode).lower() not in {"", "none"}

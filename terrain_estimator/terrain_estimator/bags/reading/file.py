@@ -26,7 +26,7 @@ from mcap.records import (
 from mcap.well_known import Profile
 
 from terrain_estimator.bags.errors import BagError
-from terrain_estimator.bags.format.metadata import Span
+from terrain_estimator.bags.format.metadata import TimeSpan
 from terrain_estimator.bags.reading.records import (
     HEAD,
     LARGEST_CONTENTS,
@@ -67,7 +67,7 @@ class McapFile:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()
-        self.span = Span()
+        self.span = TimeSpan()
         self.metadata: list[Metadata] = []
         self.finished = False
         self._chunks: list[ChunkIndex] = []
@@ -198,7 +198,7 @@ class McapFile:
             return False
         self.counts.update(statistics.channel_message_counts)
         if statistics.message_count:
-            self.span = Span(
+            self.span = TimeSpan(
                 statistics.message_start_time, statistics.message_end_time, statistics.message_count
             )
         self._chunks.sort(key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset))

@@ -21,8 +21,8 @@ from terrain_estimator.bags.format.definitions import Definition, installed_defi
 from terrain_estimator.bags.format.metadata import (
     METADATA_FILE,
     ROSBAG2_RECORD,
-    Span,
     StoredMetadata,
+    TimeSpan,
     read_metadata,
 )
 from terrain_estimator.bags.format.types import Message, Types
@@ -73,9 +73,9 @@ class BagReader:
             raise
 
     @property
-    def span(self) -> Span:
+    def span(self) -> TimeSpan:
         """Return first and last log time [ns] and the number of messages."""
-        return Span.of(file.span for file in self._files)
+        return TimeSpan.of(file.span for file in self._files)
 
     @property
     def finished(self) -> bool:

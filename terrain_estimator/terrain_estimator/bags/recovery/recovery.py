@@ -18,8 +18,8 @@ from mcap.records import Channel, McapRecord, Message, Metadata, Schema, Statist
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.metadata import (
     METADATA_FILE,
-    Span,
     StoredMetadata,
+    TimeSpan,
     TopicCount,
     dump,
     information,
@@ -37,7 +37,7 @@ from terrain_estimator.bags.writing.copying import Copier
 class Recovery:
     """What came of a damaged bag."""
 
-    span: Span = field(default_factory=Span)  # of the messages that were recovered
+    span: TimeSpan = field(default_factory=TimeSpan)  # of the messages that were recovered
     gaps: int = (
         0  # messages that are missing between others, by the sequence numbers of their topics
     )
@@ -92,7 +92,7 @@ class _Recovering:
         self._sequences: dict[str, int] = {}
 
     def run(self, files: list[Path]) -> None:
-        spans: dict[str, Span] = {}
+        spans: dict[str, TimeSpan] = {}
         expected: list[int | None] = []
         for path in files:
             torn = self._result.damage.torn
@@ -107,7 +107,7 @@ class _Recovering:
             self._result.expected = self._stored.span.count
         elif None not in expected:
             self._result.expected = sum(count or 0 for count in expected)
-        self._result.span = Span.of(spans.values())
+        self._result.span = TimeSpan.of(spans.values())
 
     def _metadata(self, source: Path) -> StoredMetadata | None:
         path = source / METADATA_FILE
@@ -117,13 +117,13 @@ class _Recovering:
             self._result.notes.append(f"{error}; it is written anew")
             return None
 
-    def _recover(self, path: Path) -> tuple[Span, int | None]:
+    def _recover(self, path: Path) -> tuple[TimeSpan, int | None]:
         """Copy one file; the times of its messages, and how many its summary says there were."""
         target = self._target / path.name
         with path.open("rb") as file, target.open("xb") as out:
             if not file.read(len(MAGIC)).startswith(MAGIC):
                 self._result.notes.append(f"{path} is no MCAP file, or nothing is left of it")
-                span, said = Span(), None
+                span, said = TimeSpan(), None
             else:
                 with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
                     span, said = self._copy(data, path, Copier(out))
@@ -133,8 +133,8 @@ class _Recovering:
             target.unlink()
         return span, said
 
-    def _copy(self, data: mmap, path: Path, copier: Copier) -> tuple[Span, int | None]:
-        span, said, counts = Span(), None, Counter[str]()
+    def _copy(self, data: mmap, path: Path, copier: Copier) -> tuple[TimeSpan, int | None]:
+        span, said, counts = TimeSpan(), None, Counter[str]()
         channels: dict[int, Channel] = {}
         schemas: dict[int, str] = {}
         for record in salvage(data, path, self._result.damage):

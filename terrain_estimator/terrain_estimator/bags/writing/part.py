@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from terrain_estimator.bags.format.definitions import Definition
 from terrain_estimator.bags.format.metadata import (
     ROSBAG2_RECORD,
-    Span,
+    TimeSpan,
     TopicCount,
     dump,
     information,
@@ -27,14 +27,14 @@ CHUNK_BYTES = 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class BagTopic:
     """Handle of a topic in a bag that is being written."""
 
     count: TopicCount
     definition: Definition
 
 
-class Part:
+class BagPart:
     """A new file: in zstd chunks, or, recorded, without chunks and brought to the disk at intervals.
 
     Raises:
@@ -46,7 +46,7 @@ class Part:
     ) -> None:
         """Begin the file; ``sync_interval_s`` is None where it is not recorded."""
         self.path = path
-        self.span = Span()
+        self.span = TimeSpan()
         self._custom = dict(custom)
         self._recording = sync_interval_s is not None
         self._channels: dict[str, int] = {}
@@ -82,7 +82,7 @@ class Part:
         """By how much [s] a power cut would cost more than the interval now."""
         return self._syncer.late_s if self._syncer and not self._file.closed else 0.0
 
-    def add_topic(self, topic: Topic) -> None:
+    def add_topic(self, topic: BagTopic) -> None:
         """Register a topic."""
         count, definition = topic.count, topic.definition
         metadata = {"offered_qos_profiles": qos_text(count.qos), "topic_type_hash": count.type_hash}
@@ -97,7 +97,7 @@ class Part:
         if self._recording:
             self._file.flush()
 
-    def write(self, topic: Topic, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+    def write(self, topic: BagTopic, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Append a message of a registered topic; its sequence number is the topic's count."""
         name = topic.count.name
         self._writer.add_message(

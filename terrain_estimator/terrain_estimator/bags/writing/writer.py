@@ -16,11 +16,11 @@ from typing import Self
 
 from terrain_estimator.bags.errors import BagError, BagExistsError
 from terrain_estimator.bags.format.definitions import Definition, installed_definition
-from terrain_estimator.bags.format.metadata import Span, TopicCount, information, write_metadata
+from terrain_estimator.bags.format.metadata import TimeSpan, TopicCount, information, write_metadata
 from terrain_estimator.bags.format.qos import Qos
 from terrain_estimator.bags.format.types import Message, Types
 from terrain_estimator.bags.writing.compaction import compact
-from terrain_estimator.bags.writing.part import Part, Topic
+from terrain_estimator.bags.writing.part import BagPart, BagTopic
 from terrain_estimator.bags.writing.syncing import sync_folder
 from terrain_estimator.bags.writing.worker import Worker
 
@@ -35,7 +35,7 @@ class Split:
     size: float = math.inf  # [bytes] of a file, before it is compressed
     duration_s: float = math.inf  # [s] of log time
 
-    def due(self, part: Part, log_time_ns: int) -> bool:
+    def due(self, part: BagPart, log_time_ns: int) -> bool:
         """Tell whether a message of that time belongs into the next file; one that is empty is never left."""
         if not part.span.count:
             return False
@@ -82,12 +82,12 @@ class BagWriter:
         self._recording = recording
         self._split = split or Split()
         self._custom = dict(custom or {})
-        self._topics: dict[str, Topic] = {}
+        self._topics: dict[str, BagTopic] = {}
         self._metadata = list((metadata or {}).items())
-        self._spans: dict[str, Span] = {}  # of all files, by name
+        self._spans: dict[str, TimeSpan] = {}  # of all files, by name
         self._uncompressed: list[str] = []
         self._settler = Worker("settle")
-        self._settling: list[tuple[Part, Future[None]]] = []
+        self._settling: list[tuple[BagPart, Future[None]]] = []
         self._closed = False
         self.whole = False  # finished, but for its compression
         self._make_folder()
@@ -103,9 +103,9 @@ class BagWriter:
         return self._part.path
 
     @property
-    def span(self) -> Span:
+    def span(self) -> TimeSpan:
         """Return first and last log time [ns] and the number of messages so far."""
-        return Span.of(self._spans.values())
+        return TimeSpan.of(self._spans.values())
 
     @property
     def topics(self) -> Mapping[str, TopicCount]:
@@ -134,7 +134,7 @@ class BagWriter:
         *,
         definition: Definition | None = None,
         qos: tuple[Qos, ...] = (Qos(),),
-    ) -> Topic:
+    ) -> BagTopic:
         """Register a topic.
 
         Args:
@@ -150,13 +150,13 @@ class BagWriter:
             msg = f"{self.path}: topic {name} was added twice"
             raise BagError(msg)
         definition = definition or installed_definition(type_name)
-        topic = Topic(TopicCount(name, type_name, definition.type_hash, qos), definition)
+        topic = BagTopic(TopicCount(name, type_name, definition.type_hash, qos), definition)
         self._part.add_topic(topic)
         self._topics[name] = topic
         return topic
 
     def write(
-        self, topic: Topic, data: bytes, log_time_ns: int, publish_time_ns: int | None = None
+        self, topic: BagTopic, data: bytes, log_time_ns: int, publish_time_ns: int | None = None
     ) -> None:
         """Append a serialised message.
 
@@ -179,7 +179,11 @@ class BagWriter:
             self._settling.pop(0)[1].result()
 
     def write_message(
-        self, topic: Topic, message: Message, log_time_ns: int, publish_time_ns: int | None = None
+        self,
+        topic: BagTopic,
+        message: Message,
+        log_time_ns: int,
+        publish_time_ns: int | None = None,
     ) -> None:
         """Serialise and append a message made by ``types.make``."""
         self.write(topic, self.types.serialize(message), log_time_ns, publish_time_ns)
@@ -244,10 +248,10 @@ class BagWriter:
         else:
             self.abandon()
 
-    def _new_part(self) -> Part:
+    def _new_part(self) -> BagPart:
         """A file that can be read without those before it, but for messages that came once."""
         path = self.folder / f"{self.folder.name}_{len(self._spans)}.mcap"
-        part = Part(path, self._custom, self.sync_interval_s if self._recording else None)
+        part = BagPart(path, self._custom, self.sync_interval_s if self._recording else None)
         try:
             for topic in self._topics.values():
                 part.add_topic(topic)
@@ -265,11 +269,11 @@ class BagWriter:
         done, self._part = self._part, self._new_part()
         self._settling.append((done, self._settler.give(partial(self._settle, done))))
 
-    def _settle(self, part: Part) -> None:
+    def _settle(self, part: BagPart) -> None:
         part.settle()
         self._compact(part)
 
-    def _compact(self, part: Part) -> None:
+    def _compact(self, part: BagPart) -> None:
         if not self._recording:
             return
         try:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.equations import Ask, Equations, linear
+from terrain_estimator.discovery.hypotheses.equations import Equations, Query, linear
 from terrain_estimator.discovery.hypotheses.point import Point, Shared, own_prior
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 
@@ -25,7 +25,7 @@ SETTLED = 0.3
 """[1] Decrease of the objective that a step foresees, after which no other is made; it is taken into account."""
 
 
-Evaluate = Callable[[Sequence[Ask]], Sequence[Equations]]
+Evaluate = Callable[[Sequence[Query]], Sequence[Equations]]
 """The equations of every run under one hypothesis, in the order of the runs."""
 
 
@@ -188,13 +188,13 @@ _SHORTEST = 0.05
 
 def _asks(
     point: Point, shared: Shared, columns: Sequence[Tensor], known: Sequence[Tensor | None]
-) -> list[Ask]:
+) -> list[Query]:
     """What to ask of every run at a point."""
     sizes = shared.low.shape[0]
     values = tuple(point.shared[:sizes].tolist())
     weights, steps = point.shared[sizes:], _inward(values, shared)
     return [
-        Ask(own, values, weights, own_columns, steps, kept)
+        Query(own, values, weights, own_columns, steps, kept)
         for own, own_columns, kept in zip(point.runs, columns, known, strict=True)
     ]
 

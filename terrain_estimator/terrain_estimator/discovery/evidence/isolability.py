@@ -28,7 +28,7 @@ LEAST = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Signature:
     """What a hypothesis does to the rows of some runs."""
 
     runs: tuple[
@@ -36,9 +36,9 @@ class Mark:
     ]  # [B, Q, 1 + F] at the typical size; then further changes by a deviation of each other thing not known of it
     ends: tuple[float, float]  # [1] physical range of the size, in units of the typical one
 
-    def joined(self, other: "Mark") -> "Mark":
+    def joined(self, other: "Signature") -> "Signature":
         """The same in more runs."""
-        return Mark(self.runs + other.runs, self.ends)
+        return Signature(self.runs + other.runs, self.ends)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidat
     return Isolability(tuple(names[k] for k in excited), nats[excited][:, excited], why)
 
 
-def matrix(stages: Sequence[Stage], found: Sequence[Mark]) -> Tensor:
+def matrix(stages: Sequence[Stage], found: Sequence[Signature]) -> Tensor:
     """Expected log Bayes factors [nat] of every mark over every other, and on the diagonal over nothing."""
     nats = torch.zeros(len(found), len(found), dtype=torch.float64)
     for i, true in enumerate(found):
@@ -103,7 +103,7 @@ _PROMISING = 0.01
 """[1] Share that a first step of another effect has to explain to be looked at."""
 
 
-def table(true: Mark, others: Sequence[Mark]) -> list[Tensor]:
+def table(true: Signature, others: Sequence[Signature]) -> list[Tensor]:
     """A mark and what others can do, [B, Q, 1 + K] of each run, as :func:`expected.loss` takes them."""
     return [
         torch.cat([mine[..., :1], *rest], 2)
@@ -125,18 +125,18 @@ def stages_of(around: Candidate) -> list[Stage]:
     ]
 
 
-def marks(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> list[Mark]:
+def marks(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> list[Signature]:
     """Marks of hypotheses in all runs."""
     nominal, mask, found = study.nominal, study.mask, around.fit
 
-    def of_run(run: Blocks, where: tuple[Unknowns, Tensor]) -> list[Mark]:
+    def of_run(run: Blocks, where: tuple[Unknowns, Tensor]) -> list[Signature]:
         return run_marks(nominal, run, mask, hypotheses, *where)
 
     every = study.contributions(
         of_run,
         [(own, each.away) for own, each in zip(found.point.runs, found.equations, strict=True)],
     )
-    return [reduce(Mark.joined, each) for each in zip(*every, strict=True)]
+    return [reduce(Signature.joined, each) for each in zip(*every, strict=True)]
 
 
 @torch.inference_mode()
@@ -147,7 +147,7 @@ def run_marks(
     hypotheses: Sequence[Hypothesis],
     unknowns: Unknowns,
     away: Tensor,
-) -> list[Mark]:
+) -> list[Signature]:
     """Marks of hypotheses in one run, around ``unknowns`` and with the rows expanded ``away`` from the measured inputs."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
@@ -164,7 +164,7 @@ def run_marks(
             moved = tuple(value + float(shared.sd[k]) * (n == k) for n, value in enumerate(values))
             changes.append(nothing - rows(hypothesis, moved) - changes[0])
         found.append(
-            Mark(
+            Signature(
                 (torch.stack(changes, -1),),
                 (float(shared.low[0]) / values[0], float(shared.high[0]) / values[0]),
             )

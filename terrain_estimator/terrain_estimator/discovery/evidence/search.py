@@ -11,8 +11,12 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.evidence.fit import Evaluate, Fit, fit, foresee
-from terrain_estimator.discovery.hypotheses.contributions import Contributions, Law, here
-from terrain_estimator.discovery.hypotheses.equations import Ask, Equations
+from terrain_estimator.discovery.hypotheses.contributions import (
+    Contributions,
+    ContributionTask,
+    here,
+)
+from terrain_estimator.discovery.hypotheses.equations import Equations, Query
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.hypotheses.physics import Nominal
 from terrain_estimator.discovery.hypotheses.point import (
@@ -68,7 +72,9 @@ class Study:
         self.nothing = self._nothing()
 
     def _evaluate(self, hypothesis: Hypothesis) -> Evaluate:
-        return partial(self.contributions, Law(self.nominal, hypothesis.parts, self.mask))
+        return partial(
+            self.contributions, ContributionTask(self.nominal, hypothesis.parts, self.mask)
+        )
 
     def _nothing(self) -> Candidate:
         strengths = [(PRIOR_THETA[0][0], PRIOR_THETA[1][0])] * len(self.runs)
@@ -96,7 +102,7 @@ class Study:
         found = self.nothing.fit
         none = torch.zeros(0, dtype=torch.float64)
         asks = [
-            Ask(unknowns, (), none, columns, (), before.by_constant, before.away)
+            Query(unknowns, (), none, columns, (), before.by_constant, before.away)
             for unknowns, columns, before in zip(
                 found.point.runs, self._plain.columns, found.equations, strict=True
             )

@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.equations import Ask, Equations, RunEquations
+from terrain_estimator.discovery.hypotheses.equations import Equations, Query, RunEquations
 from terrain_estimator.discovery.hypotheses.parts import Part
 from terrain_estimator.discovery.hypotheses.physics import Laws, Nominal
 from terrain_estimator.discovery.runs import Blocks
@@ -19,7 +19,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Law:
+class ContributionTask:
     """A hypothesis, the same for all runs; called on one run, it gives what that contributes at a place."""
 
     nominal: Nominal
@@ -27,7 +27,7 @@ class Law:
     mask: Tensor  # [R] 1 for rows that may be used
 
     @torch.inference_mode()
-    def __call__(self, blocks: Blocks, ask: Ask) -> Equations:
+    def __call__(self, blocks: Blocks, ask: Query) -> Equations:
         """The equations of a run."""
         return RunEquations(blocks, Laws(self.nominal, blocks, self.parts), self.mask).at(ask)
 

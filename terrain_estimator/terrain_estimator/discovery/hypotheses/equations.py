@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.physics import Laws, Place
+from terrain_estimator.discovery.hypotheses.physics import Laws, LinearizationPoint
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
@@ -58,7 +58,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class Query:
     """Where the equations of a run are wanted."""
 
     unknowns: Unknowns
@@ -131,11 +131,11 @@ class RunEquations:
         """``mask`` [R] 1 for rows that may be used."""
         self._blocks, self._laws, self._mask = blocks, laws, mask
 
-    def at(self, ask: Ask) -> Equations:
+    def at(self, ask: Query) -> Equations:
         """The equations at a place."""
         count = self._blocks.packed.shape[0]
         unknowns, known = ask.unknowns, ask.known
-        place = Place(unknowns.theta, unknowns.kappa, ask.sizes)
+        place = LinearizationPoint(unknowns.theta, unknowns.kappa, ask.sizes)
         away = self._laws.likely(place, self._mask) if ask.away is None else ask.away
         rows = self._laws.rows(place, away, changes_too=known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
@@ -224,7 +224,7 @@ class RunEquations:
         """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's mark."""
         count = self._blocks.packed.shape[0]
         rows = self._laws.rows(
-            Place(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False
+            LinearizationPoint(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False
         )
         average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
@@ -245,11 +245,19 @@ class RunEquations:
         )
 
     def _corrected(
-        self, place: Place, away: Tensor, error: Tensor, theta: Tensor, index: int, step: float
+        self,
+        place: LinearizationPoint,
+        away: Tensor,
+        error: Tensor,
+        theta: Tensor,
+        index: int,
+        step: float,
     ) -> Tensor:
         sizes = tuple(size + step * (k == index) for k, size in enumerate(place.values))
         return self._base(
-            self._laws.rows(Place(place.theta, place.kappa, sizes), away, changes_too=False),
+            self._laws.rows(
+                LinearizationPoint(place.theta, place.kappa, sizes), away, changes_too=False
+            ),
             error,
             theta,
         )

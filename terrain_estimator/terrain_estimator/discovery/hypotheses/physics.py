@@ -20,7 +20,7 @@ from terrain_estimator.model.prior import uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
-    Contact,
+    ContactModel,
     Rows,
     changes,
     frame_of,
@@ -36,7 +36,7 @@ from terramechanics.simulation import plant
 from terramechanics.simulation.plant import Plant, Situation
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
-from terramechanics.vehicle.suspension import Body, Geometry, geometry_of
+from terramechanics.vehicle.suspension import BodyLoad, Geometry, geometry_of
 
 CONSTANTS_SD = 0.05 / math.sqrt(3.0)
 """[1] Relative prior deviation of each soil constant: uniform within 5 %."""
@@ -51,7 +51,7 @@ class Nominal:
 
     rover: Rover
     soil: Soil
-    contact: Contact
+    contact: ContactModel
     uncertain: Tensor  # [M, 6] prior deviations of the uncertain soil constants
 
 
@@ -64,7 +64,7 @@ def nominal_of(rover: Rover, soil: Soil) -> Nominal:
         [0.1, 0.01, 0.01 * rover.wheel_radius, 1e-3 * rover.wheel_radius, 0.0, 0.0, 0.0, 0.0],
         dtype=torch.float64,
     )
-    contact = Contact(
+    contact = ContactModel(
         constants=soil.constants(),
         varied=torch.cat([torch.zeros(1, 6, dtype=torch.float64), 1e-3 * uncertain]),
         stencil=stencil(uncertain.shape[0]),
@@ -88,7 +88,7 @@ def _body_scale(rover: Rover, mass: float) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class LinearizationPoint:
     """Where the rows of a run are evaluated."""
 
     theta: Tensor  # [2] c [kPa], tan phi
@@ -115,21 +115,21 @@ class Laws:
             velocity=self._flat[:, 8 * axles],
         )
 
-    def likely(self, place: Place, chosen: Tensor) -> Tensor:
+    def likely(self, place: LinearizationPoint, chosen: Tensor) -> Tensor:
         """How far the inputs are, where all rows agree best, from the measured ones: [n, 8 A + 9], see ``agreement``."""
         plant_, contact, packed = self._at(place)
         rows = self._rows(packed, packed, values_alone(contact), place, plant_)
         theta = torch.cat([place.theta, torch.ones_like(place.theta[:1])])
         return agreement(rows, packed, contact, theta, chosen).inputs - packed
 
-    def rows(self, place: Place, away: Tensor, *, changes_too: bool) -> Rows:
+    def rows(self, place: LinearizationPoint, away: Tensor, *, changes_too: bool) -> Rows:
         """Rows expanded ``away`` from the measured inputs; with their changes by the soil constants where asked for."""
         plant_, contact, packed = self._at(place)
         return self._rows(
             packed, packed + away, contact if changes_too else values_alone(contact), place, plant_
         )
 
-    def _at(self, place: Place) -> tuple[Plant, Contact, Tensor]:
+    def _at(self, place: LinearizationPoint) -> tuple[Plant, ContactModel, Tensor]:
         acting, where, nominal = plant_of(self.parts, place.values), self._where, self._nominal
         contact = nominal.contact._replace(
             constants=nominal.contact.constants + place.kappa @ nominal.uncertain
@@ -146,13 +146,18 @@ class Laws:
         )
 
     def _rows(
-        self, packed: Tensor, likely: Tensor, contact: Contact, place: Place, acting: Plant
+        self,
+        packed: Tensor,
+        likely: Tensor,
+        contact: ContactModel,
+        place: LinearizationPoint,
+        acting: Plant,
     ) -> Rows:
         frame = frame_of(packed, contact)
         expanded = places(likely, frame, contact)
         varied = varied_inputs(expanded, contact)
         strength = place.theta * contact.column_unit[:2]
-        touching = plant.Contact(
+        touching = plant.ContactInputs(
             varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2)
         )
         touching = acting.contact(self._where, touching)
@@ -163,7 +168,7 @@ class Laws:
             frame, measured_forces(frame, expanded, changes(forces, varied.scale, contact))
         )
 
-    def _forces(self, touching: plant.Contact, contact: Contact) -> Tensor:
+    def _forces(self, touching: plant.ContactInputs, contact: ContactModel) -> Tensor:
         """The stress integrals, those of the last call where nothing that they depend on has changed: many effects act elsewhere."""
         changing = (touching.slip, touching.sinkage, touching.constants)
         kept = self._kept
@@ -178,7 +183,7 @@ class Laws:
         return forces
 
 
-def _integrated(touching: plant.Contact, contact: Contact) -> Tensor:
+def _integrated(touching: plant.ContactInputs, contact: ContactModel) -> Tensor:
     """Stress integrals of braked wheels and of the others, each by themselves: those of braked wheels need twice the nodes."""
     shape = touching.slip.shape
     exits = touching.exit_angle
@@ -196,7 +201,7 @@ def _integrated(touching: plant.Contact, contact: Contact) -> Tensor:
     return found.view(*shape, 3, 3)
 
 
-def _loaded(contact: Contact, rover: Rover, body: Body) -> Contact:
+def _loaded(contact: ContactModel, rover: Rover, body: BodyLoad) -> ContactModel:
     mass, x, height = (
         float(torch.as_tensor(value).flatten()[0]) for value in (body.mass, body.x, body.height)
     )

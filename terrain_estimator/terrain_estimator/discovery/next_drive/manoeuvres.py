@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.physics import Nominal
-from terrain_estimator.discovery.runs import Run
+from terrain_estimator.discovery.runs import RecordedRun
 from terrain_estimator.model.packing import pack_measurement
 from terramechanics.contact.sinkage import drawbar_capability
 from terramechanics.simulation.plant import Plant
@@ -112,7 +112,7 @@ class Commands:
 
 def drive(
     nominal: Nominal, strength: Tensor, manoeuvres: Sequence[Manoeuvre], plant: Plant, seed: int
-) -> list[Run]:
+) -> list[RecordedRun]:
     """What is measured in each manoeuvre on ground of this ``strength`` (c [Pa], tan phi), with the effects of ``plant``."""
     rover, batch = nominal.rover, len(manoeuvres)
     generator = torch.Generator().manual_seed(seed)
@@ -143,6 +143,6 @@ def drive(
     time = TIME_STEP * torch.arange(packed.shape[1], dtype=torch.float64)
     moving = (~driven.sample.stuck).sum(1).tolist()
     return [
-        Run(each.name, packed[k, :end], driven.seen.wheel_rate[k, :end], time[:end])
+        RecordedRun(each.name, packed[k, :end], driven.seen.wheel_rate[k, :end], time[:end])
         for k, (each, end) in enumerate(zip(manoeuvres, moving, strict=True))
     ]

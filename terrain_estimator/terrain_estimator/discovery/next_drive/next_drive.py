@@ -16,18 +16,18 @@ import torch
 
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.isolability import (
-    Mark,
+    Signature,
     marks,
     run_marks,
     stages_of,
     table,
 )
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
-from terrain_estimator.discovery.hypotheses.equations import Ask, RunEquations, Unknowns
+from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations, Unknowns
 from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
 from terrain_estimator.discovery.hypotheses.physics import Laws
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
-from terrain_estimator.discovery.runs import Run, RunError, cut
+from terrain_estimator.discovery.runs import RecordedRun, RunError, cut
 from terramechanics.effects import make_effect
 from terramechanics.simulation.plant import Plant
 
@@ -82,7 +82,7 @@ def next_drives(
     return sorted(found, key=lambda each: -each.nats)
 
 
-def _apart(stages: Sequence[Stage], known: Sequence[Mark], pair: tuple[int, int]) -> float:
+def _apart(stages: Sequence[Stage], known: Sequence[Signature], pair: tuple[int, int]) -> float:
     true, other = (known[k] for k in pair)
     return loss(stages, table(true, [other]), other.ends).nats
 
@@ -92,7 +92,7 @@ def _driven(
     doubtful: Sequence[Hypothesis],
     theta: torch.Tensor,
     manoeuvres: Sequence[Manoeuvre],
-) -> list[list[Run]]:
+) -> list[list[RecordedRun]]:
     """The runs of all manoeuvres with each effect acting, one simulation for all."""
     strength = theta * study.nominal.contact.column_unit[:2]
     count = len(manoeuvres)
@@ -110,11 +110,11 @@ def _driven(
 
 def _seen(
     study: Study,
-    run: Run,
+    run: RecordedRun,
     doubtful: Sequence[Hypothesis],
     theta: torch.Tensor,
     excess: torch.Tensor,
-) -> tuple[Stage, list[Mark]] | None:
+) -> tuple[Stage, list[Signature]] | None:
     """The rows of a new run, and what the effects in doubt do to them; None where the rover hardly moves."""
     nominal = study.nominal
     try:
@@ -126,7 +126,7 @@ def _seen(
         theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks)
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
-    ask = Ask(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
+    ask = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
     equations = RunEquations(blocks, Laws(nominal, blocks, NOTHING.parts), study.mask).at(ask)
     return stage(equations, unknowns, excess), run_marks(
         nominal, blocks, study.mask, doubtful, unknowns, equations.away

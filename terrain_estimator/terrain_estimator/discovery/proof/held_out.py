@@ -14,8 +14,8 @@ from torch import Tensor
 
 from terrain_estimator.discovery.evidence.fit import Fit
 from terrain_estimator.discovery.evidence.search import Study
-from terrain_estimator.discovery.hypotheses.contributions import Law
-from terrain_estimator.discovery.hypotheses.equations import Ask, Equations, Unknowns, assembled
+from terrain_estimator.discovery.hypotheses.contributions import ContributionTask
+from terrain_estimator.discovery.hypotheses.equations import Equations, Query, Unknowns, assembled
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.physics import Nominal
 from terrain_estimator.discovery.hypotheses.point import own_prior
@@ -39,7 +39,7 @@ class Model:
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class GroundEstimate:
     """What a half tells about its run, under one model."""
 
     unknowns: Unknowns  # the velocities are that half's
@@ -51,7 +51,7 @@ class Half:
     """A half of a run that is judged, and what the other one tells under each model."""
 
     blocks: Blocks
-    grounds: tuple[Ground, ...]
+    grounds: tuple[GroundEstimate, ...]
 
 
 def long_enough(run: Blocks) -> Blocks:
@@ -91,10 +91,10 @@ def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Ha
     return Half(parts[0], told[1]), Half(parts[1], told[0])
 
 
-def _told(study: Study, models: tuple[Model, ...]) -> tuple[Ground, ...]:
+def _told(study: Study, models: tuple[Model, ...]) -> tuple[GroundEstimate, ...]:
     fits = _fits(study, models)
     return tuple(
-        Ground(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model))
+        GroundEstimate(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model))
         for fit, model in zip(fits, models, strict=True)
     )
 
@@ -137,7 +137,7 @@ def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equ
         told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64)
     )
     none = torch.zeros(0, dtype=torch.float64)
-    ask = Ask(
+    ask = Query(
         there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None
     )
-    return Law(nominal, model.hypothesis.parts, mask)(half.blocks, ask)
+    return ContributionTask(nominal, model.hypothesis.parts, mask)(half.blocks, ask)

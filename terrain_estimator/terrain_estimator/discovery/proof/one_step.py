@@ -13,13 +13,13 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.equations import Equations
-from terrain_estimator.discovery.proof.held_out import Ground
+from terrain_estimator.discovery.proof.held_out import GroundEstimate
 from terrain_estimator.discovery.proof.scores import Predicted
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 from terrain_estimator.model.rows import row_names
 
 
-def one_step(equations: Equations, ground: Ground, follows: Tensor) -> Predicted:
+def one_step(equations: Equations, ground: GroundEstimate, follows: Tensor) -> Predicted:
     """Errors of the R rows of B blocks; ``equations`` with velocities at zero, ``follows`` [B] as ``Blocks.follows``."""
     residual, covariance, present = equations.residual, equations.covariance, equations.present
     own = ground.covariance.shape[0]

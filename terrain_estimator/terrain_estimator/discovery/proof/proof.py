@@ -37,7 +37,7 @@ from terrain_estimator.discovery.proof.held_out import (
 )
 from terrain_estimator.discovery.proof.one_step import names, one_step
 from terrain_estimator.discovery.proof.rollout import Simulated, Windows, simulated, windows_of
-from terrain_estimator.discovery.proof.scores import Predicted, Score, joined, regions_of, scores
+from terrain_estimator.discovery.proof.scores import Predicted, RowScore, joined, regions_of, scores
 from terrain_estimator.discovery.proof.signals import compared
 from terrain_estimator.discovery.proof.signals import names as signal_names
 from terrain_estimator.discovery.runs import Blocks
@@ -60,7 +60,7 @@ class Strength:
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class SignalSeries:
     """One signal over five seconds of a held-out run, for a picture: measured, and simulated from the wheel rates alone."""
 
     run: str
@@ -83,10 +83,10 @@ class Proof:
     log_bayes_factor: (
         float | None
     )  # [nat] of the held-out runs, the effect over nothing; None where nothing is to be added
-    rows: tuple[Score, ...]
+    rows: tuple[RowScore, ...]
     parameters: tuple[Strength, ...]
-    rollout: Series  # of the signal that the model without the effect misses most, in the window where it was most wrong
-    velocity_rollout: Series  # of the velocity in the same window
+    rollout: SignalSeries  # of the signal that the model without the effect misses most, in the window where it was most wrong
+    velocity_rollout: SignalSeries  # of the velocity in the same window
 
     @property
     def sentence(self) -> str:
@@ -249,14 +249,14 @@ def _pictures(
     windows: Windows,
     driven: Sequence[Simulated],
     before: Predicted,
-) -> tuple[Series, Series]:
+) -> tuple[SignalSeries, SignalSeries]:
     window = int(before.misfit.view(-1, PIECE).sum(1).argmax())
     signal = int((before.error / before.sd).square().nanmean(0).argmax())
     half = judged[int(windows.half[window])].blocks
     start = float(half.signals.time[int(windows.first[window]), 0])
     time = start + windows.step * (torch.arange(1, PIECE * BLOCK) - 0.5 * (BLOCK - 1))
 
-    def series(k: int) -> Series:
+    def series(k: int) -> SignalSeries:
         columns = [
             windows.measured.values[window, :, k],
             *(each.signals[window, :, k] for each in driven),
@@ -264,7 +264,7 @@ def _pictures(
         measured, first, *second = (
             tuple(x if math.isfinite(x) else None for x in column.tolist()) for column in columns
         )
-        return Series(
+        return SignalSeries(
             half.name,
             *signal_names(axles)[k],
             tuple(time.tolist()),

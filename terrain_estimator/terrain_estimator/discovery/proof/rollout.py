@@ -15,8 +15,8 @@ from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.parts import plant_of, undone
 from terrain_estimator.discovery.hypotheses.physics import Nominal
-from terrain_estimator.discovery.proof.held_out import PIECE, Ground, Half, Model
-from terrain_estimator.discovery.proof.signals import Measured, measured
+from terrain_estimator.discovery.proof.held_out import PIECE, GroundEstimate, Half, Model
+from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
 from terrain_estimator.model.gaussian import cholesky
 from terrain_estimator.model.palpaca import BLOCK
@@ -24,8 +24,7 @@ from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.schedules import Command
 from terramechanics.simulation.simulation import Simulation
-from terramechanics.terrain.ground import Ground as Soil
-from terramechanics.terrain.ground import Patch
+from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Sampled
 
 WEAKEST = 0.01
@@ -46,7 +45,7 @@ class Windows:
     velocity: Tensor  # [W, 2] [m/s] measured at the start, and its deviation
     step: float  # [s]
     longest: float  # [m] that a simulated rover may go
-    measured: Measured
+    measured: MeasuredSignals
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +126,7 @@ def simulated(
     return Simulated(base[0], torch.cat([changes, *by_size]) - base, by_terrain - base)
 
 
-def _known(ground: Ground) -> tuple[Tensor, Tensor]:
+def _known(ground: GroundEstimate) -> tuple[Tensor, Tensor]:
     """c, tan phi and soil constants [2 + M], and a factor of their covariance; given that c and tan phi are physical."""
     own = 2 + ground.unknowns.kappa.shape[0]
     centre = torch.cat([ground.unknowns.theta, ground.unknowns.kappa])
@@ -186,7 +185,7 @@ def _drive(
     strength = grounds[:, :2].clamp(min=WEAKEST) * torch.tensor(
         [PA_PER_UNIT, 1.0], dtype=torch.float64
     )
-    soil = Soil([Patch(nominal.contact.constants + grounds[:, 2:] @ nominal.uncertain, strength)])
+    soil = Ground([Patch(nominal.contact.constants + grounds[:, 2:] @ nominal.uncertain, strength)])
     rate = windows.rate.repeat(times, 1, 1)
     simulation = Simulation(rover, soil, terrain, start, windows.step, plant)
     simulation.rate = rate[:, 0].clone()

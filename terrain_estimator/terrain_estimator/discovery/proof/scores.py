@@ -37,7 +37,7 @@ def joined(parts: Sequence[Predicted]) -> Predicted:
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class RowScore:
     """How well one row was predicted in one region, before and after; ``after`` is None where nothing is added."""
 
     kind: str  # one_step or rollout
@@ -57,7 +57,7 @@ def scores(
     regions: Mapping[str, Tensor],
     before: Predicted,
     after: Predicted | None,
-) -> list[Score]:
+) -> list[RowScore]:
     """Every row (name, unit) in every region ([N] bool), then all rows together; regions without a value are left out."""
     found = []
     for region, here in regions.items():
@@ -104,9 +104,9 @@ def _score(
     count: int,
     before: _Numbers,
     after: _Numbers | None,
-) -> Score:
+) -> RowScore:
     error, nll, coverage = ((before[i], None if after is None else after[i]) for i in range(3))
-    return Score(kind, row[0], region, row[1], count, (after or before)[3], error, nll, coverage)
+    return RowScore(kind, row[0], region, row[1], count, (after or before)[3], error, nll, coverage)
 
 
 def _together(predicted: Predicted, there: Tensor) -> _Numbers:

@@ -14,7 +14,7 @@ from terrain_estimator.model.palpaca import BLOCK
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredSignals:
     """R signals of windows of T observations, all but the first of each."""
 
     values: Tensor  # [W, T - 1, R]
@@ -30,7 +30,7 @@ def names(axles: int) -> tuple[tuple[str, str], ...]:
     )
 
 
-def measured(packed: Tensor, axles: int) -> Measured:
+def measured(packed: Tensor, axles: int) -> MeasuredSignals:
     """The signals of packed observations [W, T - 1, 8 A + 9] in the order of ``names``."""
     wheels = packed[..., : 8 * axles].reshape(*packed.shape[:2], 8, axles)
     velocity, velocity_sd = (
@@ -38,12 +38,12 @@ def measured(packed: Tensor, axles: int) -> Measured:
         packed[..., 8 * axles + 1 : 8 * axles + 2],
     )
     values = torch.cat([velocity, wheels[:, :, 0], wheels[:, :, 2], wheels[:, :, 6]], -1)
-    return Measured(
+    return MeasuredSignals(
         values, torch.cat([velocity_sd, wheels[:, :, 1], wheels[:, :, 3], wheels[:, :, 7]], -1)
     )
 
 
-def compared(seen: Measured, base: Tensor, changes: Tensor, by_terrain: Tensor) -> Predicted:
+def compared(seen: MeasuredSignals, base: Tensor, changes: Tensor, by_terrain: Tensor) -> Predicted:
     """Errors of all seconds of all windows [W PIECE, R]; arguments as in ``rollout.Simulated``.
 
     ``misfit`` is in units of the sensors' noise alone, which no model can talk up; what a model is

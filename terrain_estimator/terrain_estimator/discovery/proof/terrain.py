@@ -23,7 +23,7 @@ LEAST = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class SlopeTrack:
     """Slope of the ground along a track."""
 
     distance: Tensor  # [n] [m] of the body at every observation
@@ -31,7 +31,7 @@ class Track:
     ends: tuple[float, float]  # [m] between which it is known
 
 
-def track_of(packed: Tensor, rover: Rover) -> Track:
+def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
     """The track of linked observations [n, 8 A + 9]: a smoothing spline through the slopes below all wheels.
 
     How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and
@@ -57,7 +57,7 @@ def track_of(packed: Tensor, rover: Rover) -> Track:
     x, y, w = _binned(
         place.flatten().numpy(), torch.tan(steep).flatten().numpy(), weight.flatten().numpy()
     )
-    return Track(
+    return SlopeTrack(
         distance, _smooth(x, y, w, SHARPEST / rover.wheel_radius), (float(x[0]), float(x[-1]))
     )
 
@@ -73,7 +73,7 @@ def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
     return again
 
 
-def profile_of(track: Track, origins: Tensor, length: float, rover: Rover) -> Sampled:
+def profile_of(track: SlopeTrack, origins: Tensor, length: float, rover: Rover) -> Sampled:
     """The profile of episodes that start at ``origins`` [batch] [m] and go ``length`` [m] at most."""
     reach = max(rover.axle_x) + 2.0 * rover.wheel_radius
     start = min(rover.axle_x) - 2.0 * rover.wheel_radius

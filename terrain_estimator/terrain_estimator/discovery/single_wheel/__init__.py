@@ -13,7 +13,7 @@ c and tan phi are nuisances here: without drive torque they are not identified.
 
 from terrain_estimator.discovery.single_wheel.cells import Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.investigation import (
-    Outcome,
+    WheelFinding,
     investigate_wheel,
     of_one_wheel,
     shown_by_one_wheel,
@@ -21,9 +21,9 @@ from terrain_estimator.discovery.single_wheel.investigation import (
 
 __all__ = [
     "Cells",
-    "Outcome",
     "Rig",
     "Row",
+    "WheelFinding",
     "cells_of",
     "investigate_wheel",
     "of_one_wheel",

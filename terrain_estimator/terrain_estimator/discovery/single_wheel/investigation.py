@@ -64,7 +64,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class WheelFinding:
     """What tables say about what is missing."""
 
     judgement: Judgement
@@ -104,7 +104,7 @@ def investigate_wheel(
     *,
     by_trial: bool = False,
     seed: int = 0,
-) -> Outcome:
+) -> WheelFinding:
     """Fit every named effect to all cells, pairs where no single one closes enough of the gap, judge, and hold cells out.
 
     Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. Cells are
@@ -147,7 +147,7 @@ def investigate_wheel(
     proven = None if interval is None else interval[0] > 0.0
     judgement = _refuted(judgement) if proven is False else _by_design(judgement, rows, found)
     confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
-    return Outcome(
+    return WheelFinding(
         judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable), left
     )
 

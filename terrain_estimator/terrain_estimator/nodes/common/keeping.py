@@ -24,7 +24,7 @@ from terrain_estimator.estimator.saved_state import (
     read_state,
     write_state,
 )
-from terrain_estimator.messaging.diagnostics import SAVING, Finding
+from terrain_estimator.messaging.diagnostics import SAVING, CheckResult
 from terrain_estimator.messaging.pipeline import Pipeline
 
 REFUSED, LOADED = ".refused", ".loaded"
@@ -71,7 +71,7 @@ class StateKeeper:
             self._changed.notify()
         return written
 
-    def judge(self) -> Finding:
+    def judge(self) -> CheckResult:
         """For how long the disk has owed a state: its writing fails, or takes so long."""
         late_s = max(0.0, time.monotonic() - self._since_s)
         text = (

@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.subscription import Subscription
 
-from terrain_estimator.messaging.diagnostics import CLOCK, STATE, Finding
+from terrain_estimator.messaging.diagnostics import CLOCK, STATE, CheckResult
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.plain import POLL_S, guarded
 from terrain_estimator.nodes.common.reporting import Reporter
@@ -79,7 +79,7 @@ class ManagedNode(LifecycleNode):
         """Let go of what ``configure`` loaded."""
 
     @abstractmethod
-    def findings(self) -> Iterable[Finding]:
+    def findings(self) -> Iterable[CheckResult]:
         """What is to be said of this node in /diagnostics beside its state and its clock."""
 
     @property
@@ -147,11 +147,11 @@ class ManagedNode(LifecycleNode):
         self.wrong = ""
         return TransitionCallbackReturn.SUCCESS
 
-    def _every_finding(self) -> Iterator[Finding]:
+    def _every_finding(self) -> Iterator[CheckResult]:
         yield from self._of_every_node()
         yield from self.findings()
 
-    def _of_every_node(self) -> Iterator[Finding]:
+    def _of_every_node(self) -> Iterator[CheckResult]:
         yield STATE.judge(
             2.0 if self.wrong else float(self.state != ACTIVE), text=self.wrong or self.state
         )
@@ -159,7 +159,7 @@ class ManagedNode(LifecycleNode):
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
             yield self._judge_clock(clock.now().nanoseconds)
 
-    def _judge_clock(self, now_ns: int) -> Finding:
+    def _judge_clock(self, now_ns: int) -> CheckResult:
         """A /clock that stands still is wrong from its first moment on, and later: a recorder has no other time."""
         steady_s = time.monotonic()
         if now_ns != self._clock_ns:

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from terrain_estimator.messaging.diagnostics import Finding, Level
+from terrain_estimator.messaging.diagnostics import CheckResult, Level
 from terrain_estimator.nodes.common.plain import guarded
 
 PERIOD_S = 1.0
@@ -24,7 +24,7 @@ class Reporter:
     def __init__(
         self,
         node: Node,
-        findings: Callable[[], Iterable[Finding]],
+        findings: Callable[[], Iterable[CheckResult]],
         failed: Callable[[], None] = lambda: None,
     ) -> None:
         """``failed`` is called where ``findings`` raises."""
@@ -56,7 +56,7 @@ class Reporter:
         self._output.publish(message)
         self._say(findings)
 
-    def _say(self, findings: list[Finding]) -> None:
+    def _say(self, findings: list[CheckResult]) -> None:
         """One line for what lasts, and one when it is over."""
         now, node = time.monotonic(), self._node
         wrong = {

@@ -5,11 +5,11 @@
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
-from terrain_estimator.messaging.diagnostics import PUBLISHERS, Finding
+from terrain_estimator.messaging.diagnostics import PUBLISHERS, CheckResult
 from terrain_estimator.nodes.common.quality import in_force
 
 
-def unheard_publishers(node: Node, topic: str, type_name: str, qos: QoSProfile) -> Finding:
+def unheard_publishers(node: Node, topic: str, type_name: str, qos: QoSProfile) -> CheckResult:
     """Publishers of ``topic`` with another type, or with a quality of service that the node's subscription, or ``qos``, does not match."""
     taken = in_force(node, topic, qos)
     problems = []
