@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import TracebackType
 
-PACKAGES = ("msg_defs", "rover_sim_node", "terrain_estimator", "terramechanics")
+PACKAGES = ("msg_defs", "rover_parameters", "rover_sim_node", "terrain_estimator", "terramechanics")
 SETUP = os.path.join(os.path.dirname(sys.prefix), "ros2_ws", "setup.bash")  # noqa: PTH118, PTH120 - pathlib takes longer than all of this
 
 

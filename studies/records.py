@@ -5,6 +5,7 @@
 import ast
 import hashlib
 import itertools
+import re
 import sys
 import time
 import zipfile
@@ -23,8 +24,12 @@ from studies.workers import workers
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.model.model_file import load_model, model_names
 
-_NO_FIGURES = ("config", "loading", "model_file", "outcome", "parameters", "ros_types", "workers")
-"""Ends of the names of modules that may change without any figure changing: what is read, asked and printed."""
+_OURS = ("terramechanics", "terrain_estimator", "studies")
+_NO_FIGURES = re.compile(
+    r"\.(cli|console|offline|importing|demonstration)\b"
+    r"|\.(__main__|config|model_file|outcome|ros_types|workers|records|pieces|tables?|lines|targets|figures)$"
+)
+"""Modules that may change without any figure changing: they read, ask and print."""
 _Result = TypeVar("_Result")
 
 
@@ -37,11 +42,14 @@ class Piece(Generic[_Result]):
 
 
 def digest(*said: str) -> str:
-    """Of the statements and files that the figures follow from, and of ``said``: records of another state are another folder's."""
+    """Hash the statements and files that the figures follow from, and ``said``.
+
+    Records of another state belong into another folder.
+    """
     found = hashlib.sha256()
     for name, module in sorted(sys.modules.items()):
-        ours = name.startswith(("terramechanics", "terrain_estimator")) and ".cli" not in name
-        if ours and not name.endswith(_NO_FIGURES) and module.__file__:
+        figures = name.startswith(_OURS) and not _NO_FIGURES.search(name)
+        if figures and module.__file__:
             found.update(ast.dump(ast.parse(Path(module.__file__).read_bytes())).encode())
     for path in sorted(Path(str(files(terramechanics))).rglob("*.yaml")):
         found.update(path.read_bytes())

@@ -389,28 +389,28 @@ ELSEWHERE = {
         "system/test_slip_source.py::test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels"
     ),
     "slip_source velocity_type": (
-        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "slip_source body_frame": (
-        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "slip_source standstill_speed": (
-        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "slip_source radius_deviation": (
-        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "slip_source rate_deviation": (
-        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "slip_source default_sd.velocity": (
-        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "slip_source pairing_tolerance": (
-        "terrain_estimator/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "terrain_map spacing": (
-        "terrain_estimator/test_track.py::test_points_are_a_spacing_apart_and_carry_what_was_estimated_there"
+        "terrain_estimator/messaging/test_track.py::test_points_are_a_spacing_apart_and_carry_what_was_estimated_there"
     ),
     "terrain_map points": (
         "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``accuracy``: judge the estimator on simulated drives with known truth; a JSON file and a page of tables.
+"""``python -m studies.accuracy``: judge the estimator on simulated drives with known truth; a JSON file and a page of tables.
 
 Drives are computed in batches, each of which is kept: a run that was ended, or had no more time,
 goes on where it was.
@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
     chosen = [setting for setting in settings() if _is_chosen(setting, args)]
     if not chosen:
         sys.stderr.write(
-            "accuracy: no such setting: S2, S3 and S4 are driven on loose_sand with exact"
+            "studies.accuracy: no such setting: S2, S3 and S4 are driven on loose_sand with exact"
             " constants\n"
         )
         return 2
@@ -55,7 +55,7 @@ def main(argv: list[str] | None = None) -> int:
         run = _gathered(batches, args)
         if run is None:
             sys.stderr.write(
-                "accuracy: not one batch of every setting was done in this time; call it again, it"
+                "studies.accuracy: not one batch of every setting was done in this time; call it again, it"
                 " goes on where it was\n"
             )
             return 1
@@ -63,7 +63,7 @@ def main(argv: list[str] | None = None) -> int:
             {args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)}
         )
     except OSError as error:
-        sys.stderr.write(f"accuracy: {error}\n")
+        sys.stderr.write(f"studies.accuracy: {error}\n")
         return 2
     sys.stdout.write(f"{args.out} and {args.table}: {len(run.cells)} cells\n")
     return 0
@@ -118,7 +118,7 @@ def _gathered(
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="accuracy", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        prog="studies.accuracy", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     parser.add_argument(
         "--episodes",

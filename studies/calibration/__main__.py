@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""calibrate_discovery: the thresholds of find_missing_effect, from simulated runs of which the truth is known.
+"""studies.calibration: the thresholds of find_missing_effect, from simulated runs of which the truth is known.
 
 Nothing missing but soil constants wrong by up to 5 %; each effect of the library, its size swinging
 a little in the course of a drive, since no real effect keeps exactly to a law; and each with the
@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         done = _read(options.samples)
         with (
-            ProgressReport(f"calibrate_discovery: {len(plan)} cases") as report,
+            ProgressReport(f"studies.calibration: {len(plan)} cases") as report,
             options.samples.open("a", encoding="utf-8") as output,
         ):
             for number, (truth, k) in enumerate(plan):
@@ -107,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
         record = dataclasses.asdict(chosen) | counts
         options.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
-        sys.stderr.write(f"calibrate_discovery: {error}\n")
+        sys.stderr.write(f"studies.calibration: {error}\n")
         return 2
     sys.stdout.write(f"{options.out}: {chosen}\n")
     return 0
@@ -115,7 +115,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="calibrate_discovery",
+        prog="studies.calibration",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``change``: drive onto other ground and judge how soon the estimator says so and follows; a JSON file and a page of tables.
+"""``python -m studies.change``: drive onto other ground and judge how soon the estimator says so and follows; a JSON file and a page of tables.
 
 Drives are computed in parts, each of which is kept: a run that was ended, or had no more time, goes
 on where it was.
@@ -72,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
         run = _gathered(parts, args, models)
         if run is None:
             sys.stderr.write(
-                "change: not one part of every line was done in this time; call it again, it goes"
+                "studies.change: not one part of every line was done in this time; call it again, it goes"
                 " on where it was\n"
             )
             return 1
@@ -80,7 +80,7 @@ def main(argv: list[str] | None = None) -> int:
             {args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)}
         )
     except (ModelFileError, ConfigError, OSError) as error:
-        sys.stderr.write(f"change: {error}\n")
+        sys.stderr.write(f"studies.change: {error}\n")
         return 2
     sys.stdout.write(
         f"{args.out} and {args.table}: {len(run.changes)} changes,"
@@ -91,7 +91,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        prog="studies.change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     parser.add_argument("--drives", type=int, default=100, help="drives of each change")
     parser.add_argument(

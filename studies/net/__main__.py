@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``net_study``: what the learnt features of a model are worth, on plants with and without hidden effects."""
+"""``python -m studies.net``: what the learnt features of a model are worth, on plants with and without hidden effects."""
 
 import argparse
 import dataclasses
@@ -31,7 +31,7 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 2: the model cannot be read or a file cannot be written."""
     torch.set_num_threads(1)
     parser = argparse.ArgumentParser(
-        prog="net_study",
+        prog="studies.net",
         description=__doc__,
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
@@ -71,7 +71,7 @@ def main(argv: list[str] | None = None) -> int:
         rover, soil = loaded.rover, _soil(loaded, args.soil)
         physics, candidates = restored(loaded, trust=0.0), _candidates(loaded, args.trust)
         results = []
-        with ProgressReport(f"net_study: {loaded.model_id}") as report:
+        with ProgressReport(f"studies.net: {loaded.model_id}") as report:
             for index, plant in enumerate(args.plant):
                 results.append(
                     compare(
@@ -93,7 +93,7 @@ def main(argv: list[str] | None = None) -> int:
         }
         args.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     except (ModelFileError, OSError) as error:
-        sys.stderr.write(f"net_study: {error}\n")
+        sys.stderr.write(f"studies.net: {error}\n")
         return 2
     sys.stdout.write(table(results))
     return 0

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``paper``: the experiments of Banerjee et al., on the closed-form plant of their code and on the integrated plant of their text."""
+"""``python -m studies.paper``: the experiments of Banerjee et al., on the closed-form plant of their code and on the integrated plant of their text."""
 
 import argparse
 import dataclasses
@@ -39,7 +39,7 @@ def main(argv: list[str] | None = None) -> int:
             results = run(size, args.jobs, report.at)
         paths = _write(results, size, time.monotonic() - started_s, args.out)
     except (ConfigError, OSError, ValueError) as error:
-        sys.stderr.write(f"paper: {error}\n")
+        sys.stderr.write(f"studies.paper: {error}\n")
         return 2
     sys.stdout.write("".join(f"{path}\n" for path in paths))
     return 0
@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="paper", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        prog="studies.paper", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     parser.add_argument(
         "--out", type=Path, default=Path("out/paper"), help="folder of tables and pictures"

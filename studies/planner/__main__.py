@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``planner_study``: drive into random soft patches and count how many rovers the planner saves, and its false stops."""
+"""``python -m studies.planner``: drive into random soft patches and count how many rovers the planner saves, and its false stops."""
 
 import argparse
 import dataclasses
@@ -42,7 +42,7 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point. 0: measured, whatever the figures are; 2: an argument is wrong, or a file cannot be read or written."""
     torch.set_num_threads(1)
     parser = argparse.ArgumentParser(
-        prog="planner_study",
+        prog="studies.planner",
         description=__doc__,
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
@@ -80,7 +80,7 @@ def main(argv: list[str] | None = None) -> int:
         model = load_model(args.model)
         outcomes: list[PatchOutcome] = []
         count = args.drives * len(args.seed)
-        with ProgressReport(f"planner_study: {count} drives") as report:
+        with ProgressReport(f"studies.planner: {count} drives") as report:
             for outcome in itertools.chain.from_iterable(
                 study(model, args.soil, args.drives, config, seed) for seed in args.seed
             ):
@@ -95,7 +95,7 @@ def main(argv: list[str] | None = None) -> int:
         }
         args.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     except (ModelFileError, ConfigError, OSError) as error:
-        sys.stderr.write(f"planner_study: {error}\n")
+        sys.stderr.write(f"studies.planner: {error}\n")
         return 2
     sys.stdout.write(table(outcomes))
     return 0

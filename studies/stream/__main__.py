@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``stream_study``: judge what the estimator publishes with default parameters and the models that ship; a JSON file and a page.
+"""``python -m studies.stream``: judge what the estimator publishes with default parameters and the models that ship; a JSON file and a page.
 
 Drives are computed in batches, each of which is kept: a run that was ended goes on where it was.
 """
@@ -50,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         missing = [piece for piece in every if read_record(piece.path) is None]
         compute(
-            "stream_study",
+            "studies.stream",
             missing,
             args.jobs,
             args.minutes,
@@ -59,7 +59,7 @@ def main(argv: list[str] | None = None) -> int:
         cells = _cells(pieces)
         if len(cells) < len(pieces):
             sys.stderr.write(
-                "stream_study: not one batch of every cell was done in this time; call it again, it"
+                "studies.stream: not one batch of every cell was done in this time; call it again, it"
                 " goes on where it was\n"
             )
             return 1
@@ -72,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
             }
         )
     except OSError as error:
-        sys.stderr.write(f"stream_study: {error}\n")
+        sys.stderr.write(f"studies.stream: {error}\n")
         return 2
     sys.stdout.write(f"{args.out} and {args.table}: {len(cells)} cells\n")
     return 0
@@ -80,7 +80,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="stream_study",
+        prog="studies.stream",
         description=__doc__,
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )

@@ -36,7 +36,7 @@ def unsourced(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]
         (
             [sys.executable, "-m", "terrain_estimator.nodes.watch"],
             "terrain_estimator",
-            "terramechanics",
+            "rover_parameters",
         ),
         ([sys.executable, "docs/examples/follow_advice.py"], ".", "msg_defs"),
     ],

@@ -16,7 +16,7 @@ discrepancy without a name on top:
    and nearly all (SECOND_SHARE) that the first leaves. A right name whose law is slightly another
    leaves something too, of which another effect takes a part.
 
-The thresholds are calibrated by ``calibrate_discovery``.
+The thresholds are calibrated by ``studies.calibration``.
 """
 
 import math
