@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""When to change a parameter: "Change it ...". Of every parameter of the nodes that have a file of parameters."""
+"""When to change a parameter: the end of a sentence "Change it ...", for every parameter of the nodes with a parameter file."""
 
-_NAMES = "where your rover is the model's, but its wheels have other names"
-_DEVIATIONS = "to what a calibration of your drives says"
+_NAMES = "if your rover is the model's, but its wheels have other names"
+_DEVIATIONS = "to the value that a calibration of your drives gives"
 _STILL = (
-    "where encoders tick while the rover stands; keep it well below the slowest drive, the same in"
+    "if encoders tick while the rover stands; keep it well below the slowest drive, and equal in"
     " estimator, planner and slip_source"
 )
-_TORQUE = "to false where torques come from motor currents that nobody calibrated"
-_IMU = "to false where the imu sits at an unknown angle"
-_SITE = "where the ground is known, from orbit or from an earlier drive"
+_TORQUE = "to false if torques come from uncalibrated motor currents"
+_IMU = "to false if the mounting angle of the imu is unknown"
+_SITE = "if the ground is known, from orbit or from an earlier drive"
 _SITE_SD = (
-    "with the mean: to how far the ground of this place may be from it, rather too large than too"
+    "together with the mean, to how far the ground here may be from it; rather too large than too"
     " small"
 )
-_MODEL = "to the model of your rover; give it to estimator and planner alike"
+_MODEL = "to the model of your rover; use the same in estimator and planner"
 
 WHEN = {
     "estimator": {
@@ -23,17 +23,16 @@ WHEN = {
         "rover": _NAMES,
         "use_torque": f"{_TORQUE}; in the planner too",
         "use_imu": f"{_IMU}; in the planner too",
-        "use_moments": "to false where the suspension has springs or stiff joints",
+        "use_moments": "to false if the suspension has springs or stiff joints",
         "prior.cohesion_mean": _SITE,
         "prior.cohesion_sd": _SITE_SD,
         "prior.tan_phi_mean": _SITE,
         "prior.tan_phi_sd": _SITE_SD,
-        "prior.soil": "where only one soil can be there",
-        "drift": "where the ground changes slowly along the way; it costs accuracy everywhere else",
+        "prior.soil": "if only one soil is possible",
+        "drift": "if the ground changes slowly along the way; it costs accuracy everywhere else",
         "standstill_speed": _STILL,
         "gate_probability": (
-            "rarely: GATED comes from a wrong model or a failing sensor more often than from a"
-            " wrong gate"
+            "rarely: a wrong model or a failing sensor causes GATED more often than a wrong gate"
         ),
         "slip_minimum": "rarely",
         "slip_maximum": "rarely",
@@ -42,36 +41,36 @@ WHEN = {
         "torque_noise.absolute": _DEVIATIONS,
         "bogie_joint": "to the name in your joint_states",
         "bogie_nose_down": (
-            "where your joint's axis is that of REP-103; with the wrong sign there are more GATED"
-            " observations"
+            "if your joint's axis follows REP 103; with the wrong sign more observations are GATED"
         ),
-        "default_sd.velocity": "where your odometry leaves its covariance zero",
-        "default_sd.pitch": "where your imu leaves its covariance zero",
-        "default_sd.acceleration": "where your imu leaves its covariance zero",
+        "default_sd.velocity": "if your odometry leaves its covariance at zero",
+        "default_sd.pitch": "if your imu leaves its covariance at zero",
+        "default_sd.acceleration": "if your imu leaves its covariance at zero",
         "pairing_tolerance": (
-            "where sensors are not triggered together: to half a period, in planner and"
-            " terrain_map, too"
+            "to half a period if sensors are not triggered together; in planner and terrain_map too"
         ),
-        "pairing_timeout": "where a sensor comes later than that; estimates then come as late",
-        "auto_start": "to false under a manager of life cycles",
-        "state.file": "where estimates are to go on after a restart",
-        "state.autosave_period": "to spare a flash memory, or to lose less",
+        "pairing_timeout": "if a sensor is later than that; estimates are then as late",
+        "auto_start": "to false under a lifecycle manager",
+        "state.file": "if the estimate should survive a restart",
+        "state.autosave_period": (
+            "to a longer time to spare a flash memory, to a shorter one to lose less"
+        ),
     },
     "planner": {
         "model": _MODEL,
         "rover": _NAMES,
-        "use_torque": f"{_TORQUE}, as in the estimator; then nothing judges the ground ahead",
+        "use_torque": f"{_TORQUE}, as in the estimator; the ground ahead is then not judged",
         "use_imu": f"{_IMU}, as in the estimator",
         "period": (
-            "to a shorter one where your loop reacts faster; a piece of advice takes 8 ms of"
+            "to a shorter time if your loop reacts faster; one piece of advice takes 8 ms of"
             " processor time"
         ),
-        "slip_limit": "to the slip that your rover bears without digging itself in",
-        "sinkage_limit": "to what the clearance of your rover allows",
-        "stop_probability": "to a smaller value where a stop in vain costs less than a rover",
-        "pull_deviation": "where the soil constants are better or worse known than to 5 %",
-        "window": "to a longer one where slip is measured with more noise; it reacts as much later",
-        "reaction_time": "to that of your loop from advice to brakes",
+        "slip_limit": "to the largest slip at which your rover does not dig itself in",
+        "sinkage_limit": "to what the ground clearance of your rover allows",
+        "stop_probability": "to a smaller value if a false stop costs less than a stuck rover",
+        "pull_deviation": "if the soil constants are known better or worse than to 5 %",
+        "window": "to a longer time if slip is noisier; the planner then reacts as much later",
+        "reaction_time": "to the time that your loop takes from advice to braking",
         "deceleration": "to that of your rover",
         "standstill_speed": _STILL,
         "pairing_tolerance": "as in the estimator",
@@ -79,44 +78,46 @@ WHEN = {
     },
     "slip_source": {
         "rover": "to your rover's file",
-        "velocity_type": "to that of your velocity",
+        "velocity_type": "to the type of your velocity messages",
         "body_frame": "as in the estimator",
         "standstill_speed": _STILL,
-        "radius_deviation": "to how well the rolling radius is known",
+        "radius_deviation": "to the accuracy of the rolling radius",
         "rate_deviation": "to the resolution of your encoders",
-        "default_sd.velocity": "where your velocity comes without a covariance",
-        "pairing_tolerance": "to half a period of the slower one of the two",
+        "default_sd.velocity": "if your velocity has no covariance",
+        "pairing_tolerance": "to half the period of the slower of the two topics",
     },
     "terrain_map": {
-        "spacing": "to the resolution that your map wants",
-        "points": "where a long track is to stay fine; a cloud has 36 bytes for each",
+        "spacing": "to the resolution that your map needs",
+        "points": "to keep a long track fine; each point takes 36 bytes of every cloud",
         "period": (
-            "to a longer one where the link to the reader is narrow: every cloud holds the whole"
-            " track"
+            "to a longer time if the link to the reader is slow: every cloud holds the whole track"
         ),
         "pairing_tolerance": "as in the estimator",
     },
     "dashboard": {
         "port": (
-            "where another program has it, or to one a rover where several rovers share a machine"
+            "if another program uses it, or to one port per rover if several rovers share a machine"
         ),
-        "address": "rarely: a tunnel (ssh -L) shows the page elsewhere and protects it",
-        "rate": "to 1 or 2 where every per cent of a core counts",
-        "window": "to the time in which your rover crosses a patch of ground",
-        "points": "to window times 10 for every single sample; pages then have more to draw",
+        "address": "rarely: a tunnel (ssh -L) shows the page on another computer and protects it",
+        "rate": "to 1 or 2 if every per cent of a core counts",
+        "window": "to the time that your rover needs to cross a patch of ground",
+        "points": "to window times 10 to show every single sample; pages then have more to draw",
     },
     "recorder": {
-        "auto_start": "to false under a manager of life cycles",
+        "auto_start": "to false under a lifecycle manager",
         "output": (
-            "to a place of your own; a folder that is there already is refused, so a service that"
-            " starts again leaves it empty"
+            "to a folder of your choice; an existing folder is refused, so leave it empty for a"
+            " service that restarts"
         ),
-        "topics": "to record /diagnostics, /clock, traction_advice or terrain_map, too",
-        "fsync_interval": "to spare a flash memory, or to lose less",
+        "topics": (
+            "to record /diagnostics, /clock, traction_advice or terrain_map too; name the default"
+            " topics as well"
+        ),
+        "fsync_interval": "to a longer time to spare a flash memory, to a shorter one to lose less",
         "split.size": (
-            "for recordings of hours, so that a finished file can be copied away while the next one"
-            " is written"
+            "for recordings of hours, so that you can copy finished files while the next one is"
+            " written"
         ),
-        "split.duration": "as split.size",
+        "split.duration": "as for split.size",
     },
 }

@@ -39,39 +39,57 @@ NODES = {
 }
 _PARAMETERS = """# Parameters
 
-All are read when a node starts, and stay as they are. They are given one by one, `--ros-args -p NAME:=VALUE`, or by a file:
+Nodes read their parameters at the start. They cannot be changed while a node runs. Set them one by
+one,
 
-    ros2 run terrain_estimator estimator --dump-config > estimator.yaml      # a template: all values in force, with their meanings
+    ros2 run terrain_estimator estimator --ros-args -p use_torque:=false -p prior.soil:=loose_sand
+
+or from a file:
+
+    ros2 run terrain_estimator estimator --dump-config > estimator.yaml      # a template: all current values, with their meanings
     ros2 run terrain_estimator estimator --ros-args --params-file estimator.yaml
 
-`terrain_estimator/config` has such a file of each node that runs on a rover (not of `simulator` and `watch`), with when to change what;
-it is installed in `share/terrain_estimator/config`.
+`terrain_estimator/config` has such a file for each node that runs on a rover (not for `simulator`
+and `watch`). Its comments say when to change which parameter. The files are installed in
+`share/terrain_estimator/config`.
 
-An unknown or misspelt name is an error that says which is the nearest known one, at every level of a file; so are a value of another type
-or out of its range, and a file that has no section for the node (in a namespace the section is `/rover1/estimator`, or `/**`). An int is
-taken where a float is meant. `replay` and `find_missing_effect` take the estimator's by `-p NAME:=VALUE` and from the same files. The
-sha256 of the values in force is in every estimate, in the health, and in the metadata of recordings and replays.
+These are errors:
 
-Beside those below there are ROS's own, by their exact names: `use_sim_time`, `start_type_description_service`, and of some nodes
+- an unknown or misspelt name, at any level of a file; the message suggests the nearest known one,
+- a value of another type or out of its range (an int is accepted where a float is expected),
+- a file without a section for the node. In a namespace the section is `/rover1/estimator`, or
+  `/**`.
+
+`replay` and `find_missing_effect` take the estimator's parameters, by `-p NAME:=VALUE` and from the
+same files. Every estimate, the health messages, and the metadata of recordings and replays contain
+the sha256 of the values in force.
+
+In addition there are ROS's own parameters, by their exact names: `use_sim_time`,
+`start_type_description_service` and, for `estimator`, `planner`, `slip_source` and `terrain_map`,
 `qos_overrides` ([messages.md](messages.md#topics-and-their-quality-of-service)).
 """
 _FILE = """# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
 #
-# All parameters of {node} at their defaults, for nodes of that name in any namespace. Copy it and keep the lines that you change:
+# All parameters of {node} with their defaults, for nodes of that name in any namespace. Copy this file and keep the lines that you change:
 #   ros2 run terrain_estimator {node} --ros-args --params-file {node}.yaml
-#   ros2 launch terrain_estimator rover.launch.py config:=FOLDER        (of such files)
+#   ros2 launch terrain_estimator rover.launch.py config:=FOLDER        (a folder of such files)
 # Written by `make pages`: change the code, not this file.
 """
 _DIAGNOSTICS = """# Diagnostics
 
-Estimator, recorder and slip source publish `/diagnostics` (`diagnostic_msgs/msg/DiagnosticArray`) once a second by the steady clock,
-from their start and in every state of their life cycle: one status for each check, its name `NODE: CHECK [TOPIC]`, its value among
-the `values`. The slip source has `refused` alone, of its pairs of wheel rates and velocity. The estimator's `estimator_health` has
-the worst of the checks of its inputs and updates as `level`, and those of that level in words as `summary`. What is wrong for five
-seconds is in the log, once, and once more when it is over.
+`estimator`, `recorder` and `slip_source` publish `/diagnostics`
+(`diagnostic_msgs/msg/DiagnosticArray`) once a second by the steady clock, from their start and in
+every lifecycle state. Each check has one status, named `NODE: CHECK [TOPIC]`; its value is among
+the `values`. `slip_source` has the check `refused` only, for its pairs of wheel rates and velocity.
 
-A level holds where the quantity is above the level's limit. A quantity that is not known (NaN) is no fault.
+`estimator_health` summarises the checks of the estimator's inputs and updates: `level` is the worst
+level, `summary` describes the checks that have it.
+
+A problem that lasts five seconds is logged once, and once more when it is over.
+
+A level applies when the quantity is above the limit of that level. An unknown quantity (NaN) is no
+fault.
 """
 
 

@@ -50,10 +50,12 @@ class SoilOverrides:
 class GroundChange:
     """A second soil further along the track."""
 
-    soil: str = entry("soil behind the change, a name or a YAML file; empty: no change", "")
-    position: float = number("place along the track where it begins", "m", 0.0, 1e6, default=5.0)
+    soil: str = entry("soil beyond the change, a name or a YAML file; empty: no change", "")
+    position: float = number(
+        "position along the track at which the change begins", "m", 0.0, 1e6, default=5.0
+    )
     transition: float = number(
-        "length over which it comes in; 0: sharply", "m", 0.0, 1e6, default=0.0
+        "length of the transition; 0: a sharp change", "m", 0.0, 1e6, default=0.0
     )
 
 
@@ -67,30 +69,33 @@ class SimulatorConfig:
     change: GroundChange = field(default_factory=GroundChange)
     schedule: str = entry("drive: S1, S2, S3, S4, or cmd_vel to follow velocity commands", "S1")
     profile: str = entry(
-        "terrain: flat, hills, ramp or step; empty: what belongs to the schedule (cmd_vel: flat)",
-        "",
+        "terrain: flat, hills, ramp or step; empty: that of the schedule (cmd_vel: flat)", ""
     )
     ramp_grade: float = number(
-        "slope of the ramp, positive where it climbs", "rad", -0.5, 0.5, default=math.radians(3.0)
+        "slope of the ramp, positive uphill", "rad", -0.5, 0.5, default=math.radians(3.0)
     )
     step_rise: float = number("height of the step, which is 1 m long", "m", -0.3, 0.3, default=0.05)
     effect: str = entry(
-        "effect that the nominal model lacks, a name of docs/effects.md; empty: none", ""
+        "effect that the nominal model lacks, a name from docs/effects.md; empty: none", ""
     )
     effect_size: float = number(
-        "its size, in the effect's unit; 0: no effect", "unit of the effect", default=0.0
+        "size of the effect, in its unit; 0: no effect", "unit of the effect", default=0.0
     )
     effect_axle: int = number(
-        "axle that it acts on, from the front, where it acts on one", "1", 0, 2, default=2
+        "axle on which the effect acts, counted from the front, if it acts on one",
+        "1",
+        0,
+        2,
+        default=2,
     )
     noise: float = number(
-        "factor of the sensors' standard deviations; 0: exact values", "1", 0.0, 100.0, default=1.0
+        "factor on the sensors' standard deviations; 0: exact values", "1", 0.0, 100.0, default=1.0
     )
     seed: int = number(
-        "of everything random: the same seed gives the same run", "1", 0, 2**31 - 1, default=0
+        "seed of everything random: the same seed gives the same run", "1", 0, 2**31 - 1, default=0
     )
     duration: float = number(
-        "simulated time after which the simulator ends; 0: it does not end by itself",
+        "simulated time after which the simulator ends; 0: it runs until it is stopped",
         "s",
         0.0,
         1e6,
@@ -99,23 +104,26 @@ class SimulatorConfig:
     rate: float = number("samples per second of simulated time", "Hz", 1.0, 50.0, default=10.0)
     real_time_factor: float = number("simulated seconds per second", "1", 0.01, 1000.0, default=1.0)
     publish_clock: bool = entry(
-        "publish simulated time on /clock; always done where real_time_factor is not 1",
-        default=False,
+        "publish simulated time on /clock; always done if real_time_factor is not 1", default=False
     )
     epoch: float = number(
-        "simulated time of the start, where it is published on /clock",
+        "simulated time of the start, if it is published on /clock",
         "s",
         0.0,
         2.0**31 - 1e6,
         default=0.0,
     )
     body_frame: str = entry("frame of the rover's body", "base_link")
-    odom_frame: str = entry("frame of the track", "odom")
+    odom_frame: str = entry("frame of the odometry", "odom")
     wait_for_subscribers: int = number(
-        "subscribers that every topic must have before the drive starts", "1", 0, 100, default=0
+        "number of subscribers that every topic must have before the drive starts",
+        "1",
+        0,
+        100,
+        default=0,
     )
     wait_timeout: float = number(
-        "time after which waiting for them is an error", "s", 0.1, 3600.0, default=30.0
+        "time after which waiting for subscribers is an error", "s", 0.1, 3600.0, default=30.0
     )
     cmd_vel_timeout: float = number(
         "simulated time after which a velocity command is stale and the rover stops",
@@ -125,7 +133,7 @@ class SimulatorConfig:
         default=0.5,
     )
     cmd_vel_acceleration: float = number(
-        "bound of the commanded acceleration", "m/s^2", 0.001, 10.0, default=0.2
+        "limit of the commanded acceleration", "m/s^2", 0.001, 10.0, default=0.2
     )
     cmd_vel_limit: float = number(
         "highest velocity command that is accepted", "m/s", 0.001, 10.0, default=1.0

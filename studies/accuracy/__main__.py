@@ -118,7 +118,9 @@ def _gathered(
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="studies.accuracy", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        prog="studies.accuracy",
+        description=__doc__,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument(
         "--episodes",

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m studies.change``: drive onto other ground and judge how soon the estimator says so and follows; a JSON file and a page of tables.
+"""Drive onto other ground and judge how soon the estimator detects it and follows.
+
+Run by ``make change``; writes a JSON file and a page of tables.
 
 Drives are computed in parts, each of which is kept: a run that was ended, or had no more time, goes
 on where it was.
@@ -91,7 +93,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="studies.change", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        prog="studies.change",
+        description=__doc__,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--drives", type=int, default=100, help="drives of each change")
     parser.add_argument(

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m studies.paper``: the experiments of Banerjee et al., on the closed-form plant of their code and on the integrated plant of their text."""
+"""Run the experiments of Banerjee et al. on two plants; called by ``make paper``.
+
+The plants are the closed form of their code and the integrated one of their text.
+"""
 
 import argparse
 import dataclasses
@@ -47,7 +50,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="studies.paper", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        prog="studies.paper",
+        description=__doc__,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument(
         "--out", type=Path, default=Path("out/paper"), help="folder of tables and pictures"

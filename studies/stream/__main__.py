@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m studies.stream``: judge what the estimator publishes with default parameters and the models that ship; a JSON file and a page.
+"""Judge what the estimator publishes with default parameters and the models that ship.
+
+Run by ``make stream``; writes a JSON file and a page.
 
 Drives are computed in batches, each of which is kept: a run that was ended goes on where it was.
 """

@@ -14,13 +14,15 @@ class CoreConfig:
     """What :class:`terrain_estimator.estimator.estimator.Estimator` takes: nothing of topics, stamps or frames."""
 
     use_torque: bool = entry("use the wheel torques of joint_states", default=True)
-    use_imu: bool = entry("use pitch and acceleration of imu; else pitch of odom", default=True)
+    use_imu: bool = entry(
+        "use pitch and acceleration of imu; if false, the pitch of odom", default=True
+    )
     use_moments: bool = entry(
-        "use the moment balances of rover and bogie; they need the bogie's angle in joint_states",
+        "use the moment balances of rover and bogie; needs the bogie's angle in joint_states",
         default=True,
     )
     prior_cohesion_mean_pa: float = number(
-        "site knowledge: mean of the cohesion (with prior.cohesion_sd)",
+        "site knowledge: mean of the cohesion; needs prior.cohesion_sd",
         "Pa",
         0.0,
         1e6,
@@ -28,7 +30,7 @@ class CoreConfig:
         key="prior.cohesion_mean",
     )
     prior_cohesion_sd_pa: float = number(
-        "site knowledge: its standard deviation; 0 takes the model's prior",
+        "site knowledge: standard deviation of the cohesion; 0: the model's prior",
         "Pa",
         0.0,
         1e6,
@@ -36,7 +38,7 @@ class CoreConfig:
         key="prior.cohesion_sd",
     )
     prior_tan_phi_mean: float = number(
-        "site knowledge: mean of tan phi (with prior.tan_phi_sd)",
+        "site knowledge: mean of tan phi; needs prior.tan_phi_sd",
         "1",
         0.0,
         5.0,
@@ -44,7 +46,7 @@ class CoreConfig:
         key="prior.tan_phi_mean",
     )
     prior_tan_phi_sd: float = number(
-        "site knowledge: its standard deviation; 0 takes the model's prior",
+        "site knowledge: standard deviation of tan phi; 0: the model's prior",
         "1",
         0.0,
         5.0,
@@ -52,20 +54,20 @@ class CoreConfig:
         key="prior.tan_phi_sd",
     )
     prior_soil: str = entry(
-        "site knowledge: name of the soil; empty takes all that the model knows for equally likely",
+        "site knowledge: name of the soil; empty: all soils of the model are equally likely",
         "",
         key="prior.soil",
     )
     drift: float = number(
-        "random walk of c and tan phi, in prior deviations per square root of a second of driving:"
-        " forgets what is older; 0 takes the ground for constant between sharp changes",
+        "process noise of c and tan phi, in prior standard deviations per square root of a second"
+        " of driving: forgets older data; 0: the ground is constant between sharp changes",
         "1/sqrt(s)",
         0.0,
         1.0,
         default=0.0,
     )
     standstill_speed: float = number(
-        "the rover stands where no wheel's rim is faster (the rover itself, where no wheel rate is"
+        "rim speed up to which all wheels count as standing (speed of the rover if no wheel rate is"
         " measured)",
         "m/s",
         0.0,
@@ -73,21 +75,21 @@ class CoreConfig:
         default=0.01,
     )
     gate_probability: float = number(
-        "share of good observations that the gates may reject; 0 switches them off",
+        "share of good observations that the gates may reject; 0: no gates",
         "1",
         0.0,
         0.1,
         default=1e-5,
     )
     slip_minimum: float = number(
-        "a wheel with less slip is left out; the model's range begins at -0.6",
+        "wheels with less slip are left out; the model's range starts at -0.6",
         "1",
         -0.6,
         0.0,
         default=-0.6,
     )
     slip_maximum: float = number(
-        "a wheel with this slip or more is left out; the model's range ends at 0.95",
+        "wheels with this slip or more are left out; the model's range ends at 0.95",
         "1",
         0.0,
         0.95,
@@ -116,11 +118,9 @@ class CoreConfig:
 class ConversionConfig:
     """How messages become an observation."""
 
-    body_frame: str = entry(
-        "frame_id of the measurements; empty accepts any", BODY_FRAME, empty=True
-    )
+    body_frame: str = entry("frame_id of the measurements; empty: any", BODY_FRAME, empty=True)
     torque_relative_sd: float = number(
-        "standard deviation of a measured wheel torque, as a fraction of it",
+        "standard deviation of a measured wheel torque, relative to the torque",
         "1",
         0.0,
         1.0,
@@ -128,8 +128,8 @@ class ConversionConfig:
         key="torque_noise.relative",
     )
     torque_absolute_sd: float = number(
-        "standard deviation of a measured wheel torque, added in quadrature; 0 takes 1 % of 0.3 r m"
-        " g / (number of wheels)",
+        "constant standard deviation of a measured wheel torque, added in quadrature; 0: 1 % of 0.3"
+        " r m g / (number of wheels)",
         "N m",
         0.0,
         1e6,
@@ -137,14 +137,15 @@ class ConversionConfig:
         key="torque_noise.absolute",
     )
     bogie_joint: str = entry(
-        "name of the bogie's joint, or of several by commas, in joint_states", "bogie"
+        "name of the bogie's joint in joint_states; several names separated by commas", "bogie"
     )
     bogie_nose_down: bool = entry(
-        "the bogie's joint counts nose down as positive (a y axis as in REP-103); else nose up",
+        "the angle of the bogie's joint is positive nose down (y axis as in REP 103); if false,"
+        " nose up",
         default=False,
     )
     default_velocity_sd: float = number(
-        "for odom without a twist variance; 0 refuses such an observation",
+        "standard deviation for odom without a twist variance; 0: such an observation is refused",
         "m/s",
         0.0,
         10.0,
@@ -152,7 +153,7 @@ class ConversionConfig:
         key="default_sd.velocity",
     )
     default_pitch_sd: float = number(
-        "for a pitch without a variance; 0 refuses such an observation",
+        "standard deviation for a pitch without a variance; 0: such an observation is refused",
         "rad",
         0.0,
         1.0,
@@ -160,7 +161,8 @@ class ConversionConfig:
         key="default_sd.pitch",
     )
     default_acceleration_sd: float = number(
-        "for imu without an acceleration variance; 0 leaves it out",
+        "standard deviation for imu without an acceleration variance; 0: the acceleration is"
+        " left out",
         "m/s^2",
         0.0,
         10.0,
@@ -174,7 +176,7 @@ class PairingConfig:
     """How messages of several topics are paired by stamp."""
 
     tolerance_s: float = number(
-        "largest difference of stamps in one observation; 0 pairs equal stamps",
+        "largest difference between the stamps of one observation; 0: equal stamps only",
         "s",
         0.0,
         1.0,
@@ -182,7 +184,8 @@ class PairingConfig:
         key="pairing_tolerance",
     )
     timeout_s: float = number(
-        "an observation waits for a missing message until other topics' stamps are this much later",
+        "an observation waits for a missing message until the stamps of other topics are this much"
+        " later",
         "s",
         0.0,
         60.0,
@@ -195,8 +198,8 @@ class PairingConfig:
 class EstimatorConfig:
     """All parameters that change estimates: those of replay."""
 
-    model: str = entry("name of an installed model or path of a file; empty: mars_rover", "")
-    rover: str = entry("name or file of the rover; empty takes the model's", "")
+    model: str = entry("name of an installed model, or path of a model file; empty: mars_rover", "")
+    rover: str = entry("name or file of the rover; empty: the model's", "")
     core: CoreConfig = field(default_factory=CoreConfig, metadata=INLINE)
     conversion: ConversionConfig = field(default_factory=ConversionConfig, metadata=INLINE)
     pairing: PairingConfig = field(default_factory=PairingConfig, metadata=INLINE)
@@ -212,7 +215,9 @@ class EstimatorConfig:
         return fingerprint(values | {"rover_sha256": rover_sha256})
 
 
-_AUTO_START = "configure and activate at the start; else the services of a managed node do it"
+_AUTO_START = (
+    "configure and activate at the start; if false, wait for the services of a managed node"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,13 +227,13 @@ class EstimatorNodeConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig, metadata=INLINE)
     auto_start: bool = entry(_AUTO_START, default=True)
     state_file: str = entry(
-        "the state is kept in this file, and the node goes on from it when it is configured; empty:"
-        " it is not kept",
+        "file in which the state is saved, and from which the node continues when it is configured;"
+        " empty: no file",
         "",
         key="state.file",
     )
     autosave_period_s: float = number(
-        "time between two writings of the state, by the steady clock",
+        "time between two saves of the state, by the steady clock",
         "s",
         0.1,
         3600.0,
@@ -244,16 +249,15 @@ class RecorderConfig:
     auto_start: bool = entry(_AUTO_START, default=True)
 
     output: str = entry(
-        "folder of the bag, must not exist; empty: bags/<UTC time>, with -2, -3 where that is"
-        " taken",
-        "",
+        "folder of the bag, must not exist; empty: bags/<UTC time>, with -2, -3 if that exists", ""
     )
     topics: str = entry(
-        "names, as a list or separated by spaces; a relative name follows the namespace",
+        "names of the topics, as a list or separated by spaces; relative names are in the node's"
+        " namespace",
         " ".join(RECORDED_TOPICS),
     )
     fsync_interval_s: float = number(
-        "what a power cut may cost; a kill costs nothing",
+        "time between two fsync calls, which a power cut may cost; a kill costs nothing",
         "s",
         0.01,
         60.0,
@@ -261,7 +265,7 @@ class RecorderConfig:
         key="fsync_interval",
     )
     split_size_mb: float = number(
-        "size of a file before it is compressed, beyond which the next one begins; 0: no limit",
+        "size before compression at which the next file begins; 0: no limit",
         "MB",
         0.0,
         1e6,
@@ -269,7 +273,7 @@ class RecorderConfig:
         key="split.size",
     )
     split_duration_s: float = number(
-        "span of log times in a file, beyond which the next one begins; 0: no limit",
+        "span of log times at which the next file begins; 0: no limit",
         "s",
         0.0,
         1e6,
@@ -286,16 +290,12 @@ class WatchConfig:
         "time between two lines, by the wall clock", "s", 0.1, 3600.0, default=1.0, key="period"
     )
     report: str = entry(
-        "file for rates and jitter at the end, as JSON; takes 8 bytes of memory a message; empty:"
-        " none",
+        "JSON file for rates and jitter, written at the end; needs 8 bytes of memory per message;"
+        " empty: none",
         "",
     )
     real_time_factor: float = number(
-        "of the simulation, so that rates are those of simulated time",
-        "1",
-        0.01,
-        1000.0,
-        default=1.0,
+        "the simulation's, so that rates refer to simulated time", "1", 0.01, 1000.0, default=1.0
     )
 
 
@@ -304,32 +304,32 @@ class AdviceConfig:
     """What :class:`terrain_estimator.planning.planner.Planner` takes."""
 
     slip_limit: float = number(
-        "slip up to which a pull counts as available, and above which the rover is to stop",
+        "slip up to which pull counts as available, and above which the rover should stop",
         "1",
         0.1,
         0.9,
         default=0.6,
     )
     sinkage_limit: float = number(
-        "mean sinkage above which the rover is to stop", "wheel radii", 0.01, 0.95, default=0.5
+        "mean sinkage above which the rover should stop", "wheel radii", 0.01, 0.95, default=0.5
     )
     stop_probability: float = number(
-        "probability of being stuck above which the rover is to stop",
+        "probability of being stuck above which the rover should stop",
         "1",
         0.001,
         0.999,
         default=0.5,
     )
     pull_deviation: float = number(
-        "standard deviation of the pull beside that of c and tan phi, for soil constants and"
-        " effects that nobody knows",
+        "standard deviation of the pull in addition to that from c and tan phi, for unknown soil"
+        " constants and effects",
         "weights",
         0.0,
         1.0,
         default=0.015,
     )
     window_s: float = number(
-        "time over which measurements are averaged, without outliers",
+        "time over which measurements are averaged; outliers are left out",
         "s",
         0.1,
         60.0,
@@ -337,16 +337,19 @@ class AdviceConfig:
         key="window",
     )
     reaction_s: float = number(
-        "time from new ground under the front wheels to the brakes",
+        "time from new ground under the front wheels to braking",
         "s",
         0.0,
         60.0,
         default=2.5,
         key="reaction_time",
     )
-    deceleration: float = number("with which the rover stops", "m/s^2", 0.001, 10.0, default=0.2)
+    deceleration: float = number(
+        "deceleration with which the rover stops", "m/s^2", 0.001, 10.0, default=0.2
+    )
     standstill_speed: float = number(
-        "the rover stands where no wheel's rim is faster, and creeps at twice that at least",
+        "rim speed up to which all wheels count as standing; the rover creeps at twice this speed"
+        " or faster",
         "m/s",
         0.0,
         1.0,
@@ -359,15 +362,22 @@ class PlannerConfig:
     """All parameters of the planner node."""
 
     model: str = entry(
-        "name of an installed model or path of a file, as of the estimator; empty: mars_rover", ""
+        "name of an installed model, or path of a model file, as for the estimator; empty:"
+        " mars_rover",
+        "",
     )
-    rover: str = entry("name or file of the rover; empty takes the model's", "")
+    rover: str = entry("name or file of the rover; empty: the model's", "")
     use_torque: bool = entry(
-        "judge the ground of the front wheels by the wheel torques of joint_states", default=True
+        "judge the ground under the front wheels by the wheel torques of joint_states", default=True
     )
-    use_imu: bool = entry("use pitch of imu; else pitch of odom", default=True)
+    use_imu: bool = entry("use the pitch of imu; if false, that of odom", default=True)
     period_s: float = number(
-        "between the stamps of two pieces of advice", "s", 0.1, 60.0, default=0.5, key="period"
+        "time between two pieces of advice, by their stamps",
+        "s",
+        0.1,
+        60.0,
+        default=0.5,
+        key="period",
     )
     advice: AdviceConfig = field(default_factory=AdviceConfig, metadata=INLINE)
     pairing: PairingConfig = field(default_factory=PairingConfig, metadata=INLINE)
@@ -386,13 +396,17 @@ class SlipSourceConfig:
         "odometry",
     )
     body_frame: str = entry(
-        "frame_id of the velocity, and of what is published; empty accepts any and publishes"
-        f" {BODY_FRAME}",
+        f"frame_id of the velocity and of the published slip; empty: any, and {BODY_FRAME} is"
+        " published",
         BODY_FRAME,
         empty=True,
     )
     standstill_speed: float = number(
-        "a wheel stands where its rim is slower; its slip is NaN", "m/s", 0.0, 1.0, default=0.01
+        "rim speed below which a wheel counts as standing; its slip is NaN",
+        "m/s",
+        0.0,
+        1.0,
+        default=0.01,
     )
     radius_sd: float = number(
         "relative standard deviation of the rolling radius",
@@ -406,7 +420,7 @@ class SlipSourceConfig:
         "standard deviation of a wheel rate", "rad/s", 0.0, 10.0, default=0.0, key="rate_deviation"
     )
     default_velocity_sd: float = number(
-        "for a velocity without a variance; 0 refuses it",
+        "standard deviation for a velocity without a variance; 0: it is refused",
         "m/s",
         0.0,
         10.0,
@@ -414,7 +428,8 @@ class SlipSourceConfig:
         key="default_sd.velocity",
     )
     tolerance_s: float = number(
-        "largest difference of stamps of a wheel rate and a velocity; 0 pairs equal stamps",
+        "largest difference between the stamps of a wheel rate and a velocity; 0: equal stamps"
+        " only",
         "s",
         0.0,
         1.0,
@@ -428,20 +443,27 @@ class MapConfig:
     """All parameters of the map node."""
 
     spacing_m: float = number(
-        "least distance of two points", "m", 0.0, 1000.0, exclusive=True, default=0.1, key="spacing"
+        "smallest distance between two points",
+        "m",
+        0.0,
+        1000.0,
+        exclusive=True,
+        default=0.1,
+        key="spacing",
     )
     points: int = number(
-        "most points: when there are more, every second one goes and the spacing doubles",
+        "largest number of points; beyond it every second point is removed and the spacing doubles",
         "1",
         2,
         1_000_000,
         default=5000,
     )
     period_s: float = number(
-        "between the stamps of two clouds", "s", 0.0, 3600.0, default=1.0, key="period"
+        "time between two clouds, by their stamps", "s", 0.0, 3600.0, default=1.0, key="period"
     )
     tolerance_s: float = number(
-        "largest difference of stamps of an estimate and its odometry; 0 pairs equal stamps",
+        "largest difference between the stamps of an estimate and its odometry; 0: equal stamps"
+        " only",
         "s",
         0.0,
         1.0,
@@ -455,15 +477,10 @@ class ShownConfig:
     """What :class:`terrain_estimator.dashboard.model.LiveModel` takes."""
 
     window_s: float = number(
-        "length of the recent history that the page shows in full",
-        "s",
-        1.0,
-        3600.0,
-        default=120.0,
-        key="window",
+        "length of the recent history", "s", 1.0, 3600.0, default=120.0, key="window"
     )
     points: int = number(
-        "most rows of the recent history, and of that of the whole drive, each",
+        "largest number of rows, in the recent history and in that of the whole drive",
         "1",
         10,
         5000,
@@ -476,14 +493,12 @@ class DashboardConfig:
     """All parameters of the dashboard node."""
 
     port: int = number(
-        "TCP port of the page; 0 takes a free one, which the log names", "1", 0, 65535, default=8090
+        "TCP port of the page; 0: a free one, which the log names", "1", 0, 65535, default=8090
     )
     address: str = entry(
-        "address to listen on; 127.0.0.1: this machine alone, 0.0.0.0: whoever reaches it,"
-        " unprotected",
+        "address to listen on; 127.0.0.1: this machine only; 0.0.0.0: everyone who reaches it,"
+        " without protection",
         "127.0.0.1",
     )
-    rate: float = number(
-        "at which the page is brought up to date, at most", "Hz", 1.0, 20.0, default=5.0
-    )
+    rate: float = number("highest rate at which the page is updated", "Hz", 1.0, 20.0, default=5.0)
     shown: ShownConfig = field(default_factory=ShownConfig, metadata=INLINE)
