@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a finding says, in words that need no other reading."""
+"""The words of a report about a finding; they can be read without any other page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -51,11 +51,11 @@ def what_it_is(name: str) -> str:
 def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     sure = probability(finding["probabilities"]["none"])
     sentence = Markup(
-        "No effect explains what was measured better than the model without one, and nothing"
-        " without a name does (probability {}). An effect that is too small to show here is not"
-        " excluded."
+        "No effect explains the measurements better than the model without one, and neither does a"
+        " discrepancy without a name (probability that nothing is missing: {}). An effect that is"
+        " too small to show here is not excluded."
     )
-    return "Nothing is missing that these runs show", sentence.format(sure)
+    return "No missing effect found", sentence.format(sure)
 
 
 def _named(finding: Mapping[str, Any]) -> tuple[str, Markup]:
@@ -79,7 +79,7 @@ def _confusable(finding: Mapping[str, Any]) -> tuple[str, Markup]:
         for effects in each_way
     )
     sentence = Markup(
-        "Something is missing, and what was measured cannot tell which of {} it is: {}."
+        "Something is missing, but these measurements cannot decide between {} candidates: {}."
     )
     names = [" with ".join(each["name"] for each in effects) for effects in each_way]
     return f"The model lacks {words(names, 'or')}", sentence.format(len(names), listed)
@@ -91,20 +91,19 @@ def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
         words([each["name"] for each in finding["effects"]]),
     )
     sentence = Markup(
-        "Something is missing that no effect that was considered explains (probability {})."
+        "Something is missing, and none of the considered effects explains it (probability {})."
     ).format(sure)
     if (finding.get("proof") or {}).get("effect"):
         sentence += Markup(
-            " In the runs that were searched {} explains it, but it does not help to predict those"
-            " that were held out."
+            " {} fitted the searched runs, but did not improve the prediction of the held-out runs."
         ).format(closest)
     elif closest:
-        sentence += Markup(" Closest comes {}.").format(closest)
+        sentence += Markup(" The closest is {}.").format(closest)
     for each in (finding.get("left") or ())[:1]:
-        sentence += Markup(" What is left depends most on {} in the {} row.").format(
+        sentence += Markup(" What remains depends most on {} in the {} row.").format(
             each["signal"], each["row"]
         )
-    return "Something is missing, and it has no name here", sentence
+    return "Something is missing that no considered effect explains", sentence
 
 
 def alternatives(finding: Mapping[str, Any]) -> list[list[Mapping[str, Any]]]:
@@ -134,7 +133,7 @@ def disagreement(entry: Mapping[str, Any]) -> str:
 
 
 def proof_sentence(gap: Mapping[str, Any], proof: Mapping[str, Any]) -> Markup:
-    """What the held-out runs say; empty where they were not asked."""
+    """The result on the held-out runs; empty where there is none."""
     if not proof:
         return Markup("")
     sentence = Markup("Proof: {}.").format(proof["sentence"])

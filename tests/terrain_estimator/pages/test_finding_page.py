@@ -35,10 +35,10 @@ def test_the_report_names_no_outside_address(verdict: str) -> None:
 @pytest.mark.parametrize(
     ("verdict", "headline"),
     [
-        ("none", "Nothing is missing that these runs show"),
+        ("none", "No missing effect found"),
         ("named", "The model lacks drive_drag"),
         ("confusable", "The model lacks drive_drag or coulomb_drag"),
-        ("unknown", "Something is missing, and it has no name here"),
+        ("unknown", "Something is missing that no considered effect explains"),
     ],
 )
 def test_the_headline_says_the_verdict_in_words(verdict: str, headline: str) -> None:
@@ -51,7 +51,7 @@ def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_r
     None
 ):
     assert (
-        "Closest comes slope_bias. What is left depends most on distance in the velocity row."
+        "The closest is slope_bias. What remains depends most on distance in the velocity row."
         in report("unknown")
     )
     refuted = finding("unknown")
@@ -61,8 +61,8 @@ def test_an_unknown_verdict_says_on_what_the_rest_depends_and_whether_held_out_r
         "sentence": "slope_bias is not added",
     }
     assert (
-        "slope_bias explains it, but it does not help to predict those that were held out."
-        in finding_page(refuted)
+        "slope_bias fitted the searched runs, but did not improve the prediction of the held-out"
+        " runs." in finding_page(refuted)
     )
 
 
@@ -91,9 +91,9 @@ def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
     text = finding_page(bare)
     assert "There is no proof on held-out runs: no run was held out." in text
     assert "No matrix was computed for these runs." in text
-    assert "The finding does not say what it was made from." in text
+    assert "The finding has no record of its inputs." in text
     whole = report("named")
-    assert not re.search("There is no proof|No matrix was|does not say what", whole)
+    assert not re.search("There is no proof|No matrix was|no record of its inputs", whole)
 
 
 def test_what_was_hidden_stands_on_the_page_only_where_somebody_says_it() -> None:

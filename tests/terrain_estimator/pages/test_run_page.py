@@ -59,7 +59,7 @@ def test_slip_and_sinkage_of_every_wheel_are_shown_over_time_as_means_of_equal_s
 
 def test_without_truth_none_is_drawn_and_the_page_says_so() -> None:
     text = run_page([run(true=False)], ORIGIN)
-    assert "The bag does not tell the true ground." in text
+    assert "The bag does not contain the true ground." in text
     assert not re.search("true change|True ground|>truth</text>", text)
 
 
