@@ -35,7 +35,7 @@ _LICENCE = (
 )
 _INTRODUCTION = """# Ground that changes
 
-Written by `ros2 run terrain_estimator change` (the second half of `make accuracy`) on {date}, seed {seed}, drift {drift:g}, with the
+Written by `make change` on {date}, seed {seed}, drift {drift:g}, with the
 rovers' models ({models}), each of which knows all three soils, every row. {drives} drives over hills (S1) are meant for
 each change and {hours:g} hours on constant ground for each rover; what was driven is in the tables.
 

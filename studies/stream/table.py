@@ -96,7 +96,7 @@ def _forecasts(innovation: NDArray[np.float64], variance: NDArray[np.float64]) -
 
 _INTRODUCTION = """# The estimator as it ships
 
-Written by `stream_study` on {date}, seed {seed}: {drives} drives of 40 s over hills for each rover, soil and kind of constants, through the
+Written by `make stream` on {date}, seed {seed}: {drives} drives of 40 s over hills for each rover, soil and kind of constants, through the
 node's own estimator with default parameters. Every row is used, that of the accelerometer too, observations are screened and gated, and
 what is published is doubted where the ground may have changed. The models are {models}; they have to find the soil among three.
 [accuracy.md](accuracy.md) judges more drives, in batches that bypass all this.
