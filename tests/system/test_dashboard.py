@@ -215,7 +215,7 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
             lambda: connection.get_attribute("data-state") == "lost",
             "the page says that the connection is lost",
         )
-        silent = re.compile(r"planner: not heard for \d+ s")
+        silent = re.compile(r"planner: no advice for \d+ s")
         wait_until(
             lambda: silent.fullmatch(planner.inner_text()),
             "a limit that is not repeated is none",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the report of a replay: one HTML file about all its runs."""
+"""Write the report of a replay: one HTML file about all its runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ from terrain_estimator.ros_types import stamp_ns
 def write_report(
     path: Path, replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig
 ) -> None:
-    """Write the page about runs whose history was kept. Raises OSError."""
+    """Write the page about runs whose history was kept; OSError where that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(
         run_page([_run(each, model) for each in replays], _origin(model, config)), encoding="utf-8"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fills the templates."""
+"""Templates of pages, filled in."""
 
 from functools import cache
 
@@ -29,5 +29,5 @@ def _environment() -> Environment:
 
 
 def page(template: str, **values: object) -> str:
-    """The text of the HTML page that ``template`` makes of ``values``; a value that is not given is an error."""
+    """Return the HTML page of ``template`` with ``values``; a missing value is an error."""
     return _environment().get_template(template).render(values)

@@ -166,9 +166,9 @@ def test_a_reset_is_an_event_and_an_estimator_that_began_anew_is_no_reset() -> N
         message.resets = 2 if 20 <= step < 40 else 0
         model.take("estimator_health", message, 0.1 * step)
     events = [event["text"] for event in all_of(model)["journal"]]
-    assert [text for text in events if "reset" in text or "anew" in text] == [
+    assert [text for text in events if "reset" in text or "restarted" in text] == [
         "the posterior was reset (2 times since the start)",
-        "the estimator began anew",
+        "the estimator restarted",
     ]
 
 
