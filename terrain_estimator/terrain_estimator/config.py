@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from rover_parameters.parameters import INLINE, effective, fingerprint
 from rover_parameters.records import ConfigError, entry, number
-from terrain_estimator.ros_types import BODY_FRAME, RECORDED_TOPICS
+from terrain_estimator.topics import BODY_FRAME, RECORDED_TOPICS
 
 
 @dataclass(frozen=True, slots=True)

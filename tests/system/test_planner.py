@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from msg_defs.msg import TerrainEstimate, TractionAdvice
 from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.presets import PRESETS
 from tests.drives import drive_messages
 from tests.system.listening import Listener

@@ -38,9 +38,9 @@ from terrain_estimator.messaging.slip_source import (
     SlipSource,
     SlipSourceError,
 )
-from terrain_estimator.offline.reading import add_parameters, parameters_of
-from terrain_estimator.offline.topics import TopicError, absolute
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.offline.bag_options import add_parameters, parameters_of
+from terrain_estimator.offline.topic_mapping import TopicError, absolute
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.vehicle.rover import load_rover
 
 SLIP = "wheel_slip"

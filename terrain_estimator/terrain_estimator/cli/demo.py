@@ -20,7 +20,7 @@ from terrain_estimator.demonstration.drive import DriveSettings, Recording, driv
 from terrain_estimator.demonstration.figure import draw, read_curves
 from terrain_estimator.demonstration.processes import FleetError, executable
 from terrain_estimator.offline.summary import write_summary
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 
 DIFFERENT, FAILED = 1, 2
 

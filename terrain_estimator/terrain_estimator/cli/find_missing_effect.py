@@ -43,11 +43,11 @@ from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.learning.finding_model import check_model, write_model
 from terrain_estimator.model.model_file import ModelFileError
+from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
 from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.offline.finding_file import asked, provenance, write_finding
-from terrain_estimator.offline.reading import BagOptions, add_options, reading_of
-from terrain_estimator.offline.topics import TopicError
+from terrain_estimator.offline.topic_mapping import TopicError
 from terrain_estimator.pages.finding_words import doubt_note
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import load_soil

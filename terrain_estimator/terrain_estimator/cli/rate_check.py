@@ -20,7 +20,7 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.demonstration.drive import DriveSettings, drive
 from terrain_estimator.demonstration.processes import FleetError
 from terrain_estimator.offline.summary import write_summary
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 
 RATE_HZ = 10.0
 RATE_TOLERANCE = 0.01

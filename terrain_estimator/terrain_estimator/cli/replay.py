@@ -21,10 +21,10 @@ from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.estimator.summary import Beliefs
 from terrain_estimator.messaging.pipeline import rover_of
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
-from terrain_estimator.offline.reading import add_options, node_config
-from terrain_estimator.offline.replaying import Replay, Start, compare_with_live, replay
+from terrain_estimator.offline.bag_options import add_options, node_config
+from terrain_estimator.offline.replay import Replay, Start, compare_with_live, replay
 from terrain_estimator.offline.summary import print_table, summary, write_summary
-from terrain_estimator.offline.topics import TopicError, absolute, bag_topics
+from terrain_estimator.offline.topic_mapping import TopicError, absolute, bag_topics
 
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.console.arguments import real
 from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.demonstration.output_checks import OUTPUTS, OutputVerdict, verdicts
 from terrain_estimator.demonstration.processes import Fleet, FleetError
-from terrain_estimator.demonstration.verdicts import OUTPUTS, OutputVerdict, verdicts
-from terrain_estimator.ros_types import Message
+from terrain_estimator.topics import Message
 
 # of every input: estimator, planner, recorder and, once these are ready, the watch
 READERS = 4

@@ -13,12 +13,12 @@ from typing import Any
 from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.history import ChartHistory, Row
 from terrain_estimator.dashboard.journal import Journal
-from terrain_estimator.dashboard.reading import TOPICS, Values
+from terrain_estimator.dashboard.values import TOPICS, Values
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.messaging.pairing import RESTART_AFTER
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import Message, stamp_ns
+from terrain_estimator.topics import Message, stamp_ns
 
 STALE_S = 2.5
 """[s] Age by the steady clock from which a value is left out of a row."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.bags import BagReader, Message
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 
 mpl.use("Agg")  # no display: before pyplot is imported
 import matplotlib.pyplot as plt

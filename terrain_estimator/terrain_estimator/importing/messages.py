@@ -11,7 +11,7 @@ import numpy as np
 from terrain_estimator.bags import BagTopic, BagWriter, Message
 from terrain_estimator.importing.mapping import Mapping
 from terrain_estimator.importing.samples import MeasuredValue, TableSample
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 
 UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: not measured
 PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y

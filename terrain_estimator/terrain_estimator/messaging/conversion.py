@@ -19,7 +19,7 @@ from terrain_estimator.config import ConversionConfig, CoreConfig
 from terrain_estimator.estimator.screening import NOISE_BOUND
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import Message
+from terrain_estimator.topics import Message
 from terramechanics.vehicle.rover import Rover
 
 PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance: rotation about y

@@ -27,7 +27,7 @@ from terrain_estimator.messaging.diagnostics import (
 )
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import REQUIRED_INPUTS
+from terrain_estimator.topics import REQUIRED_INPUTS
 from terrain_estimator.update import Update
 
 REFERENCE = REQUIRED_INPUTS[0]

@@ -13,7 +13,7 @@ from enum import IntEnum
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.health import Health
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import DECISION, ESTIMATE, HEALTH, PREDICTION, Make, Message
+from terrain_estimator.topics import DECISION, ESTIMATE, HEALTH, PREDICTION, Make, Message
 from terrain_estimator.update import Decision, Estimate, Update
 
 _MASS_WORTH_REPORTING = 0.025  # from here on zero cuts the 95 % interval

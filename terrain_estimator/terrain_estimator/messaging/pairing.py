@@ -11,8 +11,8 @@ replayed at full speed gives the same sets as live.
 from collections import deque
 from dataclasses import dataclass, field
 
-from terrain_estimator.messaging.sequences import Sequence
-from terrain_estimator.ros_types import Message
+from terrain_estimator.messaging.sequence_numbers import Sequence
+from terrain_estimator.topics import Message
 
 CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
 # messages in a row before the last stamp after which the publisher's clock counts as set back

@@ -28,7 +28,7 @@ from terrain_estimator.messaging.messages import (
 from terrain_estimator.messaging.pairing import Counters, InputTopic, MessageSet, Synchronizer
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
-from terrain_estimator.ros_types import (
+from terrain_estimator.topics import (
     BODY_FRAME,
     REQUIRED_INPUTS,
     Make,

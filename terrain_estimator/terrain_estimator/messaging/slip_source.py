@@ -22,7 +22,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Floats
-from terrain_estimator.ros_types import BODY_FRAME, Make, Message, stamp_ns
+from terrain_estimator.topics import BODY_FRAME, Make, Message, stamp_ns
 from terramechanics.vehicle.equilibrium import slip_at
 from terramechanics.vehicle.rover import Rover
 

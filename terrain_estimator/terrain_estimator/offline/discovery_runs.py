@@ -28,10 +28,10 @@ from terrain_estimator.discovery.runs import Refusals, run_of
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Observation
+from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.cluster import Cluster, Held, Item, Result, cluster
-from terrain_estimator.offline.reading import BagOptions
-from terrain_estimator.offline.topics import TopicError, check_inputs
-from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
+from terrain_estimator.offline.topic_mapping import TopicError, check_inputs
+from terrain_estimator.topics import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.vehicle.rover import Rover
 
 FEW = 16

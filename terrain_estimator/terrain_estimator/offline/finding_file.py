@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from rover_parameters.parameters import effective
-from terrain_estimator.offline.origin import bag_sha256, versions
-from terrain_estimator.offline.reading import BagOptions
+from terrain_estimator.offline.bag_options import BagOptions
+from terrain_estimator.offline.provenance import bag_sha256, versions
 from terrain_estimator.pages.finding import finding_page
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 

@@ -11,12 +11,12 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.messages import Status, status_text
 from terrain_estimator.messaging.pipeline import configuration_sha256, rover_of
 from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.origin import bag_sha256, versions
-from terrain_estimator.offline.replaying import Replay
+from terrain_estimator.offline.provenance import bag_sha256, versions
+from terrain_estimator.offline.replay import Replay
 from terrain_estimator.offline.summary import remarks
 from terrain_estimator.pages.citations import citations
 from terrain_estimator.pages.run import Origin, ReplayedRun, ShownTruth, run_page
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 
 
 def write_report(

@@ -18,7 +18,7 @@ from rover_parameters.parameters import effective
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.replaying import Replay
+from terrain_estimator.offline.replay import Replay
 from terrain_estimator.outcome import Outcome
 
 WIDTH = 150

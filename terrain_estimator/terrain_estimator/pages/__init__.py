@@ -11,9 +11,9 @@
 
 - ``page``: fills a template of ``templates/``; everything is escaped, and the result is one file
   that needs no other.
-- ``numbers``: formatted numbers, each in a ``<data>`` element that holds the whole value.
+- ``number_format``: formatted numbers, each in a ``<data>`` element that holds the whole value.
 - ``pictures``: inline SVG in the colours of ``style.css``, each with its description and table.
-- ``courses``: pictures over time: a value in its bands, curves, and occurrences.
+- ``time_pictures``: pictures over time: a value in its bands, curves, and occurrences.
 - ``finding``: the report of find_missing_effect; ``run``: that of replay.
 
 A template extends ``page.html``, which has the style, and imports ``parts.html``. Colours are close

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from terrain_estimator.pages import finding_words as say
-from terrain_estimator.pages.numbers import NORMAL_95
+from terrain_estimator.pages.number_format import NORMAL_95
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import (
     AFTER,

@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from terrain_estimator.pages.numbers import chance, interval, probability, words
+from terrain_estimator.pages.number_format import chance, interval, probability, words
 from terramechanics.effects import EFFECTS
 
 

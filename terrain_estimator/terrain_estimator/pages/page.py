@@ -6,7 +6,7 @@ from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from terrain_estimator.pages import numbers
+from terrain_estimator.pages.number_format import chance, interval, number, probability, words
 
 
 @cache
@@ -19,11 +19,11 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "number": numbers.number,
-        "interval": numbers.interval,
-        "probability": numbers.probability,
-        "chance": numbers.chance,
-        "words": numbers.words,
+        "number": number,
+        "interval": interval,
+        "probability": probability,
+        "chance": chance,
+        "words": words,
     }
     return environment
 

@@ -20,10 +20,10 @@ from terrain_estimator.messaging.history import (
 )
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pages.courses import Course, bands, curves, occurrences
-from terrain_estimator.pages.numbers import interval, number, words
+from terrain_estimator.pages.number_format import interval, number, words
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, PlotSeries, Table
+from terrain_estimator.pages.time_pictures import Course, bands, curves, occurrences
 from terrain_estimator.update import Estimate
 
 MARKS = 20

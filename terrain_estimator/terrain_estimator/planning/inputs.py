@@ -6,7 +6,7 @@ from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
 from terrain_estimator.observation import Observation
-from terrain_estimator.ros_types import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
+from terrain_estimator.topics import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
 from terramechanics.vehicle.rover import Rover
 
 

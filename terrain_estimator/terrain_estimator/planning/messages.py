@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.planner import Advice, Reason
-from terrain_estimator.ros_types import ADVICE, Make, Message
+from terrain_estimator.topics import ADVICE, Make, Message
 
 _WORDS = {
     Reason.NONE: "go on",

@@ -13,7 +13,7 @@ from terrain_estimator.bags import STATE, BagReader, BagWriter, Qos, Types, pars
 from terrain_estimator.cli import add_slip, replay
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.vehicle.rover import load_rover
 from tests.drives import drive_messages
 

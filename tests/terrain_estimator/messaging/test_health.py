@@ -14,7 +14,7 @@ from terrain_estimator.messaging.health import Health, HealthMonitor
 from terrain_estimator.messaging.messages import Meta, health_message
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from tests.terrain_estimator.messaging.test_messages import decided, updated
 
 FRESH = dict.fromkeys(INPUT_TYPES, 0.05)

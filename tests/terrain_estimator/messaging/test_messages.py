@@ -26,7 +26,7 @@ from terrain_estimator.messaging.messages import (
 from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
+from terrain_estimator.topics import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
 from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
 
 ROWS = ("velocity", "load", "torque_0", "torque_1", "torque_2", "acceleration")

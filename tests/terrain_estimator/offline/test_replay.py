@@ -21,10 +21,10 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.estimator.saved_state import pack_state, read_state, write_state
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.offline.replaying import Replay
+from terrain_estimator.offline.replay import Replay
 from terrain_estimator.offline.summary import print_table
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import STEP_NS, drive_messages, write_bag
 
 SECONDS = 8.0

@@ -18,7 +18,7 @@ from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
-from terrain_estimator.ros_types import ESTIMATE
+from terrain_estimator.topics import ESTIMATE
 from tests.terrain_estimator.planning.support import (
     FIRM,
     METADATA,

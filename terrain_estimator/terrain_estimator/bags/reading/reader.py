@@ -26,7 +26,7 @@ from terrain_estimator.bags.format.metadata import (
     read_metadata,
 )
 from terrain_estimator.bags.format.types import Message, Types
-from terrain_estimator.bags.reading.file import McapFile
+from terrain_estimator.bags.reading.mcap_file import McapFile
 
 
 class RawMessage(NamedTuple):

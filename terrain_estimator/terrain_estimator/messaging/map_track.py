@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_estimator.ros_types import Make, Message, stamp_ns
+from terrain_estimator.topics import Make, Message, stamp_ns
 
 POINT = np.dtype(
     {

@@ -11,7 +11,7 @@ from terrain_estimator.intervals import OUTSIDE_68, credible_interval
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Message
+from terrain_estimator.topics import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Message
 
 MOST = 16
 """Number of wheels, effects and topics that are shown; it bounds the cost of a message."""

@@ -36,12 +36,12 @@ from terrain_estimator.messaging.history import RunHistory, WheelHistory
 from terrain_estimator.messaging.messages import status_of
 from terrain_estimator.messaging.pairing import Counters, MessageSet
 from terrain_estimator.messaging.pipeline import Answer, Pipeline, rover_of
-from terrain_estimator.messaging.sequences import Sequences
+from terrain_estimator.messaging.sequence_numbers import Sequences
 from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.second_process import Answered, Converted, answering
-from terrain_estimator.offline.topics import check_inputs
+from terrain_estimator.offline.estimation_process import Answered, Converted, answering
+from terrain_estimator.offline.topic_mapping import check_inputs
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 
 TRUTH = "ground_truth/terrain"
 BATCH = 500  # messages

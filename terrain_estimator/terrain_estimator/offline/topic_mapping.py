@@ -4,7 +4,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES, REQUIRED_INPUTS
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES, REQUIRED_INPUTS
 
 KNOWN = (*INPUT_TYPES, *OUTPUT_TYPES, "ground_truth/terrain")
 

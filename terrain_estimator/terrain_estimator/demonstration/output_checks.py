@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.ros_types import INPUT_TYPES, Message
+from terrain_estimator.topics import INPUT_TYPES, Message
 
 OUTPUTS = (
     *INPUT_TYPES,
