@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
+from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
 
 QOS = QoSProfile(depth=50)
 PERIOD_S = 1.0

@@ -22,7 +22,7 @@ from rclpy.serialization import serialize_message
 
 from benchmarks.drives import long_drive
 from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
+from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 

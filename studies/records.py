@@ -27,7 +27,7 @@ from terrain_estimator.model.model_file import load_model, model_names
 _OURS = ("terramechanics", "terrain_estimator", "studies")
 _NO_FIGURES = re.compile(
     r"\.(cli|console|offline|importing|demonstration)\b"
-    r"|\.(__main__|config|model_file|outcome|ros_types|workers|records|pieces|tables?|lines|targets|figures)$"
+    r"|\.(__main__|config|model_file|outcome|topics|workers|records|pieces|tables?|lines|targets|figures)$"
 )
 """Modules that may change without any figure changing: they read, ask and print."""
 _Result = TypeVar("_Result")

@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile
 
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ESTIMATE, HEALTH, Message
+from terrain_estimator.topics import ESTIMATE, HEALTH, Message
 from terramechanics.simulation.simulation import TIME_STEP
 from tests.system.processes import Process, Starter
 

@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 from msg_defs.msg import MotionPrediction, TerrainEstimate
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES, stamp_ns
+from terrain_estimator.topics import INPUT_TYPES, stamp_ns
 from tests.drives import Event, drive_messages
 from tests.faults.logs import log_lines
 from tests.system.listening import RELIABLE, Listener

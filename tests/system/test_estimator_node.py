@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 from msg_defs.msg import EstimatorHealth, MotionPrediction, TerrainEstimate
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import JOINTS, STEP_NS, Event, drive_messages
 from tests.soundness import unsound
 from tests.system.listening import Listener

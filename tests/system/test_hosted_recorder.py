@@ -27,7 +27,7 @@ from terrain_estimator.model.model_file import load_model
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.nodes.common.offers import of_other_types
 from terrain_estimator.nodes.recorder import RecorderNode
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import drive_messages
 from tests.system.listening import Listener
 from tests.system.waiting import wait_until

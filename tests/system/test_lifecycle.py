@@ -21,7 +21,7 @@ from terrain_estimator.estimator.saved_state import read_state
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import MODELS, load_model
 from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter

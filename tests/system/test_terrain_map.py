@@ -6,7 +6,7 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 
 from msg_defs.msg import TerrainEstimate
-from terrain_estimator.messaging.track import POINT
+from terrain_estimator.messaging.map_track import POINT
 from terrain_estimator.nodes.common import factory
 from tests.drives import drive_messages
 from tests.system.listening import LATCHED, Listener

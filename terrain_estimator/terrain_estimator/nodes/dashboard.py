@@ -14,13 +14,13 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from terrain_estimator.config import DashboardConfig
 from terrain_estimator.dashboard.model import LiveModel
-from terrain_estimator.dashboard.reading import TOPICS
+from terrain_estimator.dashboard.values import TOPICS
 from terrain_estimator.dashboard.web import WebServer
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.factory import message_class
 from terrain_estimator.nodes.common.plain import guarded, run
 from terrain_estimator.nodes.common.silence import Patience
-from terrain_estimator.ros_types import LISTENED, TRUTH, Message
+from terrain_estimator.topics import LISTENED, TRUTH, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last

@@ -38,7 +38,7 @@ from terrain_estimator.nodes.common.plain import refuse
 from terrain_estimator.nodes.common.quality import listen
 from terrain_estimator.nodes.common.silence import why_silent
 from terrain_estimator.nodes.common.watchdog import unheard_publishers
-from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
+from terrain_estimator.topics import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last

@@ -22,7 +22,7 @@ from terrain_estimator.planning.inputs import PlannerInputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.ros_types import (
+from terrain_estimator.topics import (
     ADVICE,
     ESTIMATE,
     INPUT_TYPES,

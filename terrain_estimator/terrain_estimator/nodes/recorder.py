@@ -31,7 +31,7 @@ from terrain_estimator.nodes.common.factory import message_class
 from terrain_estimator.nodes.common.managed import ManagedNode, drain, spin
 from terrain_estimator.nodes.common.offers import of_other_types, offered
 from terrain_estimator.nodes.common.plain import refuse
-from terrain_estimator.ros_types import HEALTH
+from terrain_estimator.topics import HEALTH
 
 QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
 POLL_S = 0.1

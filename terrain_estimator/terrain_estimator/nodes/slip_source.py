@@ -26,7 +26,7 @@ from terrain_estimator.nodes.common.plain import guarded, run
 from terrain_estimator.nodes.common.quality import listen
 from terrain_estimator.nodes.common.reporting import Reporter
 from terrain_estimator.nodes.common.silence import Pairs, Patience
-from terrain_estimator.ros_types import INPUT_TYPES, Message
+from terrain_estimator.topics import INPUT_TYPES, Message
 from terramechanics.vehicle.rover import load_rover
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last

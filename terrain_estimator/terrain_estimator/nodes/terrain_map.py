@@ -8,14 +8,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from terrain_estimator.config import MapConfig
+from terrain_estimator.messaging.map_track import MapTrack, cloud_message
 from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
-from terrain_estimator.messaging.track import MapTrack, cloud_message
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.factory import make, message_class
 from terrain_estimator.nodes.common.plain import guarded, run
 from terrain_estimator.nodes.common.quality import listen
 from terrain_estimator.nodes.common.silence import Pairs, Patience
-from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message, stamp_ns
+from terrain_estimator.topics import ESTIMATE, INPUT_TYPES, Message, stamp_ns
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)

@@ -17,12 +17,12 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config import WatchConfig
-from terrain_estimator.messaging.timing import timing
+from terrain_estimator.messaging.arrival_rates import timing
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.factory import message_class
 from terrain_estimator.nodes.common.plain import guarded, run
 from terrain_estimator.nodes.common.silence import Patience
-from terrain_estimator.ros_types import (
+from terrain_estimator.topics import (
     HEALTH,
     INPUT_TYPES,
     LISTENED,

@@ -309,7 +309,7 @@ def test_an_effect_that_one_wheel_does_not_show_is_refused(
     ("arguments", "said"),
     [
         (("--hold-out-by", "trial"), "there is one trial"),
-        (("--sinkage-sd", "0"), "--sinkage-sd 0: a standard deviation is above zero"),
+        (("--sinkage-sd", "0"), "--sinkage-sd 0: a standard deviation must be above zero"),
         (("--constants-sd", "-1"), "--constants-sd -1"),
         (("--constants-sd", "20"), "--constants-sd 20: it is relative to each constant"),
         (("--pull-sd", "nan"), "--pull-sd nan"),

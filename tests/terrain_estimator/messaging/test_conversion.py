@@ -23,7 +23,7 @@ from terrain_estimator.messaging.conversion import (
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import Make
+from terrain_estimator.topics import Make
 from terramechanics.vehicle.rover import Rover, load_rover
 
 ROVER: Rover = load_rover("mars_rover")

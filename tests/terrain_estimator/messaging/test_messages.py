@@ -13,8 +13,8 @@ from rclpy.serialization import serialize_message
 from msg_defs.msg import MeasurementDecision, TerrainEstimate
 from terrain_estimator.bags import Types
 from terrain_estimator.config import CoreConfig
+from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.messages import (
-    INTERVAL_95,
     Meta,
     Status,
     estimate_message,
@@ -26,7 +26,7 @@ from terrain_estimator.messaging.messages import (
 from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
+from terrain_estimator.topics import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
 from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
 
 ROWS = ("velocity", "load", "torque_0", "torque_1", "torque_2", "acceleration")
@@ -125,7 +125,7 @@ def test_the_prediction_carries_its_interval() -> None:
         1e-4,
         0.1,
     )
-    assert message.velocity_upper_95 - message.velocity == pytest.approx(INTERVAL_95 * 0.01)
+    assert message.velocity_upper_95 - message.velocity == pytest.approx(HALF_WIDTH_95 * 0.01)
     assert (message.measured_velocity, message.innovation, message.innovation_variance) == (
         0.151,
         0.002,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from terrain_estimator.ros_types import Message
+from terrain_estimator.topics import Message
 
 _ARRAY_CODE = {"sequence<double>": "d", "sequence<uint64>": "Q"}
 

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of the message types and topics, and the type of a message, without importing any ROS."""
+"""Names and types of messages and topics, without importing ROS."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
 Message: TypeAlias = Any
-"""A ROS message, duck-typed: an instance of rclpy's class, or of the equal one that is read from a bag."""
+"""A ROS message, duck-typed: of rclpy's class, or of the equal one that is read from a bag."""
 
 Make: TypeAlias = Callable[..., Message]
 """A factory ``make(type_name, **fields)``: rclpy's classes live, those of the bags offline."""
@@ -21,10 +21,10 @@ INPUT_TYPES = {
 """Types of the estimator's input topics."""
 
 BODY_FRAME = "base_link"
-"""REP 105's name of the rover's body, which is published where a user gives none."""
+"""Frame of the rover's body by REP 105, published where the user names none."""
 
 REQUIRED_INPUTS = ("wheel_slip", "wheel_sinkage", "odom")
-"""Without one of these there is no observation; the first gives the stamps."""
+"""Inputs that every observation needs; the first gives the stamps."""
 
 ESTIMATE = "msg_defs/msg/TerrainEstimate"
 PREDICTION = "msg_defs/msg/MotionPrediction"
@@ -34,21 +34,21 @@ ADVICE = "msg_defs/msg/TractionAdvice"
 TRUTH = "msg_defs/msg/TerrainTruth"
 
 OUTPUT_TYPES = {"terrain_estimate": ESTIMATE, "motion_prediction": PREDICTION}
-"""Types of the output topics that depend on the stamped inputs alone: replay writes them too."""
+"""Types of the output topics that depend on the stamped inputs alone; replay writes them too."""
 
 LISTENED = {"terrain_estimate": ESTIMATE} | {topic: INPUT_TYPES[topic] for topic in REQUIRED_INPUTS}
-"""Types of what planner, watch and dashboard have little to say without."""
+"""Types of the topics that planner, watch and dashboard need."""
 
 RECORDED_TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES, "estimator_health", "ground_truth/terrain")
-"""What the recorder records unless told otherwise."""
+"""Topics that the recorder records by default."""
 
 
 def paired_inputs(*, use_imu: bool) -> tuple[str, ...]:
-    """The input topics that make one observation: what is not used is not waited for."""
+    """Return the input topics of one observation; unused ones are not waited for."""
     return tuple(name for name in INPUT_TYPES if name != "imu" or use_imu)
 
 
 def stamp_ns(message: Message) -> int:
-    """Time of a message with a header [ns]."""
+    """Return the stamp [ns] of a message with a header."""
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

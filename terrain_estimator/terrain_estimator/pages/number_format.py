@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers as people read them. Each stands in a ``<data>`` element whose value is the number in full."""
+"""Formatted numbers, each in a ``<data>`` element whose value is the number in full."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 DIGITS = 3
-"""Significant digits where no deviation says how many mean something."""
+"""Significant digits of a number without a deviation."""
 NORMAL_95 = 1.959964
 """Half width of the 95 % interval of a Gaussian, in deviations."""
 _MINUS = "\N{MINUS SIGN}"
@@ -16,7 +16,7 @@ _ABSENT = Markup('<span class="absent">not known</span>')
 
 
 def number(value: float | None, unit: str = "", digits: int = DIGITS) -> Markup:
-    """A number with its unit; None where it is not known. A count, an int, has all its digits."""
+    """Format a number with its unit; None for an unknown one. An int keeps all its digits."""
     if value is None or not math.isfinite(value):
         return _ABSENT
     return _data(value, str(value) if isinstance(value, int) else _shown(value, digits)) + _unit(
@@ -27,7 +27,10 @@ def number(value: float | None, unit: str = "", digits: int = DIGITS) -> Markup:
 def interval(
     mean: float, sd: float, unit: str = "", limits: tuple[float, float] | None = None
 ) -> Markup:
-    """Mean with the deviation's own number of digits, and the 95 % interval: that of a Gaussian, where no ``limits`` are given."""
+    """Format a mean with its deviation, to two digits of the latter, and the 95 % interval.
+
+    The interval is that of a Gaussian, unless ``limits`` are given.
+    """
     places = _places(sd)
     low, high = (
         _fixed(limit, places) for limit in limits or (mean - NORMAL_95 * sd, mean + NORMAL_95 * sd)
@@ -43,19 +46,19 @@ def interval(
 
 
 def probability(value: float) -> Markup:
-    """In percent; what is all but sure is not rounded to certain."""
+    """Format in per cent; an almost certain value is not rounded to certainty."""
     percent = 100.0 * value
     shown = "< 0.1" if percent < 0.1 else "> 99.9" if percent > 99.9 else f"{percent:.1f}"
     return _data(value, f"{shown}\N{NO-BREAK SPACE}%")
 
 
 def chance(value: float) -> Markup:
-    """A p value."""
+    """Format a p value."""
     return _data(value, "< 1e-6" if value < 1e-6 else f"{value:.2g}")
 
 
 def words(items: Sequence[str], last: str = "and") -> str:
-    """``a, b and c``."""
+    """Join words: ``a, b and c``."""
     return f" {last} ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
 
 
@@ -68,14 +71,14 @@ def _unit(unit: str) -> Markup:
 
 
 def _shown(value: float, digits: int) -> str:
-    """Significant digits without an exponent where a person would write none."""
+    """Format with significant digits, without an exponent in the usual range."""
     if value == 0.0 or not 1e-4 <= abs(value) < 1e6:
         return f"{value:.{digits}g}".replace("-", _MINUS)
     return _fixed(value, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
 
 
 def _places(sd: float) -> int:
-    """Decimal places that show two digits of a deviation."""
+    """Return the number of decimal places that show two digits of a deviation."""
     return max(0, 1 - math.floor(math.log10(sd))) if sd > 0.0 else DIGITS
 
 

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates in a second process while this one reads, converts and writes, where there are two cores.
+"""Estimate in a second process while this one reads, converts and writes, given two cores.
 
-The processes take turns: this one prepares a batch while the other estimates from the one before.
-Only one batch is under way, so neither can block the other, and each ends when it finds the other's
-end of the pipe closed.
+The processes take turns: this one prepares a batch while the other estimates from the batch
+before. Only one batch is under way, so neither can block the other, and each ends when the other
+closes its end of the pipe.
 """
 
 import dataclasses
@@ -33,21 +33,25 @@ Converted: TypeAlias = list[tuple[RawMessage, Conversion]]
 """A batch of sets, each with the message that completed it."""
 
 Answered: TypeAlias = list[tuple[RawMessage, Answer]]
-"""The same batch with the estimator's answers."""
+"""A batch of answers, each with the message that completed its set."""
 
 Answering: TypeAlias = Callable[[Iterable[Converted]], Iterator[Answered]]
-"""Answers batches in their order."""
+"""A function that answers batches in their order."""
 
 _Packed: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, dict[int, Conversion]]
-"""A batch of n sets as stamps [n], values of axles [n, fields, axles] and scalars [n, fields]; sets without an observation by position."""
+"""A batch of n sets in few arrays.
+
+Stamps [n], values of axles [n, fields, axles] and scalars [n, fields]; sets without an observation
+by position.
+"""
 
 
 @contextmanager
 def answering(pipeline: Pipeline) -> Iterator[Answering]:
-    """Answers by ``pipeline``: alongside in a process of its own, in turn where there is one core only.
+    """Answer by ``pipeline`` in a second process, or in this one where there is only one core.
 
-    Enter it before any thread is started: the process is a fork of this one, which has the model
-    loaded and warm.
+    Enter the context before any thread is started: the second process is a fork of this one, which
+    has the model loaded and warm.
     """
     if len(os.sched_getaffinity(0)) < 2:
         yield partial(_in_turn, pipeline)
@@ -62,12 +66,15 @@ def answering(pipeline: Pipeline) -> Iterator[Answering]:
     try:
         yield partial(_alongside, here)
     finally:
-        here.close()  # which ends the process
+        here.close()  # ends the process
         process.join()
 
 
 def _by_call(record: Update | Estimate | Prediction | Decision) -> tuple[type, tuple[object, ...]]:
-    """How to build a record again. The way of the standard library, for any dataclass with slots, takes thrice the time."""
+    """Return the call that rebuilds a record.
+
+    The standard library's way for a dataclass with slots takes three times as long.
+    """
     kind = type(record)
     return kind, _VALUES[kind](record)
 
@@ -86,7 +93,10 @@ def _in_turn(pipeline: Pipeline, batches: Iterable[Converted]) -> Iterator[Answe
 
 
 def _alongside(pipe: Connection, batches: Iterable[Converted]) -> Iterator[Answered]:
-    """The answers of a batch are received, but not yet decoded, before the next one is sent: the process never waits for that."""
+    """Receive the answers of a batch before the next one is sent, and decode them after.
+
+    The second process thus never waits for the decoding.
+    """
     under_way: Converted | None = None
     for batch in batches:
         packed = ForkingPickler.dumps(_pack([conversion for _, conversion in batch]))
@@ -100,7 +110,7 @@ def _alongside(pipe: Connection, batches: Iterable[Converted]) -> Iterator[Answe
 
 
 def _decode(batch: Converted, received: bytes) -> Answered:
-    """Raises what the estimator raised in the other process."""
+    """Return the answers; raise what the estimator raised in the other process."""
     updates: list[Update] | Exception = ForkingPickler.loads(received)
     if isinstance(updates, Exception):
         raise updates
@@ -125,18 +135,17 @@ def _receive(pipe: Connection) -> bytes:
 
 
 _ENDED = (
-    "the process that estimates ended unexpectedly: was it killed, or did the memory run out?"
-    " Replay the bag again"
+    "the estimating process ended unexpectedly: it was killed, or memory ran out. Replay the bag"
+    " again"
 )
 
 
 def _serve(pipe: Connection, other_end: Connection, pipeline: Pipeline) -> None:
-    """The other process: answer batches until the pipe is closed."""
-    other_end.close()  # this process's copy: the end would not be seen while it is open
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C reaches both processes; the first one ends this one
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a command's own handler is of no use here
+    """Answer batches until the pipe is closed: the main function of the second process."""
+    other_end.close()  # this process's copy: its end would go unnoticed while this is open
+    # Ctrl-C reaches both processes; the first one ends this one
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a command's own handler is useless here
     try:
         while True:
             pipe.send(_updates(pipeline, pipe.recv()))
@@ -147,13 +156,16 @@ def _serve(pipe: Connection, other_end: Connection, pipeline: Pipeline) -> None:
 def _updates(pipeline: Pipeline, packed: _Packed) -> list[Update] | Exception:
     try:
         return [pipeline.answer(conversion).update for conversion in _unpack(packed)]
-    except Exception as error:  # noqa: BLE001  whatever it is, the first process raises it
-        error.add_note(f"in the process that estimates:\n{traceback.format_exc()}")
+    except Exception as error:  # noqa: BLE001 - raised again in the first process
+        error.add_note(f"in the estimating process:\n{traceback.format_exc()}")
         return error
 
 
 def _pack(conversions: list[Conversion]) -> _Packed:
-    """Few large arrays: objects for each observation would cost as much as the estimate's arithmetic."""
+    """Pack a batch into few large arrays.
+
+    An object for each observation would cost as much as the estimate's arithmetic.
+    """
     without = {
         at: conversion
         for at, conversion in enumerate(conversions)

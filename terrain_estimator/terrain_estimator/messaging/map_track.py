@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimates along the track, as points of a map: evenly spaced, and never more than fit."""
+"""Estimates along the track as evenly spaced points of a map, in bounded number."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_estimator.ros_types import Make, Message, stamp_ns
+from terrain_estimator.topics import Make, Message, stamp_ns
 
 POINT = np.dtype(
     {
@@ -24,21 +24,23 @@ POINT = np.dtype(
         "formats": ["<f4"] * 7 + ["<f8"],
     }
 )
-"""Fields of a point [m, m, m, Pa, 1, Pa, 1, s]; RViz and Foxglove want x, y, z in single precision."""
+"""Fields of a point [m, m, m, Pa, 1, Pa, 1, s]; viewers need x, y, z in single precision."""
 _LARGEST = float(np.finfo(np.float32).max)
-"""What is larger would be infinite in single precision."""
+"""Larger values are infinite in single precision."""
 _KINDS = {"<f4": 7, "<f8": 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64
 
 
 class MapTrack:
-    """Points along the way, at least a spacing apart; when they are too many every second one goes and the spacing doubles.
+    """Points along the way, at least a spacing apart.
 
-    Where stamps go back (a bag loops, another run begins, a clock was set back) the track begins
-    anew: places and times of two runs do not belong on one map.
+    When they are too many, every second one is removed and the spacing doubles.
+
+    Where stamps go back (a bag loops, another run begins, a clock was set back) the track starts
+    again: places and times of two runs do not belong on one map.
     """
 
     def __init__(self, spacing_m: float, capacity: int) -> None:
-        """Nothing was passed yet."""
+        """Start an empty track."""
         self._least_m, self._capacity = spacing_m, capacity
         self._latest_ns = 0
         self._begin()
@@ -51,10 +53,10 @@ class MapTrack:
         return len(self._points)
 
     def add(self, estimate: Message, odometry: Message) -> bool:
-        """Take an estimate and where the rover was; whether the points are others now. What is not finite becomes none.
+        """Add an estimate at the rover's position; return whether the points changed.
 
-        Nor does an estimate without observations: it is the prior, which says nothing of this
-        place.
+        Values that are not finite add no point, nor does an estimate without observations: it is
+        the prior, and holds no information about the place.
         """
         now = stamp_ns(estimate)
         anew = bool(self._points) and now < self._latest_ns
@@ -83,12 +85,12 @@ class MapTrack:
         return True
 
     def points(self) -> NDArray[np.void]:
-        """All points, oldest first."""
+        """Return all points, oldest first."""
         return np.array(self._points, dtype=POINT)
 
 
 def cloud_message(track: MapTrack, make: Make, header: Message) -> Message:
-    """sensor_msgs/PointCloud2 of the points; ``header`` carries the frame of the places."""
+    """Build sensor_msgs/PointCloud2 from the points; ``header`` has the frame of the positions."""
     points = track.points()
     fields = [
         make(

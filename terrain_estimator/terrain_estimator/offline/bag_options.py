@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the messages of bags are found and read: the same options of every command that takes bags of a rover."""
+"""Options to find and read the messages of bags, shared by all commands that take bags."""
 
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass, field
@@ -10,12 +10,12 @@ from typing import Any, TypeVar
 from rover_parameters.files import parse_assignment, read_parameters
 from rover_parameters.parameters import configure
 from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
-from terrain_estimator.offline.topics import absolute, bag_topics
+from terrain_estimator.offline.topic_mapping import absolute, bag_topics
 
 
 @dataclass(frozen=True, slots=True)
 class BagOptions:
-    """Names of the topics in the bag, by the estimator's names, and the estimator's parameters."""
+    """Topic names in the bag, by the estimator's names, and the estimator's parameters."""
 
     names: dict[str, str] = field(default_factory=lambda: bag_topics([], ""))
     config: EstimatorConfig = field(default_factory=EstimatorConfig)
@@ -25,7 +25,7 @@ ConfigT = TypeVar("ConfigT")
 
 
 def add_parameters(parser: ArgumentParser) -> None:
-    """The options that :func:`parameters_of` looks at."""
+    """Add the options that :func:`parameters_of` reads."""
     parser.add_argument(
         "--params-file",
         type=Path,
@@ -47,7 +47,7 @@ def add_parameters(parser: ArgumentParser) -> None:
 
 
 def add_options(parser: ArgumentParser) -> None:
-    """The options that :func:`node_config` and :func:`reading_of` look at."""
+    """Add the options that :func:`node_config` and :func:`reading_of` read."""
     add_parameters(parser)
     parser.add_argument(
         "--remap",
@@ -59,7 +59,10 @@ def add_options(parser: ArgumentParser) -> None:
 
 
 def parameters_of(options: Namespace, node: str, kind: type[ConfigT], **more: Any) -> ConfigT:
-    """The parameters of a node, of the files and of single options; ``more`` wins over both. Raises ConfigError."""
+    """Return a node's parameters from files and single options; ``more`` overrides both.
+
+    Raises ConfigError.
+    """
     values: dict[str, Any] = {}
     for path in options.params_file:
         values |= read_parameters(path, absolute(node, options.namespace))
@@ -67,10 +70,13 @@ def parameters_of(options: Namespace, node: str, kind: type[ConfigT], **more: An
 
 
 def node_config(options: Namespace, **more: Any) -> EstimatorNodeConfig:
-    """The same of the estimator."""
+    """Return the parameters of the estimator node; ``more`` overrides the options."""
     return parameters_of(options, "estimator", EstimatorNodeConfig, **more)
 
 
 def reading_of(options: Namespace) -> BagOptions:
-    """Topics and parameters that the options name. Raises ConfigError and TopicError."""
+    """Return the topics and parameters that the options name.
+
+    Raises ConfigError and TopicError.
+    """
     return BagOptions(bag_topics(options.remap, options.namespace), node_config(options).estimator)

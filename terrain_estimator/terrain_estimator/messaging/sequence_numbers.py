@@ -1,29 +1,28 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is missing by the sequence numbers of messages, which count a publisher's messages from 0 without gaps."""
+"""Missing messages, by sequence numbers that count a publisher's messages from 0 without gaps."""
 
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 
 GAPS = 64
-"""So many of the newest gaps are remembered: a message that comes later than that stays lost."""
+"""Number of the newest gaps kept; a message older than these stays lost."""
 
 
 @dataclass(slots=True)
 class Sequence:
-    """The numbers of one publisher's messages, and which of them are missing."""
+    """Sequence numbers of one publisher's messages, and the missing ones."""
 
     _last: int | None = None
-    _again: int | None = (
-        None  # the newest number, where it is neither missing nor after the last one
-    )
+    # the newest number, where it is neither missing nor after the last one
+    _again: int | None = None
     _gaps: list[range] = field(default_factory=list)
 
     def note(self, number: int) -> int:
-        """Take the next message; returns how many are missing before it.
+        """Take the next message; return the number of messages missing before it.
 
-        A smaller number is a copy of a message; two in a row that increase are a publisher that
-        started again, which is no gap.
+        A smaller number is a copy of a message. Two smaller ones in a row that increase mean
+        that the publisher restarted, which is no gap.
         """
         if self._last is None:
             self._last = number
@@ -41,7 +40,7 @@ class Sequence:
         return number - last - 1
 
     def fill(self, number: int) -> bool:
-        """Take a message that may be late: whether it was missing until now."""
+        """Return whether a possibly late message was missing until now; it no longer is."""
         for at, gap in enumerate(self._gaps):
             if number in gap:
                 self._gaps[at : at + 1] = [
@@ -51,16 +50,16 @@ class Sequence:
         return False
 
     def restart(self) -> None:
-        """Begin anew: the next number follows none."""
+        """Begin again: the next number has no predecessor."""
         self._last = self._again = None
         self._gaps.clear()
 
 
 class Sequences:
-    """Counts by topic what is missing of the messages that are noted, and what came after its successors."""
+    """Counts, by topic, of missing messages and of those that came after their successors."""
 
     def __init__(self) -> None:
-        """Begin with no topic."""
+        """Begin without topics."""
         self.lost: Counter[str] = Counter()
         self.late: Counter[str] = Counter()
         self._topics: defaultdict[str, Sequence] = defaultdict(Sequence)

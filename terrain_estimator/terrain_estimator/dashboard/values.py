@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages as plain values: what is not finite is None, and nothing is longer than a page can show."""
+"""Messages as plain values of bounded length, with None for what is not finite."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -11,10 +11,10 @@ from terrain_estimator.intervals import OUTSIDE_68, credible_interval
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Message
+from terrain_estimator.topics import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Message
 
 MOST = 16
-"""Wheels, effects and topics that are shown; no rover has more, and a message of any length costs no more."""
+"""Number of wheels, effects and topics that are shown; it bounds the cost of a message."""
 _WORDS = 400  # characters of a text
 
 Values = dict[str, Any]
@@ -168,4 +168,4 @@ TOPICS: dict[str, tuple[str, Callable[[Message], Values]]] = {
     "traction_advice": (ADVICE, _advice),
     "ground_truth/terrain": (TRUTH, _truth),
 }
-"""Type of every topic that is shown, and how it is read."""
+"""Type of every topic that is shown, and its reader."""

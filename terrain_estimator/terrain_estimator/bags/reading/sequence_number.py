@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sequence number of a message without decoding the rest, which would take most of the time of a replay."""
+"""Sequence number of a message without decoding the rest.
+
+Decoding every message would take most of the time of a replay.
+"""
 
 import struct
 
@@ -11,14 +14,15 @@ from terrain_estimator.bags.format.definitions import Definition, parse
 
 OURS = "msg_defs/"
 _BEGINNING = ((Nodetype.NAME, "std_msgs/msg/Header"), (Nodetype.BASE, ("uint64", 0)))
-_ENCAPSULATION, _FRAME_ID = (
-    4,
-    12,
-)  # [bytes] before the message, and from there to the characters of the header's frame_id
+# [bytes] before the message, and from there to the characters of the header's frame_id
+_ENCAPSULATION, _FRAME_ID = 4, 12
 
 
 def is_sequenced(definition: Definition | None) -> bool:
-    """Whether a message is one of ours that begins with a header and its sequence number, by the definition that the bag has of it."""
+    """Return whether messages of this definition begin with a header and a sequence number.
+
+    Only types of ``msg_defs`` qualify. The definition is the one that the bag carries.
+    """
     if definition is None or not definition.type_name.startswith(OURS):
         return False
     try:
@@ -29,7 +33,10 @@ def is_sequenced(definition: Definition | None) -> bool:
 
 
 def sequence_of(data: bytes) -> int | None:
-    """Sequence number in the CDR of a message that :func:`is_sequenced`; None where the message ends before it."""
+    """Return the sequence number in the CDR of a message that :func:`is_sequenced`.
+
+    None where the message ends before it.
+    """
     order = "<" if data[1:2] == b"\1" else ">"
     try:
         (length,) = struct.unpack_from(f"{order}I", data, _ENCAPSULATION + _FRAME_ID - 4)

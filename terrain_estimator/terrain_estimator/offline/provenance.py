@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""From what a result was made: versions of what computes, and hashes of bags."""
+"""Provenance of a result: versions of the software, and hashes of bags."""
 
 import hashlib
 import platform
@@ -11,15 +11,15 @@ PACKAGES = ("terrain_estimator", "torch", "numpy", "scipy", "rosbags", "mcap")
 
 
 def versions() -> dict[str, str]:
-    """Of Python and the packages."""
+    """Return the versions of Python and of the packages."""
     return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
 
 
 def bag_sha256(bag: Path) -> str:
-    """Of the bag's files one after the other; says so where there is none, or one cannot be read."""
+    """Return the SHA-256 of a bag's files in order, or a text where they cannot be read."""
     paths = sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag]
     if not paths:
-        return "holds no .mcap file"
+        return "there is no .mcap file"
     digest = hashlib.sha256()
     try:
         for path in paths:
@@ -35,4 +35,4 @@ def _version(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
-        return "from its source, not installed"
+        return "from source, not installed"

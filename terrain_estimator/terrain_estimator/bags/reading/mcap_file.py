@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One MCAP file of a bag: what is in it, and its messages in the order of their log times."""
+"""Read one MCAP file of a bag: its contents, and its messages in the order of their log times."""
 
 import struct
 import zlib
@@ -43,8 +43,8 @@ from terrain_estimator.bags.reading.records import (
 )
 
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
-WINDOW = 1024  # messages within which those of a file without chunk index are put in order
-_OBJECT_BYTES = 200  # of a message in memory beside its data
+WINDOW = 1024  # messages; a file without chunk index is sorted within this window
+_OBJECT_BYTES = 200  # memory of a message in addition to its data
 _LOG_TIME: Callable[[StoredMessage], int] = itemgetter(0)
 _FOREIGN = {
     b"#ROSBAG V": "a ROS 1 bag: convert it with `rosbags-convert`",
@@ -94,10 +94,10 @@ class McapFile:
         self._file.close()
 
     def messages(self, wanted: frozenset[int]) -> Iterator[StoredMessage]:
-        """Yield the messages of wanted channels by log time.
+        """Yield the messages of the wanted channels by log time.
 
-        A file without chunk index (a recording that was not compacted) is read in its own order,
-        put right within ``WINDOW`` messages, so that memory does not grow with the file.
+        A file without chunk index (a recording that was not compacted) is read in its own order and
+        sorted within ``WINDOW`` messages, so that memory does not grow with the file.
         """
         return self._by_chunk_index(wanted) if self._chunks else self._by_scan(wanted)
 
@@ -178,7 +178,7 @@ class McapFile:
         return footer.summary_start
 
     def _read_summary(self, start: int) -> bool:
-        """Read the summary; return whether it tells all that is needed."""
+        """Read the summary; return whether it is complete."""
         statistics: Statistics | None = None
         for record in scan(self._file, start, self._end - FOOTER_BYTES):
             match record.opcode:
@@ -210,13 +210,12 @@ class McapFile:
             self.metadata.append(parse(Metadata, record.payload))
 
     def _note(self, record: Record) -> None:
-        """Take note of a record of the data section: schemas, channels, metadata, counts of messages."""
+        """Register a record of the data section: a schema, channel, metadata record or message."""
         match record.opcode:
             case Opcode.CHUNK:
                 for inner in records_in(chunk_contents(record, self.path), record.offset):
-                    if (
-                        inner.opcode != Opcode.CHUNK
-                    ):  # which no chunk may hold: their nesting could have no end
+                    # no chunk may hold a chunk: their nesting could have no end
+                    if inner.opcode != Opcode.CHUNK:
                         self._note(inner)
             case _ if not record.whole:
                 return
@@ -307,7 +306,11 @@ class McapFile:
         yield from waiting
 
     def _check_waiting(self, waiting: list[StoredMessage]) -> None:
-        """Small chunks can unpack to large ones that all share one time, so that none of their messages may go before the last is read."""
+        """Refuse to hold more than ``LARGEST_RECORD`` bytes of messages.
+
+        Small chunks can unpack to large ones that all share one time, and then no message may be
+        released before the last one is read.
+        """
         if sum(_OBJECT_BYTES + len(message.data) for message in waiting) > LARGEST_RECORD:
             size = (
                 f"more than {LARGEST_RECORD} bytes of messages are not in the order of their log"

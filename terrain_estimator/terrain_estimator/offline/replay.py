@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs one bag through the estimator, as fast as it goes: the node's pipeline without the node."""
+"""Run one bag through the estimator at full speed: the node's pipeline without the node."""
 
 import gc
 import hashlib
@@ -36,12 +36,12 @@ from terrain_estimator.messaging.history import RunHistory, WheelHistory
 from terrain_estimator.messaging.messages import status_of
 from terrain_estimator.messaging.pairing import Counters, MessageSet
 from terrain_estimator.messaging.pipeline import Answer, Pipeline, rover_of
-from terrain_estimator.messaging.sequences import Sequences
+from terrain_estimator.messaging.sequence_numbers import Sequences
 from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.second_process import Answered, Converted, answering
-from terrain_estimator.offline.topics import check_inputs
+from terrain_estimator.offline.estimation_process import Answered, Converted, answering
+from terrain_estimator.offline.topic_mapping import check_inputs
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 
 TRUTH = "ground_truth/terrain"
 BATCH = 500  # messages
@@ -62,39 +62,36 @@ class Start(NamedTuple):
 
 @dataclass(slots=True)
 class Replay:
-    """What came of one bag."""
+    """Result of the replay of one bag."""
 
     bag: Path
     estimates_bag: Path
     state_sha256: str = ""  # of the file of the state that it started from
-    missing_s: float | None = 0.0  # at the end of an unfinished bag; None where nothing tells
+    missing_s: float | None = 0.0  # at the end of an unfinished bag; None where it is unknown
     notes: list[str] = field(default_factory=list)
-    wall_s: float = 0.0  # reading, estimating and writing; without loading program, model and message definitions
+    wall_s: float = 0.0  # of reading, estimating and writing, without loading anything
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     inputs: dict[str, Counters] = field(default_factory=dict)
-    sequences: Sequences = field(
-        default_factory=Sequences
-    )  # of our messages beside the inputs, by topic of the bag
+    # of msg_defs messages apart from the inputs, by topic of the bag
+    sequences: Sequences = field(default_factory=Sequences)
     first: Answer | None = None
     last: Answer | None = None
     status: str = ""
-    truths: list[Message] = field(
-        default_factory=list
-    )  # grows with the changes of the simulated ground alone
+    # grows only with the changes of the simulated ground
+    truths: list[Message] = field(default_factory=list)
     history: RunHistory = field(default_factory=RunHistory)
     slip: WheelHistory = field(default_factory=WheelHistory)
     sinkage: WheelHistory = field(default_factory=WheelHistory)
-    differences: dict[str, str] | None = (
-        None  # by topic, empty where it is identical to live; None where not compared
-    )
+    # by topic, empty where identical to live; None where not compared
+    differences: dict[str, str] | None = None
 
     @property
     def name(self) -> str:
-        """Of the bag."""
+        """Name of the bag."""
         return bag_name(self.bag)
 
     def keep_wheels(self, complete: MessageSet) -> None:
-        """Take what the wheels did at one instant."""
+        """Record the wheels' measurements of one instant."""
         slip, sinkage, *_ = complete.messages
         self.slip.add(complete.stamp_ns, slip.wheel, slip.slip)
         self.sinkage.add(complete.stamp_ns, sinkage.wheel, sinkage.sinkage)
@@ -106,12 +103,12 @@ class Replay:
 
     @property
     def truth(self) -> Message | None:
-        """The last true ground, None where the bag has none."""
+        """Last true ground; None where the bag has none."""
         return self.truths[-1] if self.truths else None
 
     @property
     def span_s(self) -> float:
-        """Time from the first estimate's stamp to the last one's."""
+        """Time [s] between the stamps of the first and the last estimate."""
         return (
             (self.last.update.stamp_ns - self.first.update.stamp_ns) / 1e9
             if self.first and self.last
@@ -120,24 +117,27 @@ class Replay:
 
     @property
     def times_real_time(self) -> float:
-        """How much faster than the recording it went."""
+        """Speed of the replay relative to the recording."""
         return self.span_s / self.wall_s if self.wall_s > 0.0 else math.nan
 
 
 class _Output:
-    """Writes the outgoing messages of each answer."""
+    """Writer of the outgoing messages of each answer."""
 
     def __init__(self, writer: BagWriter, pipeline: Pipeline, names: Mapping[str, str]) -> None:
         self._writer, self._pipeline, self._types = writer, pipeline, Types()
         for type_name in OUTPUT_TYPES.values():
-            self._types.make(type_name)  # the first of a type takes some ms
+            self._types.make(type_name)  # the first message of a type takes some milliseconds
         self._topics = {
             name: writer.add_topic(names[name], type_name)
             for name, type_name in OUTPUT_TYPES.items()
         }
 
     def write(self, answers: Answered) -> None:
-        """Log times are those of the messages that completed the sets, so that both bags play side by side."""
+        """Write answers with the log times of the messages that completed their sets.
+
+        Both bags can then be played side by side.
+        """
         made = [
             (cause, answer.messages(self._types.make, self._pipeline.meta))
             for cause, answer in answers
@@ -162,13 +162,13 @@ def replay(
 ) -> Replay:
     """Estimate from the messages of ``bag`` and write the estimates to the new bag ``output``.
 
-    ``names`` are the topics' names in the bag, by the estimator's names. Without ``start`` it
-    starts from the prior.
+    ``names`` are the topic names in the bag, by the estimator's names. Without ``start`` the
+    estimator starts from the prior.
 
     Raises:
         StateFileError: ``start`` is no state of this model.
-        BagError: the bag cannot be read, a type is another, or the output cannot be written; it is
-            taken back then.
+        BagError: the bag cannot be read, a type is wrong, or the output cannot be written; the
+            output is then removed.
         TopicError: a required topic is missing.
     """
     result = Replay(bag, output)
@@ -206,19 +206,19 @@ def replay(
 
 
 def _other_model(reader: BagReader, model: LoadedModel, estimates: str) -> list[str]:
-    """A note where the node that published these ``estimates`` while the bag was recorded had another model."""
+    """Return a note where the node's ``estimates`` in the bag are from another model."""
     node = reader.metadata.get("terrain_estimator", {})
     ours = node.get("topic", "").rpartition("/")[0] == estimates.rpartition("/")[0]
     live = node.get("model_id", "") if ours else ""
     words = (
-        f"{reader.path}: the node's estimates in it are of model {live}, those of this replay of"
+        f"{reader.path}: its live estimates are of model {live}, those of this replay of"
         f" {model.model_id} (--model)"
     )
     return [words] if live not in {"", model.model_id} else []
 
 
 def identity(pipeline: Pipeline, config: EstimatorConfig) -> dict[str, str]:
-    """What estimates rest on beside the messages: model, and configuration in full."""
+    """Return the model and the full configuration that estimates depend on."""
     meta = pipeline.meta
     names = {
         "model_id": meta.model_id,
@@ -231,9 +231,9 @@ def identity(pipeline: Pipeline, config: EstimatorConfig) -> dict[str, str]:
 def _run(
     reader: BagReader, pipeline: Pipeline, output: _Output, names: Mapping[str, str], result: Replay
 ) -> None:
-    """Read, pair, convert, estimate and write: each step for a batch of messages, which is faster than for one by one.
+    """Read, pair, convert, estimate and write: each step for a batch of messages, which is faster.
 
-    The answers are the same: every step keeps the order, and none looks back at another.
+    The answers are the same: every step keeps the order, and no step depends on a later one.
     """
     with answering(pipeline) as answered, ProgressReport(f"replay {result.name}") as progress:
         for answers in answered(_converted(reader, pipeline, names, result, progress)):
@@ -247,7 +247,10 @@ def _converted(
     result: Replay,
     progress: ProgressReport,
 ) -> Iterator[Converted]:
-    """The sets of the bag, each with the message that completed it, in batches; what still waits at the end comes last."""
+    """Yield the sets of the bag in batches, each with the message that completed it.
+
+    Sets that still wait at the end of the bag come last.
+    """
     ours = {names[name]: name for name in (*pipeline.inputs, TRUTH)}
     span = reader.span
     cause: RawMessage | None = None
@@ -278,7 +281,10 @@ def _converted(
 def _counted(
     reader: BagReader, wanted: Container[str], paired: Container[str], sequences: Sequences
 ) -> Iterator[RawMessage]:
-    """The wanted messages. On the way gaps are counted of all our messages, but for those that pairing counts."""
+    """Yield the wanted messages, and count gaps in all msg_defs messages.
+
+    Pairing counts the gaps of the inputs.
+    """
     counted = {
         name
         for name, topic in reader.topics.items()
@@ -304,7 +310,7 @@ def _keep(answers: Answered, output: _Output, result: Replay) -> None:
 
 
 def compare_with_live(result: Replay, names: Mapping[str, str]) -> None:
-    """Compare the estimates with those that the bag has from the live node, byte by byte.
+    """Compare the estimates with those of the live node in the bag, byte by byte.
 
     Raises:
         BagError: the bag has none.

@@ -16,8 +16,8 @@ from terrain_estimator.bags import (
     sequence_of,
 )
 from terrain_estimator.cli import replay
-from terrain_estimator.messaging.sequences import GAPS, Sequence, Sequences
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, PREDICTION, TRUTH
+from terrain_estimator.messaging.sequence_numbers import GAPS, Sequence, Sequences
+from terrain_estimator.topics import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, PREDICTION, TRUTH
 from tests.drives import STEP_NS, drive_messages
 
 MESSAGES = Path(__file__).parents[3] / "msg_defs/msg"

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topic of a bag is which input of the estimator."""
+"""Mapping of a bag's topics to the inputs of the estimator."""
 
 from collections.abc import Iterable, Mapping
 
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES, REQUIRED_INPUTS
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES, REQUIRED_INPUTS
 
 KNOWN = (*INPUT_TYPES, *OUTPUT_TYPES, "ground_truth/terrain")
 
@@ -14,7 +14,7 @@ class TopicError(ValueError):
 
 
 def absolute(name: str, namespace: str = "") -> str:
-    """The topic's full name."""
+    """Return the topic's full name."""
     if name.startswith("/"):
         return name
     prefix = namespace.strip("/")
@@ -22,14 +22,14 @@ def absolute(name: str, namespace: str = "") -> str:
 
 
 def parse_remap(rule: str) -> tuple[str, str]:
-    """(our topic, topic in the bag) of ``from:=to``.
+    """Split ``from:=to`` into (topic of the estimator, topic in the bag).
 
-    Both orders are in use: nodes take ``wheel_slip:=/rover1/slip``, ``ros2 bag play`` takes
-    ``/rover1/slip:=wheel_slip``. One side has to be a topic that the estimator knows, which tells
-    them apart; where both are, the node's order holds.
+    Both orders are in use: nodes accept ``wheel_slip:=/rover1/slip``, ``ros2 bag play`` accepts
+    ``/rover1/slip:=wheel_slip``. One side must be a topic of the estimator, which distinguishes
+    them; where both are, the node's order applies.
 
     Raises:
-        TopicError: another form, or no side is known.
+        TopicError: the rule has another form, or no side is known.
     """
     first, separator, second = rule.partition(":=")
     if not (first and separator and second):
@@ -43,10 +43,10 @@ def parse_remap(rule: str) -> tuple[str, str]:
 
 
 def bag_topics(remap: Iterable[str], namespace: str) -> dict[str, str]:
-    """Names in the bag of all topics that the estimator knows.
+    """Return the names in the bag of all topics that the estimator uses.
 
     Raises:
-        TopicError: a rule is none, or two topics would have one name.
+        TopicError: a rule is invalid, or two topics would have one name.
     """
     rules = dict(parse_remap(rule) for rule in remap)
     names = {name: absolute(rules.get(name, name), namespace) for name in KNOWN}
@@ -61,7 +61,10 @@ def bag_topics(remap: Iterable[str], namespace: str) -> dict[str, str]:
 
 
 def check_inputs(bag: str, present: Mapping[str, object], names: Mapping[str, str]) -> None:
-    """Raises TopicError that names what is missing, and what in the bag looks like it."""
+    """Check that the required topics are present.
+
+    A TopicError names the missing ones, and similar ones in the bag.
+    """
     missing = [names[name] for name in REQUIRED_INPUTS if names[name] not in present]
     if not missing:
         return
@@ -77,7 +80,7 @@ def check_inputs(bag: str, present: Mapping[str, object], names: Mapping[str, st
     )
     if missing == [names["wheel_slip"]] and names["joint_states"] in present:
         hint += (
-            "; or make it of the wheel rates and a velocity by add_slip"
+            "; or create it from the wheel rates and a velocity with add_slip"
             " (docs/bring_your_own_rover.md)"
         )
     raise TopicError(f"{bag}: no topic {', '.join(missing)}; {hint}")

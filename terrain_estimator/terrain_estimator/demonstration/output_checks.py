@@ -1,33 +1,42 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the outputs of a simulated drive are what they should be, one verdict each."""
+"""Checks of the outputs of a simulated drive, one verdict each."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.ros_types import INPUT_TYPES, Message
+from terrain_estimator.topics import INPUT_TYPES, Message
 
 OUTPUTS = (
-    *INPUT_TYPES, "ground_truth/terrain", "terrain_estimate", "motion_prediction", "estimator_health", "traction_advice", "terrain_map",
-)  # fmt: skip
-"""Everything that is judged."""
+    *INPUT_TYPES,
+    "ground_truth/terrain",
+    "terrain_estimate",
+    "motion_prediction",
+    "estimator_health",
+    "traction_advice",
+    "terrain_map",
+)
+"""All outputs that are checked."""
 FAR = 4.0
-"""[standard deviations] further from the truth an estimate is wrong: chance does it once in 16000 drives."""
+"""[standard deviations] Distance of a wrong estimate; chance reaches it once in 16000 drives."""
 CONSISTENT = (0.3, 3.0)
-"""[1] Mean squared normalised innovation of a velocity prediction that is honest."""
+"""[1] Range of the mean squared normalised innovation of consistent velocity predictions."""
 
 
 @dataclass(frozen=True, slots=True)
 class OutputVerdict:
-    """What became of one output."""
+    """Verdict on one output."""
 
     output: str
     fault: str  # empty: passed
 
 
 def verdicts(messages: Mapping[str, Sequence[Message]], steps: int) -> list[OutputVerdict]:
-    """One verdict for each of OUTPUTS; ``messages`` by topic, of a drive of ``steps`` samples."""
+    """Return one verdict for each of OUTPUTS.
+
+    ``messages`` are by topic, from a drive of ``steps`` samples.
+    """
     checks: dict[str, Callable[[], str]] = {
         "ground_truth/terrain": lambda: "",
         "terrain_estimate": lambda: (
@@ -45,7 +54,7 @@ def verdicts(messages: Mapping[str, Sequence[Message]], steps: int) -> list[Outp
     }
     found = []
     for output in OUTPUTS:
-        fault = "no message came" if not messages.get(output) else ""
+        fault = "no message arrived" if not messages.get(output) else ""
         found.append(
             OutputVerdict(
                 output,
@@ -58,7 +67,7 @@ def verdicts(messages: Mapping[str, Sequence[Message]], steps: int) -> list[Outp
 
 def _missing(messages: Mapping[str, Sequence[Message]], topic: str, steps: int) -> str:
     count = len(messages[topic])
-    return "" if count == steps else f"{count} messages came, {steps} were expected"
+    return "" if count == steps else f"{count} messages arrived, {steps} were expected"
 
 
 def _wrong_estimate(messages: Mapping[str, Sequence[Message]]) -> str:
@@ -67,7 +76,7 @@ def _wrong_estimate(messages: Mapping[str, Sequence[Message]]) -> str:
         (messages.get("ground_truth/terrain") or [None])[-1],
     )
     if truth is None:
-        return "there is no truth to compare with"
+        return "there is no ground truth to compare with"
     for name in ("cohesion", "tan_phi"):
         mean, sd, true = getattr(last, name), getattr(last, f"{name}_stddev"), getattr(truth, name)
         if not abs(mean - true) < FAR * sd:
@@ -106,7 +115,7 @@ def _unhealthy(health: Message) -> str:
 
 def _wrong_advice(advice: Message) -> str:
     if advice.stop:
-        return f"it says {advice.status_text!r} on ground that holds the rover"
+        return f"it advises {advice.status_text!r} on ground that holds the rover"
     numbers = (
         advice.speed_limit,
         advice.measured_slip,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rate and jitter of a topic, from the times at which its messages arrived."""
+"""Rate and jitter of a topic from the arrival times of its messages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Rate and regularity of one topic's arrivals."""
+    """Rate and jitter of one topic's arrivals."""
 
     messages: int
     rate_hz: float  # one over the median interval; NaN with fewer than two messages
@@ -18,7 +18,10 @@ class Timing:
 
 
 def timing(arrivals_ns: Sequence[int], time_factor: float = 1.0) -> Timing:
-    """Timing of the arrivals [ns, increasing]; with ``time_factor`` the rate is that of simulated time."""
+    """Return the timing of increasing arrivals [ns].
+
+    ``time_factor`` converts the rate to simulated time.
+    """
     if len(arrivals_ns) < 2:
         return Timing(len(arrivals_ns), float("nan"), float("nan"))
     intervals_s = np.diff(np.asarray(arrivals_ns, dtype=np.int64)).astype(np.float64) * 1e-9

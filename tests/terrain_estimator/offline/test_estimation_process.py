@@ -21,16 +21,16 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.offline.second_process import Converted, answering
+from terrain_estimator.offline.estimation_process import Converted, answering
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import OUTPUT_TYPES
+from terrain_estimator.topics import OUTPUT_TYPES
 from tests.drives import drive_messages
 
 CAUSE = RawMessage("/odom", "", 0, 0, b"")
 LEAVING_S = 20.0
 CHILD = """
 import multiprocessing, sys
-from terrain_estimator.offline.second_process import answering
+from terrain_estimator.offline.estimation_process import answering
 with answering(None) as answered:
     print(multiprocessing.active_children()[0].pid, flush=True)
     sys.stdin.read()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from terrain_estimator.bags import Types
-from terrain_estimator.messaging.track import POINT, MapTrack, cloud_message
-from terrain_estimator.ros_types import Message
+from terrain_estimator.messaging.map_track import POINT, MapTrack, cloud_message
+from terrain_estimator.topics import Message
 
 TYPES = Types()
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a run over time: a value with its bands, curves, and what happened when."""
+"""Pictures of a run over time: a value with its bands, curves, and occurrences."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,16 +28,16 @@ from terrain_estimator.pages.pictures import (
 )
 
 TABLE_ROWS = 24
-"""About so many in the table of a picture; between them lie as many points again as the picture has."""
-_LEGEND = 4  # names in a row; longer lists are shown in rows of three
+"""Approximate number of rows in a picture's table; the picture has more points."""
+_LEGEND = 4  # names in a row; longer lists have rows of three
 _TIME = "time [s]"
 _SETTLED = 0.1
-"""[1] Share of a run after which its bands have to fit into the picture; those of the prior may run out of it."""
+"""[1] Share of a run after which its bands must fit into the picture; the prior's may not."""
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A value over time with its bands, and the truth where it is known (NaN where not). All of one length."""
+    """A value over time with its bands and its truth, NaN where unknown; all of one length."""
 
     time_s: Sequence[float]
     mean: Sequence[float]
@@ -47,7 +47,7 @@ class Course:
 
 
 def bands(name: str, title: str, course: Course, axis: str) -> Picture:
-    """The mean in its bands of 68 and 95 %, the truth as a dashed line."""
+    """Draw the mean in its bands of 68 and 95 %, with the truth as a dashed line."""
     known = any(map(math.isfinite, course.truth))
     with _drawn() as (figure, axes):
         for (low, high), alpha, label in (
@@ -73,11 +73,11 @@ def bands(name: str, title: str, course: Course, axis: str) -> Picture:
         svg = inline(figure, name)
     head = (_TIME, "estimate", "68 % from", "to", "95 % from", "to", "truth")
     columns = (course.mean, *course.band_68, *course.band_95, course.truth)
+    truth = f"; the truth there is {course.truth[-1]:.3g}" if known else ""
     words = (
         f"{title} over {course.time_s[-1]:.0f} s: from {course.mean[0]:.3g} to"
         f" {course.mean[-1]:.3g}, at the end with 95 % between {course.band_95[0][-1]:.3g} and"
-        f" {course.band_95[1][-1]:.3g}{f'; the truth there is {course.truth[-1]:.3g}' if known else ''}."
-        f" {axis}. The numbers are in the table."
+        f" {course.band_95[1][-1]:.3g}{truth}. {axis}. The numbers are in the table."
     )
     return Picture(name, title, words, svg, _table(head, course.time_s, columns))
 
@@ -91,9 +91,9 @@ def curves(
     marks_s: Sequence[float] = (),
     top: float | None = None,
 ) -> Picture:
-    """Curves from zero, or from the lowest value below it; ``top`` ends the axis.
+    """Draw curves from zero, or from the lowest value below it; ``top`` ends the axis.
 
-    A dotted upright line stands at each of ``marks_s``, where the true ground changed.
+    A dotted vertical line marks each of ``marks_s``, where the true ground changed.
     """
     with _drawn() as (figure, axes):
         for each in series:
@@ -131,10 +131,13 @@ def curves(
 def occurrences(
     name: str, title: str, ends_s: Sequence[float], counts: Mapping[str, Sequence[int]]
 ) -> Picture:
-    """A row for each thing that happened, with a bar where it did: ``counts`` in the spans that end at ``ends_s``."""
+    """Draw a row for each kind of occurrence, with a bar at each.
+
+    ``counts`` are those in the spans that end at ``ends_s``.
+    """
     starts, end = [0.0, *ends_s[:-1]], _end(ends_s)
     stretches = {what: _stretches(starts, ends_s, of_span) for what, of_span in counts.items()}
-    least = end / 150.0  # what happened once is to be seen
+    least = end / 150.0  # a single occurrence must be visible
     with mpl.rc_context(LOOK):
         figure = Figure(figsize=(WIDTH_INCH, 0.75 + 0.27 * len(counts)), layout="constrained")
         axes = figure.subplots()
@@ -155,10 +158,8 @@ def occurrences(
     rows = tuple(
         (what, sum(counts[what]), each[0][0], each[-1][1]) for what, each in stretches.items()
     )
-    words = (
-        f"{title}:"
-        f" {'; '.join(f'{what} {total} times, from {first:.0f} to {last:.0f} s' for what, total, first, last in rows)}."
-    )
+    listed = (f"{what} {total} times, from {a:.0f} to {b:.0f} s" for what, total, a, b in rows)
+    words = f"{title}: {'; '.join(listed)}."
     return Picture(
         name, title, words, svg, Table(("", "observations", "first [s]", "last [s]"), rows)
     )
@@ -189,12 +190,12 @@ def _finish(figure: Figure, axes: Axes, axis: str, time_s: Sequence[float]) -> N
 
 
 def _end(time_s: Sequence[float]) -> float:
-    """Where the axis ends, of a single instant too."""
+    """Return the end of the time axis, above zero even for a single instant."""
     return max(*time_s, 1e-3)
 
 
 def _limits(course: Course) -> tuple[float, float]:
-    """Room for the truth and for the bands after the first part of the run."""
+    """Return limits with room for the truth and for the bands after the first part of the run."""
     first = int(_SETTLED * len(course.mean))
     low = float(np.nanmin([*course.band_95[0][first:], *course.truth]))
     high = float(np.nanmax([*course.band_95[1][first:], *course.truth]))
@@ -205,7 +206,7 @@ def _limits(course: Course) -> tuple[float, float]:
 def _table(
     head: tuple[str, ...], time_s: Sequence[float], columns: Sequence[Sequence[float | None]]
 ) -> Table:
-    """Every so many points, and the last."""
+    """Return a table of evenly spaced points, and the last one."""
     every = max(1, len(time_s) // TABLE_ROWS)
     chosen = sorted({*range(0, len(time_s), every), len(time_s) - 1})
     return Table(
@@ -230,7 +231,7 @@ def _said(series: PlotSeries) -> str:
 def _stretches(
     starts: Sequence[float], ends: Sequence[float], counts: Sequence[int]
 ) -> list[tuple[float, float]]:
-    """Where the spans with a count begin and end, neighbours as one."""
+    """Return beginnings and ends of the stretches with a count, with neighbouring spans merged."""
     found: list[tuple[float, float]] = []
     for start, end, count in zip(starts, ends, counts, strict=True):
         if count and found and found[-1][1] == start:
