@@ -12,7 +12,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 
 from terrain_estimator.dashboard.reading import TOPICS
-from terrain_estimator.nodes.common.factory import make, message_class
+from terrain_estimator.nodes.common.message_types import make, message_class
 from terrain_estimator.ros_types import TRUTH
 from tests.browser import chromium, needs_chromium, opened
 from tests.system.listening import LATCHED, RELIABLE, Listener
