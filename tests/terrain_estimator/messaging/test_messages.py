@@ -24,7 +24,7 @@ from terrain_estimator.messaging.messages import (
     update_header,
 )
 from terrain_estimator.messaging.pipeline import usable_rows
-from terrain_estimator.nodes.common import factory
+from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
 from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
@@ -151,7 +151,7 @@ def test_a_prediction_that_is_not_valid_has_no_numbers() -> None:
 
 @pytest.mark.parametrize("build", [estimate_message, prediction_message])
 def test_rclpy_and_bag_classes_give_the_same_message(build: Any) -> None:
-    live = serialize_message(build(updated(), factory.make, META, header(factory.make)))
+    live = serialize_message(build(updated(), message_types.make, META, header(message_types.make)))
     type_name = ESTIMATE if build is estimate_message else PREDICTION
     assert TYPES.serialize(TYPES.deserialize(live, type_name)) == TYPES.serialize(
         build(updated(), TYPES.make, META, header())

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeVar
 
 ResultT = TypeVar("ResultT")
@@ -20,14 +21,14 @@ class _Job:
     since_s: float = field(default_factory=time.monotonic)
     done: Future[Any] = field(default_factory=Future)
 
-    def run(self) -> None:
-        if self.done.set_running_or_notify_cancel():
-            try:
-                result = self.action()
-            except BaseException as error:  # noqa: BLE001 - raised again where the result is read
-                self.done.set_exception(error)
-            else:
-                self.done.set_result(result)
+    def run(self) -> Callable[[], None]:
+        """Do the action; return a function that gives its outcome to the future."""
+        if not self.done.set_running_or_notify_cancel():
+            return lambda: None
+        try:
+            return partial(self.done.set_result, self.action())
+        except BaseException as error:  # noqa: BLE001 - the future raises it
+            return partial(self.done.set_exception, error)
 
 
 class Worker:
@@ -45,7 +46,8 @@ class Worker:
         self._jobs: deque[_Job] = deque()  # the first one is being done
         self._changed = threading.Condition()
         self._size = 0
-        self._started = self._ended = False
+        self._thread: threading.Thread | None = None
+        self._ended = False
 
     @property
     def behind_s(self) -> float:
@@ -72,9 +74,9 @@ class Worker:
         with self._changed:
             self._jobs.append(job)
             self._size += size
-            if not self._started:
-                self._started = True
-                threading.Thread(target=self._run, name=self._name, daemon=True).start()
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+                self._thread.start()
             self._changed.notify()
         return job.done
 
@@ -82,28 +84,35 @@ class Worker:
         """Report that the running action makes progress."""
         self.moved_s = time.monotonic()
 
-    def end(self) -> None:
-        """Let the thread end once all queued actions are done."""
+    def end(self, patience_s: float = 0.0) -> bool:
+        """Let the thread end when all is done; return whether it has within ``patience_s``."""
         with self._changed:
             self._ended = True
             self._changed.notify()
+        if self._thread is None:
+            return True
+        self._thread.join(patience_s)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         while self._do_next():
-            self.move()
+            pass
 
     def _do_next(self) -> bool:
-        """Run the next action; return whether there was one.
+        """Do one action; return False at the end.
 
-        A function of its own, so that no local name keeps alive what a finished action holds.
+        No name outlives the call, which would keep alive what the action holds. The action does not
+        count as waiting any more when its future is done.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._jobs or self._ended)
             if not self._jobs:
                 return False
             job = self._jobs[0]
-        job.run()
+        resolve = job.run()
+        self.move()
         with self._changed:
             self._jobs.popleft()
             self._size -= job.size
+        resolve()
         return True

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Quality of service that a user may override, in ROS's own way: ``qos_overrides./imu.subscription.reliability: best_effort``."""
+"""Subscribe with a quality of service that a user may override.
+
+The override is ROS's own: ``qos_overrides./imu.subscription.reliability: best_effort``.
+"""
 
 import copy
 from collections.abc import Callable, Iterable, Mapping
@@ -13,15 +16,19 @@ from rclpy.subscription import Subscription
 
 from rover_parameters.files import OVERRIDES
 from rover_parameters.records import ConfigError, nearest
-from terrain_estimator.nodes.common.factory import message_class
+from terrain_estimator.nodes.common.message_types import message_class
 
-DEEPEST = 10_000  # messages
+MAX_DEPTH = 10_000  # messages
 RELIABILITY = ("reliable", "best_effort")
 POLICIES = (QoSPolicyKind.RELIABILITY, QoSPolicyKind.DEPTH)
 
 
 def check_overrides(given: Mapping[str, Any], topics: Iterable[str]) -> None:
-    """Raise ConfigError for an override that no subscription to ``topics``, by their full names, takes; rclpy passes over it."""
+    """Raise ConfigError for an override that is wrong or that no subscription takes.
+
+    rclpy ignores the latter. ``topics`` are the full names of the topics whose subscriptions take
+    overrides.
+    """
     known = [
         f"{OVERRIDES}{topic}.subscription.{policy.name.lower()}"
         for topic in topics
@@ -33,9 +40,9 @@ def check_overrides(given: Mapping[str, Any], topics: Iterable[str]) -> None:
                 f"unknown parameter {name}:"
                 f" {nearest(name, known) if known else 'this node has no quality of service to override'}"
             )
-        if name.endswith(".depth") and not (type(value) is int and 1 <= value <= DEEPEST):
+        if name.endswith(".depth") and not (type(value) is int and 1 <= value <= MAX_DEPTH):
             raise ConfigError(
-                f"parameter {name}: expected a whole number from 1 to {DEEPEST}, got {value!r}"
+                f"parameter {name}: expected a whole number from 1 to {MAX_DEPTH}, got {value!r}"
             )
         if name.endswith(".reliability") and value not in RELIABILITY:
             raise ConfigError(
@@ -43,7 +50,7 @@ def check_overrides(given: Mapping[str, Any], topics: Iterable[str]) -> None:
             )
 
 
-def listen(
+def subscribe(
     node: Node,
     type_name: str,
     topic: str,
@@ -51,7 +58,7 @@ def listen(
     qos: QoSProfile,
     **options: Any,
 ) -> Subscription:
-    """Subscribe with ``qos`` and what the user overrides of it; ``options`` are those of rclpy."""
+    """Subscribe with ``qos`` and the user's overrides of it; ``options`` are rclpy's."""
     return node.create_subscription(
         message_class(type_name),
         topic,
@@ -62,6 +69,9 @@ def listen(
     )
 
 
-def in_force(node: Node, topic: str, default: QoSProfile) -> QoSProfile:
-    """Of the node's subscription to ``topic``, by the name that it was made with; ``default`` where there is none."""
+def qos_in_force(node: Node, topic: str, default: QoSProfile) -> QoSProfile:
+    """Return the quality of service of the node's subscription to ``topic``, else ``default``.
+
+    ``topic`` is the name with which the subscription was made.
+    """
     return next((each.qos_profile for each in node.subscriptions if each.topic == topic), default)

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import pytest
 from std_msgs.msg import String
 
+from rover_parameters.command_line import set_at_signals
 from terrain_estimator.messaging.diagnostics import REQUIRED
-from terrain_estimator.nodes.common import reporting
-from terrain_estimator.nodes.common.command_line import take_signals
-from terrain_estimator.nodes.common.plain import guarded
+from terrain_estimator.nodes.common import diagnostics
+from terrain_estimator.nodes.common.running import guarded
 from tests.system.listening import Listener
 
 
@@ -32,7 +32,7 @@ def test_a_lost_connection_ends_a_node_in_order_unless_nohup_says_no() -> None:
     stop = threading.Event()
     for ignored in (True, False):
         signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
-        take_signals(stop)
+        set_at_signals(stop)
         os.kill(os.getpid(), signal.SIGHUP)
         assert stop.is_set() is not ignored
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -72,8 +72,8 @@ def test_what_is_not_judged_any_more_is_not_said_to_be_well(
 ) -> None:
     """A node that was paused while its odometry was missing said that all was well again."""
     steady_s = [0.0]
-    monkeypatch.setattr(reporting, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
-    reporter = reporting.Reporter(listener.node, list)
+    monkeypatch.setattr(diagnostics, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
+    publisher = diagnostics.DiagnosticsPublisher(listener.node, list)
     missing, there = REQUIRED.judge(9.0, "odom", "no data"), REQUIRED.judge(0.1, "odom", "data")
     for now_s, findings in (
         (0.0, [missing]),
@@ -84,6 +84,6 @@ def test_what_is_not_judged_any_more_is_not_said_to_be_well(
         (15.0, [there]),
     ):
         steady_s[0] = now_s
-        reporter._say(findings)
+        publisher._log(findings)
     said = capfd.readouterr().err
     assert (said.count("no data"), said.count("required input odom: all is well again")) == (2, 1)

@@ -11,7 +11,11 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from terrain_estimator.nodes.common.silence import Pairs, Patience, why_silent
+from terrain_estimator.nodes.common.inactivity import (
+    InactivityMonitor,
+    PairingMonitor,
+    explain_silence,
+)
 from tests.system.listening import Listener
 
 QOS = QoSProfile(depth=5)
@@ -22,7 +26,8 @@ KIND = "nav_msgs/msg/Odometry"
 def test_the_reason_names_what_is_there_instead_and_how_to_hear_it(listener: Listener) -> None:
     node, name = listener.node, listener.node.get_fully_qualified_name()
     assert re.fullmatch(
-        r"nobody publishes /a in ROS domain \d+: .*ROS_DOMAIN_ID", why_silent(node, "a", KIND, QOS)
+        r"nobody publishes /a in ROS domain \d+: .*ROS_DOMAIN_ID",
+        explain_silence(node, "a", KIND, QOS),
     )
     for topic, kind, qos in (
         ("elsewhere", Odometry, QOS),
@@ -32,25 +37,27 @@ def test_the_reason_names_what_is_there_instead_and_how_to_hear_it(listener: Lis
     ):
         node.create_publisher(kind, topic, qos)
     node.create_publisher(Odometry, "e", QOS)
-    assert "/elsewhere" in why_silent(node, "a", KIND, QOS)
-    assert why_silent(node, "b", KIND, QOS).startswith(
+    assert "/elsewhere" in explain_silence(node, "a", KIND, QOS)
+    assert explain_silence(node, "b", KIND, QOS).startswith(
         "nobody publishes /b; of its type there is /rover1/b, "
     )
-    assert why_silent(node, "b", KIND, QOS).endswith(
+    assert explain_silence(node, "b", KIND, QOS).endswith(
         "or this node with --ros-args -r __ns:=/rover1"
     )
-    assert why_silent(node, "a", KIND, QOS).endswith("-r a:=NAME")
-    for reason in (why_silent(node, "c", KIND, QOS), why_silent(node, "d", KIND, QOS)):
+    assert explain_silence(node, "a", KIND, QOS).endswith("-r a:=NAME")
+    for reason in (explain_silence(node, "c", KIND, QOS), explain_silence(node, "d", KIND, QOS)):
         assert reason.endswith(
             ": set its publisher to type and quality of service of docs/messages.md"
         )
-    assert why_silent(node, "c", KIND, QOS).startswith(
+    assert explain_silence(node, "c", KIND, QOS).startswith(
         f"{name} publishes std_msgs/msg/String, not {KIND}: "
     )
-    assert why_silent(node, "d", KIND, QOS).startswith(
+    assert explain_silence(node, "d", KIND, QOS).startswith(
         f"incompatible quality of service with {name}: best effort publisher"
     )
-    assert why_silent(node, "e", KIND, QOS) == "/e has a publisher, which says nothing: check it"
+    assert (
+        explain_silence(node, "e", KIND, QOS) == "/e has a publisher, which says nothing: check it"
+    )
 
 
 def test_it_is_said_once_for_each_topic_on_which_nothing_comes_or_nothing_any_more(
@@ -62,11 +69,13 @@ def test_it_is_said_once_for_each_topic_on_which_nothing_comes_or_nothing_any_mo
         said.append(capfd.readouterr().err)
         return "".join(said)
 
-    patience = Patience(listener.node, {"heard": KIND, "silent": KIND}, QOS, patience_s=0.1)
-    patience.heard("heard")
+    patience = InactivityMonitor(
+        listener.node, {"heard": KIND, "silent": KIND}, QOS, patience_s=0.1
+    )
+    patience.received("heard")
     listener.node.create_publisher(Odometry, "/rover1/silent", QOS)
     listener.spin_until(lambda: "no data" in more(), "it is said")
-    patience.heard("silent")
+    patience.received("silent")
     listener.spin_until(lambda: "come now" in more(), "it is taken back")
     listener.spin_until(lambda: "no data on silent for" in more(), "that it ended is said, too")
     text = more()
@@ -87,13 +96,14 @@ def test_messages_that_are_never_of_one_instant_are_said_once_and_taken_back(
 ) -> None:
     now = itertools.count()
     monkeypatch.setattr(
-        "terrain_estimator.nodes.common.silence.time", SimpleNamespace(monotonic=lambda: next(now))
+        "terrain_estimator.nodes.common.inactivity.time",
+        SimpleNamespace(monotonic=lambda: next(now)),
     )
-    pairs = Pairs(listener.node, ("a", "b"), patience_s=5.0)
+    pairs = PairingMonitor(listener.node, ("a", "b"), patience_s=5.0)
 
     def said(topics: str, *, paired: bool = False) -> str:
         for topic in topics:
-            pairs.heard(topic, paired=paired)
+            pairs.received(topic, paired=paired)
         return capfd.readouterr().err
 
     assert said("a" * 20) == ""  # b is silent, which is another fault

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Says why nothing comes on a topic, or of messages that come: a newcomer's first questions, which ROS leaves open."""
+"""Log why no messages arrive on a topic, or why none of those that arrive belong together.
+
+ROS itself reports neither.
+"""
 
 import time
 from collections.abc import Iterable, Mapping
@@ -9,17 +12,17 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from terrain_estimator.nodes.common.plain import guarded
-from terrain_estimator.nodes.common.watchdog import unheard_publishers
+from terrain_estimator.nodes.common.publishers import incompatible_publishers
+from terrain_estimator.nodes.common.running import guarded
 
 PATIENCE_S = 5.0
 SHOWN = 3
-"""Topics of the same type that are named."""
+"""Largest number of topics of the same type that a message names."""
 
 
-def why_silent(node: Node, topic: str, type_name: str, qos: QoSProfile) -> str:
-    """What the graph of this domain tells about a topic on which nothing came, and what to do."""
-    finding = unheard_publishers(node, topic, type_name, qos)
+def explain_silence(node: Node, topic: str, type_name: str, qos: QoSProfile) -> str:
+    """Explain from the ROS graph why nothing arrived on a topic, and what to do about it."""
+    finding = incompatible_publishers(node, topic, type_name, qos)
     if finding.level:
         return (
             f"{finding.text.removeprefix(f'{topic}: ')}: set its publisher to type and quality of"
@@ -48,33 +51,33 @@ def why_silent(node: Node, topic: str, type_name: str, qos: QoSProfile) -> str:
     )
 
 
-class Pairs:
-    """Says once that none of the messages are of one instant, where all topics are heard; and when some are."""
+class PairingMonitor:
+    """Log once that messages arrive on all topics but never with matching stamps, and when they do."""
 
     def __init__(self, node: Node, topics: Iterable[str], patience_s: float = PATIENCE_S) -> None:
-        """Nothing came yet."""
+        """Begin with no message received; wait ``patience_s`` before a warning."""
         self._node, self._topics, self._patience_s = node, tuple(topics), patience_s
-        self._said = False
+        self._warned = False
         self._begin()
 
     def _begin(self) -> None:
         self._since_s, self._unpaired = time.monotonic(), set[str]()
 
-    def heard(self, topic: str, *, paired: bool) -> None:
-        """A message came; whether it made messages of one instant complete."""
+    def received(self, topic: str, *, paired: bool) -> None:
+        """Note a message, and whether it completed a set of messages of one instant."""
         if paired:
-            if self._said:
+            if self._warned:
                 self._node.get_logger().info(
                     f"{' and '.join(self._topics)}: messages of one instant come now"
                 )
-            self._said = False
+            self._warned = False
             self._begin()
             return
         self._unpaired.add(topic)
         if time.monotonic() - self._since_s < self._patience_s:
             return
-        if not self._said and self._unpaired.issuperset(self._topics):
-            self._said = True
+        if not self._warned and self._unpaired.issuperset(self._topics):
+            self._warned = True
             self._node.get_logger().warning(
                 f"messages come on {' and '.join(self._topics)}, but for {self._patience_s:g} s"
                 " none of one instant: publish them with equal stamps, or set pairing_tolerance of"
@@ -83,34 +86,38 @@ class Pairs:
         self._begin()
 
 
-class Patience:
-    """Says once of each topic that nothing comes, from the start or any more, and why; and when it comes again."""
+class InactivityMonitor:
+    """Log once for each topic that no messages arrive, and why, and when they arrive again."""
 
     def __init__(
         self, node: Node, topics: Mapping[str, str], qos: QoSProfile, patience_s: float = PATIENCE_S
     ) -> None:
-        """``topics`` gives the type by name."""
+        """Start a timer; ``topics`` gives the type of each topic by name."""
         self._node, self._qos, self._patience_s, self._topics = node, qos, patience_s, dict(topics)
-        self._begun_s, self._heard_s, self._said = time.monotonic(), dict[str, float](), set[str]()
+        self._begun_s, self._received_s, self._warned = (
+            time.monotonic(),
+            dict[str, float](),
+            set[str](),
+        )
         node.create_timer(
-            patience_s, guarded(node, self._say), clock=Clock(clock_type=ClockType.STEADY_TIME)
+            patience_s, guarded(node, self._check), clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def heard(self, topic: str) -> None:
-        """A message came."""
-        self._heard_s[topic] = time.monotonic()
-        if topic in self._said:
-            self._said.remove(topic)
+    def received(self, topic: str) -> None:
+        """Note a message."""
+        self._received_s[topic] = time.monotonic()
+        if topic in self._warned:
+            self._warned.remove(topic)
             self._node.get_logger().info(f"{topic}: messages come now")
 
-    def _say(self) -> None:
+    def _check(self) -> None:
         now = time.monotonic()
         for topic, kind in self._topics.items():
-            silent_s = now - self._heard_s.get(topic, self._begun_s)
-            if topic in self._said or silent_s < 0.9 * self._patience_s:  # a timer may be early
+            silent_s = now - self._received_s.get(topic, self._begun_s)
+            if topic in self._warned or silent_s < 0.9 * self._patience_s:  # a timer may be early
                 continue
-            self._said.add(topic)
-            since = f"for {silent_s:.1f} s" if topic in self._heard_s else "since the start"
+            self._warned.add(topic)
+            since = f"for {silent_s:.1f} s" if topic in self._received_s else "since the start"
             self._node.get_logger().warning(
-                f"no data on {topic} {since}: {why_silent(self._node, topic, kind, self._qos)}"
+                f"no data on {topic} {since}: {explain_silence(self._node, topic, kind, self._qos)}"
             )

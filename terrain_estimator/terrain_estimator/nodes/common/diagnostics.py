@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes what a node finds of itself as diagnostics, and says in the log what lasts."""
+"""Publish the checks of a node on /diagnostics, and log those that stay wrong."""
 
 import math
 import time
@@ -11,15 +11,15 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from terrain_estimator.messaging.diagnostics import CheckResult, Level
-from terrain_estimator.nodes.common.plain import guarded
+from terrain_estimator.nodes.common.running import guarded
 
 PERIOD_S = 1.0
 PATIENCE_S = 5.0
-"""What is wrong for so long is worth a line of the log."""
+"""A check that fails for so long is logged."""
 
 
-class Reporter:
-    """Asks once a second, by the steady clock."""
+class DiagnosticsPublisher:
+    """Evaluate and publish the checks of a node once a second of the steady clock."""
 
     def __init__(
         self,
@@ -27,18 +27,18 @@ class Reporter:
         findings: Callable[[], Iterable[CheckResult]],
         failed: Callable[[], None] = lambda: None,
     ) -> None:
-        """``failed`` is called where ``findings`` raises."""
+        """Start a timer; ``failed`` is called where ``findings`` raises."""
         self._node, self._findings = node, findings
-        self._since_s: dict[str, float] = {}  # what is wrong, since when by the steady clock
-        self._said: set[str] = set()
+        self._since_s: dict[str, float] = {}  # start of each failure, by the steady clock
+        self._logged: set[str] = set()
         self._output = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(
             PERIOD_S,
-            guarded(node, self._report, failed),
+            guarded(node, self._publish, failed),
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
 
-    def _report(self) -> None:
+    def _publish(self) -> None:
         findings = [*self._findings()]
         name = self._node.get_fully_qualified_name()
         status = [
@@ -54,10 +54,10 @@ class Reporter:
         message = DiagnosticArray(status=status)
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._output.publish(message)
-        self._say(findings)
+        self._log(findings)
 
-    def _say(self, findings: list[CheckResult]) -> None:
-        """One line for what lasts, and one when it is over."""
+    def _log(self, findings: list[CheckResult]) -> None:
+        """Log one line when a failure has lasted, and one when it is over."""
         now, node = time.monotonic(), self._node
         wrong = {
             finding.name: finding
@@ -68,7 +68,7 @@ class Reporter:
         new = [
             name
             for name, since_s in self._since_s.items()
-            if now - since_s >= PATIENCE_S - PERIOD_S / 2 and name not in self._said
+            if now - since_s >= PATIENCE_S - PERIOD_S / 2 and name not in self._logged
         ]
         for name in new:
             # two calls: rclpy raises where one line of code logs at two levels
@@ -76,7 +76,8 @@ class Reporter:
                 node.get_logger().warning(wrong[name].message)
             else:
                 node.get_logger().error(wrong[name].message)
-        judged = {finding.name for finding in findings}  # of a node that pauses its inputs are not
-        for name in sorted(self._said & judged - set(wrong)):
+        # a paused node does not judge its inputs
+        judged = {finding.name for finding in findings}
+        for name in sorted(self._logged & judged - set(wrong)):
             node.get_logger().info(f"{name}: all is well again")
-        self._said = (self._said & set(wrong)) | set(new)
+        self._logged = (self._logged & set(wrong)) | set(new)

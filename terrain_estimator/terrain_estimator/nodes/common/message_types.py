@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes messages of rclpy's classes by the name of their type."""
+"""Look up rclpy's message classes by the name of their type, and fill messages fast."""
 
 import array
 import importlib
@@ -16,7 +16,10 @@ _ARRAY_CODE = {"sequence<double>": "d", "sequence<uint64>": "Q"}
 
 
 def make(type_name: str, **fields: object) -> Message:
-    """An rclpy message; lists and NumPy arrays become the arrays that its class wants without checking every element."""
+    """Return an rclpy message with these fields.
+
+    Lists and NumPy arrays become the arrays that the class takes without a check of every element.
+    """
     cls, converters = _plan(type_name)
     return cls(
         **{
@@ -27,12 +30,13 @@ def make(type_name: str, **fields: object) -> Message:
 
 
 def message_class(type_name: str) -> type[Any]:
-    """The class of a type such as ``msg_defs/msg/WheelSlip``."""
+    """Return the class of a type such as ``msg_defs/msg/WheelSlip``."""
     return _plan(type_name)[0]
 
 
 @cache
 def _plan(type_name: str) -> tuple[type[Any], dict[str, Callable[[Any], object]]]:
+    """Return the class of a type, and the converters of its fields that are arrays."""
     package, kind, name = type_name.split("/")
     cls = getattr(importlib.import_module(f"{package}.{kind}"), name)
     return cls, {

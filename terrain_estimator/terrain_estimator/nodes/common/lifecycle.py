@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A managed (lifecycle) node that starts itself unless told otherwise, and publishes diagnostics in every state."""
+"""A managed (lifecycle) node that can start itself and publishes diagnostics in every state."""
 
 import threading
 import time
@@ -9,24 +9,23 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, ROSClock
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.subscription import Subscription
 
 from terrain_estimator.messaging.diagnostics import CLOCK, STATE, CheckResult
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.nodes.common.plain import POLL_S, guarded
-from terrain_estimator.nodes.common.reporting import Reporter
+from terrain_estimator.nodes.common.diagnostics import DiagnosticsPublisher
+from terrain_estimator.nodes.common.running import guarded, spin
 
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
 _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
 
 class ManagedNode(LifecycleNode):
-    """Wraps the transitions: what raises in one is said and leaves the node alive, in the state of before.
+    """A lifecycle node whose transitions never raise: a failure is logged and keeps the old state.
 
-    A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and judges itself
-    in ``findings``.
+    A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and its checks in
+    ``findings``.
     """
 
     def __init__(
@@ -42,8 +41,8 @@ class ManagedNode(LifecycleNode):
         Args:
             name: of the node.
             config: of its parameters.
-            stop: is set when the node is shut down.
-            topics: see :func:`declare`.
+            stop: ends :meth:`serve`; the transition "shutdown" sets it.
+            topics: those whose subscriptions take ``qos_overrides``.
             options: of rclpy's Node: a namespace or a context, where several nodes are in one
                 process.
 
@@ -56,77 +55,86 @@ class ManagedNode(LifecycleNode):
         self.wrong = ""  # why the last transition failed
         self.failures = 0  # callbacks that raised
         self._stop = stop
-        self._clock_ns, self._ticked_s = (
-            0,
-            time.monotonic(),
-        )  # /clock as it was seen last, and since when by the steady clock
-        self._reporter = Reporter(self, self._every_finding, self._count_failure)
+        # the last time of /clock, and the steady time of its last change
+        self._clock_ns, self._ticked_s = 0, time.monotonic()
+        self._diagnostics = DiagnosticsPublisher(self, self._every_finding, self._count_failure)
 
     @abstractmethod
     def configure(self) -> None:
-        """Load what is needed; may raise."""
+        """Load everything that the node needs; may raise."""
 
     @abstractmethod
     def activate(self) -> None:
-        """Begin; may raise."""
+        """Start to work; may raise."""
 
     @abstractmethod
     def deactivate(self) -> None:
-        """Pause: answer what came, take nothing new. Never raises, and undoes an ``activate`` that raised half-way, too."""
+        """Process what has arrived, then accept nothing new.
+
+        Never raises. Also undoes an ``activate`` that raised half-way.
+        """
 
     @abstractmethod
     def cleanup(self) -> None:
-        """Let go of what ``configure`` loaded."""
+        """Release everything that ``configure`` loaded."""
 
     @abstractmethod
     def findings(self) -> Iterable[CheckResult]:
-        """What is to be said of this node in /diagnostics beside its state and its clock."""
+        """Return the checks for /diagnostics beside those of state and clock."""
 
     @property
     def state(self) -> str:
-        """Label of the present state."""
+        """The label of the present state."""
         return str(self._state_machine.current_state[1])
 
+    def serve(self, *, auto_start: bool) -> None:
+        """Serve callbacks until ``stop`` is set, then release everything and destroy the node."""
+        if auto_start:
+            self.start()
+        spin(self, self._stop, self._count_failure)
+        self.end()
+        self.destroy_node()
+
     def start(self) -> None:
-        """Configure and activate; what fails is in the log."""
+        """Configure and activate; a failure is logged."""
         if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
 
     def end(self) -> None:
-        """Go back to where nothing is held, from any state."""
+        """Deactivate and clean up, as far as the state needs it."""
         if self.state == ACTIVE:
             self.trigger_deactivate()
         if self.state == INACTIVE:
             self.trigger_cleanup()
 
     def guard(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """A callback that never raises, and counts where it would have."""
+        """Wrap a callback so that an exception is logged and counted instead of raised."""
         return guarded(self, callback, self._count_failure)
 
     def _count_failure(self) -> None:
         self.failures += 1
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
-        """See rclpy."""
+        """Configure, as rclpy asks."""
         return self._attempt("configure", self.configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
-        """See rclpy."""
+        """Activate, as rclpy asks, and deactivate again where that fails."""
         result = self._attempt("activate", self.activate)
         if result is not TransitionCallbackReturn.SUCCESS:
             self.deactivate()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
-        """See rclpy."""
+        """Deactivate, as rclpy asks."""
         return self._attempt("deactivate", self.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
-        """See rclpy."""
+        """Clean up, as rclpy asks."""
         return self._attempt("clean up", self.cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """See rclpy; the process ends."""
+        """Release everything, as rclpy asks, and end the process."""
         self._stop.set()
         if state.label == ACTIVE:
             self._attempt("deactivate", self.deactivate)
@@ -139,7 +147,7 @@ class ManagedNode(LifecycleNode):
     def _attempt(self, what: str, action: Callable[[], None]) -> TransitionCallbackReturn:
         try:
             action()
-        except Exception as error:  # noqa: BLE001 - rclpy would take it for an error of its own and say nothing
+        except Exception as error:  # noqa: BLE001 - rclpy would end the node without a message
             kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
             self.wrong = f"cannot {what}: {kind}{error}"
             self.get_logger().error(f"{self.wrong}; the node stays {_BEFORE.get(what, INACTIVE)}")
@@ -160,7 +168,7 @@ class ManagedNode(LifecycleNode):
             yield self._judge_clock(clock.now().nanoseconds)
 
     def _judge_clock(self, now_ns: int) -> CheckResult:
-        """A /clock that stands still is wrong from its first moment on, and later: a recorder has no other time."""
+        """Judge for how long /clock has stood still: a recorder has no other time."""
         steady_s = time.monotonic()
         if now_ns != self._clock_ns:
             self._clock_ns, self._ticked_s = now_ns, steady_s
@@ -175,8 +183,8 @@ class ManagedNode(LifecycleNode):
             ),
         )
 
-    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 - rclpy's own, by its mangled name
-        """Refuse a transition that the state does not have: in rclpy the exception would end the process."""
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 - rclpy's mangled name
+        """Refuse a transition that the state does not allow; rclpy's exception would end the process."""
         try:
             return super()._LifecycleNodeMixin__on_change_state(request, response)  # type: ignore[misc]
         except RuntimeError as error:
@@ -189,10 +197,10 @@ class ManagedNode(LifecycleNode):
 
 
 def drain(subscriptions: Iterable[Subscription]) -> None:
-    """Serve what waits in the queues, a message of each in turn as an executor does: nobody serves it once they are destroyed.
+    """Process the messages that wait in the queues, one of each in turn, as an executor does.
 
-    Their callbacks take message and reception's details, and never raise. No more is taken than a
-    queue holds: messages may go on coming.
+    Destroying a subscription would lose them. The callbacks take a message and the reception's
+    details, and never raise. At most a full queue of each is taken: messages may go on arriving.
     """
     waiting = list(subscriptions)
     for _ in range(max((each.qos_profile.depth for each in waiting), default=0)):
@@ -200,24 +208,9 @@ def drain(subscriptions: Iterable[Subscription]) -> None:
 
 
 def _serve(subscription: Subscription) -> bool:
-    """Whether a message waited."""
+    """Process one message; return whether there was one."""
     with subscription.handle:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     if taken is not None:
         subscription.callback(*taken)
     return taken is not None
-
-
-def spin(node: ManagedNode, stop: threading.Event, *, auto_start: bool) -> None:
-    """Serve callbacks until ``stop`` is set, then let go of everything.
-
-    A turn never raises: rclpy's own callbacks do, at a /clock before zero for instance.
-    """
-    if auto_start:
-        node.start()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    turn = node.guard(executor.spin_once)
-    while not stop.is_set():
-        turn(POLL_S)
-    node.end()
