@@ -30,6 +30,8 @@ from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
 from terramechanics.terrain.soil import load_soil
 from tests.launch_stand_in import declared
+from tools.site.links import lead, source_of
+from tools.site.lists import indented
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -310,3 +312,36 @@ def test_launch_files_exist_and_know_their_arguments(page: Path) -> None:
     ):
         known = set(declared(ROOT / package / "launch" / name))
         assert set(re.findall(r"(\w+):=", arguments)) <= known, f"{name}: {arguments}"
+
+
+def test_every_page_is_in_the_navigation_of_the_site() -> None:
+    def pages(entry: object) -> Iterator[str]:
+        if isinstance(entry, str):
+            yield entry
+        elif isinstance(entry, dict):
+            for inner in entry.values():
+                yield from pages(inner)
+        elif isinstance(entry, list):
+            for inner in entry:
+                yield from pages(inner)
+
+    shown = list(pages(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]))
+    assert len(set(shown)) == len(shown)
+    assert {source_of(page) for page in shown} == {str(page.relative_to(ROOT)) for page in PAGES}
+
+
+def test_links_lead_from_the_repository_to_the_site() -> None:
+    copied: list[str] = []
+    text = "[a](../README.md#two-commands) ![b](images/cost.png) [c](../layouts/foxglove.json) [d](../tests)"
+    assert lead(text, "api.md", copied.append) == (
+        "[a](index.md#two-commands) ![b](images/cost.png) [c](files/layouts/foxglove.json) d"
+    )
+    assert copied == ["layouts/foxglove.json"]
+    assert lead("[a](docs/method.md) [b](gone.md)", "index.md", copied.append) == (
+        "[a](method.md) [b](gone.md)"
+    )
+
+
+def test_lists_are_indented_for_the_site() -> None:
+    text = "Two:\n- one\n  line\n\n      code\n- two\n\nEnd.\n"
+    assert indented(text) == ("Two:\n\n- one\n    line\n\n        code\n\n- two\n\nEnd.\n")
