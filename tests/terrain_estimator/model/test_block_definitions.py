@@ -17,11 +17,13 @@ from terrain_estimator.model.block import (
     LINK_VARIANCE,
     MOST_APPARENT,
     BlockRows,
+    GaussNewtonStep,
     Posterior,
     block_rows,
     fixed_columns,
     gauss_newton,
     row_weights,
+    solution_of,
     solve_block,
     without_apparent,
 )
@@ -420,6 +422,20 @@ def test_the_log_weight_is_the_log_evidence_with_a_velocity_after_the_block_of_a
         )
         found_weight = float(solved.posterior.log_weight[h] - begun.log_weight[h])
         assert found_weight == pytest.approx(evidence, abs=1e-4)
+
+
+def test_posteriors_in_two_rows_of_hypotheses_are_those_of_each_row() -> None:
+    found = case(9, 0.02)
+    begun = started(found)
+    steps = [gauss_newton(found.prior, found.mean + k, found.rows, FAR) for k in (0.0, 0.1)]
+    both = GaussNewtonStep(*(torch.stack(parts) for parts in zip(*steps, strict=True)))
+    twice = Posterior(*(torch.stack([part, part]) for part in begun))
+    together = solution_of(twice, both)
+    for index, step in enumerate(steps):
+        alone = solution_of(begun, step)
+        for mine, shared in zip(alone.posterior, together.posterior, strict=True):
+            torch.testing.assert_close(mine, shared[index])
+        torch.testing.assert_close(alone.noise, together.noise[index])
 
 
 @settings(max_examples=25)
