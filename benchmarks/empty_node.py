@@ -9,11 +9,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from terrain_estimator.topics import ESTIMATE
-from terrain_estimator.topics import HEALTH
-from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.topics import Message
 from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
 
 QOS = QoSProfile(depth=50)
 PERIOD_S = 1.0

@@ -21,11 +21,8 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.drives import long_drive
-from terrain_estimator.topics import ESTIMATE
-from terrain_estimator.topics import HEALTH
-from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.topics import Message
 from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from msg_defs.msg import TerrainEstimate
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.topics import INPUT_TYPES
 from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Starter

@@ -12,9 +12,8 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 
 from terrain_estimator.dashboard.values import TOPICS
+from terrain_estimator.nodes.common.message_types import make, message_class
 from terrain_estimator.topics import TRUTH
-from terrain_estimator.nodes.common.message_types import make
-from terrain_estimator.nodes.common.message_types import message_class
 from tests.browser import chromium, needs_chromium, opened
 from tests.system.listening import LATCHED, RELIABLE, Listener
 from tests.system.processes import Process, Starter

@@ -20,8 +20,8 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.estimator.saved_state import read_state
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import MODELS, load_model
-from terrain_estimator.topics import INPUT_TYPES
 from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter

@@ -9,8 +9,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from msg_defs.msg import WheelSlip
-from terrain_estimator.topics import INPUT_TYPES
 from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.presets import PRESETS
 from tests.drives import ROVER, drive_messages
 from tests.system.listening import Listener

@@ -17,13 +17,10 @@ from terrain_estimator.dashboard.model import LiveModel
 from terrain_estimator.dashboard.values import TOPICS
 from terrain_estimator.dashboard.web import WebServer
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.topics import LISTENED
-from terrain_estimator.topics import TRUTH
-from terrain_estimator.topics import Message
 from terrain_estimator.nodes.common.inactivity import InactivityMonitor
 from terrain_estimator.nodes.common.message_types import message_class
-from terrain_estimator.nodes.common.running import guarded
-from terrain_estimator.nodes.common.running import guarded_turn
+from terrain_estimator.nodes.common.running import guarded, guarded_turn
+from terrain_estimator.topics import LISTENED, TRUTH, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last

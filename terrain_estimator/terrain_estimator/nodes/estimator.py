@@ -29,22 +29,19 @@ from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.topics import HEALTH
-from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.topics import OUTPUT_TYPES
-from terrain_estimator.topics import Message
 from terrain_estimator.nodes.common.inactivity import explain_silence
-from terrain_estimator.nodes.common.lifecycle import ManagedNode
-from terrain_estimator.nodes.common.lifecycle import drain
-from terrain_estimator.nodes.common.message_types import make
-from terrain_estimator.nodes.common.message_types import message_class
+from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
+from terrain_estimator.nodes.common.message_types import make, message_class
 from terrain_estimator.nodes.common.publishers import incompatible_publishers
 from terrain_estimator.nodes.common.qos import subscribe
-from terrain_estimator.nodes.common.state_file import StateFileWriter
-from terrain_estimator.nodes.common.state_file import check_state_path
-from terrain_estimator.nodes.common.state_file import completed
-from terrain_estimator.nodes.common.state_file import in_thread
-from terrain_estimator.nodes.common.state_file import restore
+from terrain_estimator.nodes.common.state_file import (
+    StateFileWriter,
+    check_state_path,
+    completed,
+    in_thread,
+    restore,
+)
+from terrain_estimator.topics import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last

@@ -29,12 +29,10 @@ from terrain_estimator.bags import BagError, BagTopic, BagWriter
 from terrain_estimator.config import RecorderConfig
 from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, CheckResult
 from terrain_estimator.nodes.common.bag_thread import BagThread
-from terrain_estimator.topics import HEALTH
-from terrain_estimator.nodes.common.lifecycle import ManagedNode
-from terrain_estimator.nodes.common.lifecycle import drain
+from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
 from terrain_estimator.nodes.common.message_types import message_class
-from terrain_estimator.nodes.common.publishers import bag_qos
-from terrain_estimator.nodes.common.publishers import type_conflicts
+from terrain_estimator.nodes.common.publishers import bag_qos, type_conflicts
+from terrain_estimator.topics import HEALTH
 
 QUEUE = 1000  # messages: minutes of a topic at 10 Hz, so a slow disk loses nothing
 POLL_S = 0.1

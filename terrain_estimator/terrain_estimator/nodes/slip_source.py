@@ -22,16 +22,12 @@ from terrain_estimator.messaging.slip_source import (
     SlipSourceError,
 )
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.topics import Message
 from terrain_estimator.nodes.common.diagnostics import DiagnosticsPublisher
-from terrain_estimator.nodes.common.inactivity import InactivityMonitor
-from terrain_estimator.nodes.common.inactivity import PairingMonitor
-from terrain_estimator.nodes.common.message_types import make
-from terrain_estimator.nodes.common.message_types import message_class
+from terrain_estimator.nodes.common.inactivity import InactivityMonitor, PairingMonitor
+from terrain_estimator.nodes.common.message_types import make, message_class
 from terrain_estimator.nodes.common.qos import subscribe
-from terrain_estimator.nodes.common.running import guarded
-from terrain_estimator.nodes.common.running import serve
+from terrain_estimator.nodes.common.running import guarded, serve
+from terrain_estimator.topics import INPUT_TYPES, Message
 from terramechanics.vehicle.rover import load_rover
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last

@@ -12,17 +12,11 @@ from terrain_estimator.config import MapConfig
 from terrain_estimator.messaging.map_track import MapTrack, cloud_message
 from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.topics import ESTIMATE
-from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.topics import Message
-from terrain_estimator.topics import stamp_ns
-from terrain_estimator.nodes.common.inactivity import InactivityMonitor
-from terrain_estimator.nodes.common.inactivity import PairingMonitor
-from terrain_estimator.nodes.common.message_types import make
-from terrain_estimator.nodes.common.message_types import message_class
+from terrain_estimator.nodes.common.inactivity import InactivityMonitor, PairingMonitor
+from terrain_estimator.nodes.common.message_types import make, message_class
 from terrain_estimator.nodes.common.qos import subscribe
-from terrain_estimator.nodes.common.running import guarded
-from terrain_estimator.nodes.common.running import serve
+from terrain_estimator.nodes.common.running import guarded, serve
+from terrain_estimator.topics import ESTIMATE, INPUT_TYPES, Message, stamp_ns
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
