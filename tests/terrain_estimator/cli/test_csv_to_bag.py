@@ -207,7 +207,7 @@ def test_the_example_of_the_documentation_converts(
         ),
         (
             {"contact_angle": {"unit": "deg", "noise": {"absolute": 1}}},
-            "contact_angle: no wheel has a column of it",
+            "contact_angle: no wheel has a column for it",
         ),
         (
             {"constant_pitch": {"value": 0.0, "unit": "deg", "noise": {"absolute": 1}}},
@@ -267,8 +267,14 @@ def test_a_wrong_mapping_is_named(
             [HEADER, ROWS[0], ROWS[1].replace("101", "-inf")],
             "row 3, column 'v': '-inf' is not finite",
         ),
-        ([HEADER, ROWS[0], ROWS[0]], "row 3, column 't': '0.5' is not later than the row before"),
-        ([HEADER, ROWS[1], ROWS[0]], "row 3, column 't': '0.5' is not later than the row before"),
+        (
+            [HEADER, ROWS[0], ROWS[0]],
+            "row 3, column 't': '0.5' is not later than in the row before",
+        ),
+        (
+            [HEADER, ROWS[1], ROWS[0]],
+            "row 3, column 't': '0.5' is not later than in the row before",
+        ),
         (
             [HEADER, ROWS[0].replace("0.5", "", 1)],
             "row 2, column 't': '' is empty: every row needs its time",
