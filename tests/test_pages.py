@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pages that follow from the code are those that it writes now."""
+"""Generated pages are up to date with the code."""
 
 import pytest
 

@@ -29,7 +29,7 @@ ROWS = ["0.5,100,2,0.1,10,-20,12,11,60,60,5,6", "0.6,101,2,0.1,20,30,,10,60,30,7
 
 
 def mapping(**changes: Any) -> dict[str, Any]:
-    """Return a mapping of two wheels; a change to None takes a key out."""
+    """Return a mapping of two wheels; a change to None removes a key."""
     whole: dict[str, Any] = {
         "time": {"column": "t"},
         "slip_definition": "max_normalised",
@@ -136,7 +136,7 @@ def test_a_signal_that_was_not_measured_is_absent(
 
 
 def test_a_bogie_angle_arrives_as_a_joint_nose_up(tmp_path: Path) -> None:
-    """The column of the pitch serves for it: 2 deg nose down."""
+    """Use the column of the pitch: 2 deg nose down."""
     assert (
         run(tmp_path, mapping(bogie_angle={"column": "p", "unit": "deg", "positive": "nose_down"}))
         == 0
