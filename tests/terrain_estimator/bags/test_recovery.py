@@ -264,7 +264,7 @@ def test_it_says_what_was_recovered_and_lost(
     said = capsys.readouterr().out
     assert (
         f"{tmp_path / 'run_recovered'}: {TOTAL - 1} messages in 3.900 s recovered, 1 lost before"
-        " the last one; nothing tells" in said
+        " the last one; it is unknown whether more followed" in said
     )
     assert main([str(bag)]) == 2
     assert "run_recovered exists already" in capsys.readouterr().err

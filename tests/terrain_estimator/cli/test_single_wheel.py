@@ -400,7 +400,7 @@ def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_look
         (["--reference", grousered], f"{grousered} is given twice"),
         (
             ["--given", "grousers", "--library", "grousers"],
-            "grousers stands in --library and in --given",
+            "grousers is in --library and in --given",
         ),
         (["--out", str(wheel)], f"--out {wheel}: no file can be written there"),
     ):

@@ -13,17 +13,11 @@ import pytest
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import ConversionConfig, CoreConfig
-from terrain_estimator.messaging.conversion import (
-    PITCH_IN_ORIENTATION,
-    PITCH_IN_POSE,
-    Conversion,
-    Converter,
-    nose_up_pitch,
-)
+from terrain_estimator.messaging.conversion import Conversion, Converter, nose_up_pitch
 from terrain_estimator.nodes.common import factory
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.topics import Make
+from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Make
 from terramechanics.vehicle.rover import Rover, load_rover
 
 ROVER: Rover = load_rover("mars_rover")

@@ -235,7 +235,7 @@ def test_results_are_not_replaced_unless_asked_for(
     assert run(tmp_path, bag)[0] == 0
     assert run(tmp_path, bag)[0] == replay.WRONG
     assert (
-        "drive_estimates exists from an earlier replay: give --overwrite, or another folder by"
+        "drive_estimates exists from an earlier replay: give --overwrite, or another folder with"
         " --out" in capsys.readouterr().err
     )
     assert run(tmp_path, bag, "--overwrite")[0] == 0
