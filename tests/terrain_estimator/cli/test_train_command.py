@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``train`` to its end at its smallest size: the same file to the byte, from this process or from a cluster by its address."""
+"""``train`` at its smallest size gives the same bytes from this process and from a cluster."""
 
 import dataclasses
 import json

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""find_missing_effect reads a rover's bags as its estimator does: topics, stamps, joints and sensors; what it cannot use it names."""
+"""find_missing_effect reads bags as the estimator does, and names what it cannot use."""
 
 import dataclasses
 from argparse import ArgumentParser
@@ -32,7 +32,7 @@ def reading(*options: str) -> BagOptions:
 
 
 def of_another_rover() -> Iterator[Event]:
-    """An odometry of later stamps than the rest, and a mast that speaks on joint_states before the wheels."""
+    """Return an odometry with late stamps, and a mast on joint_states before the wheels."""
     for topic, stamp_ns, message in drive_messages(TYPES.make, SECONDS):
         if topic == "odom":
             message.header.stamp.nanosec += LATER_NS
