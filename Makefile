@@ -73,10 +73,14 @@ soak: workspace  ## run three rovers for long, 38 minutes with four processors, 
 
 pages: workspace  ## write the pages and parameter files that follow from the code
 	ros2_ws/with python -m docs.pages
+	$(VENV_PYTHON) -m tools.pictures.nodes
 
 docs: environment  ## build the site of the pages and the API reference, check its links: out/site/index.html
 	$(VENV_PYTHON) -m pip install --quiet --no-deps --only-binary ':all:' --require-hashes --requirement requirements/docs.txt
 	$(VENV_PYTHON) -m mkdocs build --quiet --strict $(ARGS)
+
+measures: environment  ## measure the code's form, beside an earlier commit: make measures ARGS="--before COMMIT --write docs/architecture.md"
+	$(VENV_PYTHON) -m tools.measures $(ARGS)
 
 workspace: environment  ## set up and build, and start nothing
 	@ros2_ws/compile
