@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz bench soak pages docs measures workspace environment clean
+.PHONY: help demo discover test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs measures workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -64,6 +64,9 @@ million: workspace  ## a million updates with mad sensors and clocks, an hour of
 fuzz: workspace  ## fuzz all readers of files, 40 minutes on one core (10 for bags, 10 for mappings): docs/faults.md
 	$(VENV_PYTHON) -m pip install --quiet --no-deps --requirement tests/fuzz/requirements.txt
 	ros2_ws/with python -m tests.fuzz $(ARGS)
+
+mutants: workspace  ## change 300 places of the library one by one, do the tests notice? 3 hours on two cores: out/mutants.md
+	OMP_NUM_THREADS=1 ros2_ws/with python -m tests.mutants $(ARGS)
 
 bench: workspace  ## measure every speed that has a bar, beside references: out/bench.json, docs/benchmarks.md
 	OMP_NUM_THREADS=1 ros2_ws/with python -m benchmarks $(ARGS)

@@ -10,7 +10,7 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation
-from terrain_estimator.ros_types import Make, Message
+from terrain_estimator.topics import Make, Message
 from tests.drives import STEP_NS, Event, drive_messages
 
 PIECE_S = 120.0

@@ -9,8 +9,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
+from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
 
 QOS = QoSProfile(depth=50)
 PERIOD_S = 1.0
@@ -24,13 +24,15 @@ class EmptyNode(Node):
         """Subscribe to the inputs; the imu's message is the last of a set."""
         super().__init__("empty")
         self._output = self.create_publisher(
-            factory.message_class(ESTIMATE), "terrain_estimate", QOS
+            message_types.message_class(ESTIMATE), "terrain_estimate", QOS
         )
-        self._health = self.create_publisher(factory.message_class(HEALTH), "estimator_health", QOS)
+        self._health = self.create_publisher(
+            message_types.message_class(HEALTH), "estimator_health", QOS
+        )
         self._received = dict.fromkeys(INPUT_TYPES, 0)
         for name, type_name in INPUT_TYPES.items():
             self.create_subscription(
-                factory.message_class(type_name), name, partial(self._take, name), QOS
+                message_types.message_class(type_name), name, partial(self._take, name), QOS
             )
         self.create_timer(PERIOD_S, self._report)
         self.get_logger().info("ready")
@@ -38,11 +40,11 @@ class EmptyNode(Node):
     def _take(self, topic: str, message: Message) -> None:
         self._received[topic] += 1
         if topic == "imu":
-            self._output.publish(factory.make(ESTIMATE, header=message.header))
+            self._output.publish(message_types.make(ESTIMATE, header=message.header))
 
     def _report(self) -> None:
         self._health.publish(
-            factory.make(
+            message_types.make(
                 HEALTH,
                 input_topic=list(self._received),
                 input_received=list(self._received.values()),

@@ -21,8 +21,8 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.drives import long_drive
-from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import ESTIMATE, HEALTH, INPUT_TYPES, Message
+from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 
@@ -70,14 +70,14 @@ class MessageSender:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._outputs = {
-            name: self._node.create_publisher(factory.message_class(type_name), name, DEEP)
+            name: self._node.create_publisher(message_types.message_class(type_name), name, DEEP)
             for name, type_name in INPUT_TYPES.items()
         }
         self._answers = self._node.create_subscription(
-            factory.message_class(ESTIMATE), "terrain_estimate", self._take, DEEP, raw=True
+            message_types.message_class(ESTIMATE), "terrain_estimate", self._take, DEEP, raw=True
         )
         self._node.create_subscription(
-            factory.message_class(HEALTH), "estimator_health", self._count, DEEP
+            message_types.message_class(HEALTH), "estimator_health", self._count, DEEP
         )
         self._now, self._received = Sent(), 0
 
@@ -160,7 +160,7 @@ def facing(node: str) -> Iterator[tuple[MessageSender, Process]]:
 def sets(count: int) -> Iterator[Set]:
     """Instants of a drive, a tenth of a second apart by their stamps however fast they are sent."""
     instant: Set = []
-    for topic, _, message in long_drive(factory.make, count * STEP_S):
+    for topic, _, message in long_drive(message_types.make, count * STEP_S):
         instant.append((topic, serialize_message(message)))
         if len(instant) == len(INPUT_TYPES):
             yield instant

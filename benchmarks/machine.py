@@ -5,12 +5,13 @@
 import importlib.metadata
 import os
 import platform
-import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
 
 import psutil
 from ament_index_python.packages import get_package_prefix
+
+from docs.provenance import commit
 
 LIBRARIES = ("torch", "numpy", "scipy", "rosbags", "mcap", "mcap-ros2-support", "rclpy")
 
@@ -27,7 +28,7 @@ def machine() -> dict[str, object]:
             **{name: importlib.metadata.version(name) for name in LIBRARIES},
             "Fast DDS": _fast_dds(),
         },
-        "commit": _commit(),
+        "commit": commit(),
         "date": datetime.now(UTC).date().isoformat(),
         "load_average": os.getloadavg()[0],
     }
@@ -44,9 +45,3 @@ def _fast_dds() -> str:
     """Of the library that is loaded: it is no Python package, and its version is in its file's name alone."""
     library = Path(get_package_prefix("rmw_fastrtps_cpp"), "lib", "libfastrtps.so").resolve()
     return library.name.partition(".so.")[2] or "unknown"
-
-
-def _commit() -> str:
-    command = ["git", "describe", "--always", "--dirty"]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-    return found.stdout.strip() or "unknown"

@@ -1,13 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""docs/benchmarks.md, from what was measured."""
+"""The page docs/benchmarks.md."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 from benchmarks.lines import BenchmarkLine
+from docs.provenance import measured
 
-_HEAD = """<!--
+HEAD = """<!--
 SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 SPDX-License-Identifier: Apache-2.0
 
@@ -15,39 +16,50 @@ Written by `make bench`: run it again, do not edit.
 -->
 # Benchmarks
 
-Written by `make bench` on {date}: {cores} cores of {processor}, {memory_gb:g} GB, {system}; commit {commit}; load average at the start
-{load_average:.1f}. {versions}.
+{measured}
 
-Every figure stands beside a reference that was measured in the same run, so that the ratio says something on another machine too. The
-same numbers are in `out/bench.json`. `make bench ARGS="--only reading"` measures one of {names}; with
-`ARGS="--scale 0.02"` it shows in minutes that all commands work, and its figures mean nothing.
+How fast is the suite, and does each speed meet its bar? Every figure has a reference that was
+measured in the same run, so the ratio means something on another machine too.
+
+- Machine: {cores} cores of {processor}, {memory_gb:g} GB, {system};
+  load average at the start {load_average:.1f}.
+- Versions: {versions}.
+- The same numbers are in `out/bench.json`.
+- `make bench ARGS="--only reading"` measures one of {names}.
+- `make bench ARGS="--scale 0.02"` tests all commands in minutes; its figures are meaningless.
 
 """
-_AFTER = """
+AFTER = """
 ![Time against number of parameters, wheels, bags and run length](images/cost.png)
 
-Both axes of each panel are logarithmic; the dashed line is linear cost. The loops of the simulation and of the training step are in
-`benchmarks/numpy_rover.py` and `benchmarks/numpy_training.py`; a test compares their numbers with those of the batched forms.
+Both axes of each panel are logarithmic; the dashed line is linear cost. The reference loops are in
+`benchmarks/numpy_rover.py` and `benchmarks/numpy_training.py`. A test compares their numbers with
+those of the batched forms.
 
 ## What limits the node
 
-The update is one TorchScript module whose tensors hold a few numbers each. `torch.profiler` counts 480 calls of torch's operators in an
-update, 4900 in one that closes a block, of one to three microseconds each: the cost is the dispatch of small operations, not their
-arithmetic, so it grows little with the number of parameters, and neither more threads nor an accelerator would shorten it. Latency, the
-highest rate and replay follow from it. Scalars in C++ would be the way, and a second copy of the physics, which training and simulation
-share with the node today.
+The update is one TorchScript module whose tensors hold a few numbers each. `torch.profiler` counts
+480 calls of torch's operators in an update, and 4900 in one that closes a block, of one to three
+microseconds each. The cost is the dispatch of small operations, not their arithmetic. It therefore
+grows little with the number of parameters, and neither more threads nor an accelerator would shorten
+it. Latency, the highest rate and replay follow from it. Scalars in C++ would be faster, but would
+need a second copy of the physics that training, simulation and node share today.
 
-At 10 Hz a quarter of the node's processor time is the update; two fifths are rclpy's executor, which builds its wait set anew for every
-wake-up (py-spy). With rclpy's experimental EventsExecutor it took 3.5 % of a core in a run in which it took 5.4 % without. It is not
-used: in this release an exception in one of rclpy's own callbacks, as at a /clock before zero, ends the process with it
-(ros2/rclpy#1641), and it does not serve callbacks that are coroutines, as those of the services are (ros2/rclpy#1478).
+At 10 Hz a quarter of the node's processor time is the update. Two fifths are rclpy's executor, which
+builds its wait set anew for every wake-up (measured with py-spy). In a run in which the node took
+5.4 % of a core, it took 3.5 % with rclpy's experimental EventsExecutor. That executor is not used,
+for two reasons in this release:
+
+- An exception in one of rclpy's own callbacks, as at a /clock before zero, ends the process
+  (ros2/rclpy#1641).
+- It does not serve callbacks that are coroutines, and those of the services are (ros2/rclpy#1478).
 """
 
 
 def page(
     lines: Sequence[BenchmarkLine], machine: Mapping[str, object], names: Sequence[str]
 ) -> str:
-    """The whole page."""
+    """Return the whole page."""
     versions = machine["versions"]
     words = (
         ", ".join(f"{name} {version}" for name, version in versions.items())
@@ -55,17 +67,19 @@ def page(
         else ""
     )
     listed = ", ".join(f"`{name}`" for name in names)
-    head = _HEAD.format(**{**machine, "versions": words, "names": listed})
+    head = HEAD.format(
+        **{**machine, "measured": measured("bench"), "versions": words, "names": listed}
+    )
     rows = [table_row(line) for line in lines]
     titles = (
         "| what | measured | bar | met | reference | of the reference | ratio"
         " |\n|---|---|---|---|---|---|---|\n"
     )
-    return head + titles + "\n".join(rows) + "\n" + _AFTER
+    return head + titles + "\n".join(rows) + "\n" + AFTER
 
 
 def table_row(line: BenchmarkLine) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     bar = (
         "" if line.bar is None else f"{'at least' if line.least else 'at most'} {number(line.bar)}"
     )
@@ -84,12 +98,12 @@ def table_row(line: BenchmarkLine) -> str:
 
 
 def quantity(line: BenchmarkLine) -> str:
-    """What was measured, with its unit where it has one."""
+    """Return the measured value, with its unit where it has one."""
     return number(line.value) if line.unit == "1" else f"{number(line.value)} {line.unit}"
 
 
 def number(value: float) -> str:
-    """Three digits."""
+    """Return a number with three digits."""
     if not math.isfinite(value):
         return "not measured" if math.isnan(value) else "infinite"
     return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"

@@ -23,8 +23,8 @@ from benchmarks.lines import BenchmarkLine, Effort
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.offline.replaying import replay
-from terrain_estimator.offline.topics import bag_topics
+from terrain_estimator.offline.replay import replay
+from terrain_estimator.offline.topic_mapping import bag_topics
 from tests.drives import write_bag
 
 BAR = 500.0

@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the pages that follow from the code:  make pages. A test compares them."""
+"""Write the pages that follow from the code, and the marks of measured figures: ``make pages``.
+
+A test compares the files with what this module writes.
+"""
 
 from functools import partial
 from pathlib import Path
 
 from docs.advice import WHEN
+from docs.provenance import ROOT, refreshed
 from rover_parameters.parameters import table, template
 from rover_sim_node.config import SimulatorConfig
 from terrain_estimator.config import (
@@ -94,18 +98,18 @@ fault.
 
 
 def parameters_page() -> str:
-    """The page of all parameters, from their definitions."""
+    """Return the page of all parameters, from their definitions."""
     sections = [f"## {name}\n\n{table(config)}\n" for name, config in NODES.items()]
     return "\n".join([_HEAD + _PARAMETERS, *sections])
 
 
 def diagnostics_page() -> str:
-    """The page of all thresholds, from the checks that apply them."""
+    """Return the page of all thresholds, from the checks that apply them."""
     return f"{_HEAD}{_DIAGNOSTICS}\n{checks()}\n"
 
 
 def parameter_file(node: str) -> str:
-    """The parameter file of a node that a launch file starts."""
+    """Return the parameter file of a node that a launch file starts."""
     return f"{_FILE.format(node=node)}{template(f'/**/{node}', NODES[node](), WHEN[node])}\n"
 
 
@@ -114,6 +118,11 @@ PAGES = {"parameters.md": parameters_page, "diagnostics.md": diagnostics_page} |
     f"{FILES}/{node}.yaml": partial(parameter_file, node) for node in WHEN
 }
 
+MEASURED = [ROOT / "README.md", *sorted(FOLDER.glob("*.md"))]
+"""Pages that may hold measured figures."""
+
 if __name__ == "__main__":
     for name, page in PAGES.items():
         (FOLDER / name).write_text(page(), encoding="utf-8")
+    for path in MEASURED:
+        path.write_text(refreshed(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -2,34 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a long measurement keeps of each of its pieces, so that it can be ended at any time and gone on with later."""
 
-import ast
-import hashlib
 import itertools
-import re
-import sys
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-import terramechanics
 from studies.workers import workers
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.model.model_file import load_model, model_names
 
-_OURS = ("terramechanics", "terrain_estimator", "studies")
-_NO_FIGURES = re.compile(
-    r"\.(cli|console|offline|importing|demonstration)\b"
-    r"|\.(__main__|config|model_file|outcome|ros_types|workers|records|pieces|tables?|lines|targets|figures)$"
-)
-"""Modules that may change without any figure changing: they read, ask and print."""
 _Result = TypeVar("_Result")
 
 
@@ -39,25 +26,6 @@ class Piece(Generic[_Result]):
 
     work: Callable[[], _Result]
     path: Path
-
-
-def digest(*said: str) -> str:
-    """Hash the statements and files that the figures follow from, and ``said``.
-
-    Records of another state belong into another folder.
-    """
-    found = hashlib.sha256()
-    for name, module in sorted(sys.modules.items()):
-        figures = name.startswith(_OURS) and not _NO_FIGURES.search(name)
-        if figures and module.__file__:
-            found.update(ast.dump(ast.parse(Path(module.__file__).read_bytes())).encode())
-    for path in sorted(Path(str(files(terramechanics))).rglob("*.yaml")):
-        found.update(path.read_bytes())
-    for model in model_names():
-        found.update(load_model(model).sha256.encode())
-    for text in said:
-        found.update(text.encode())
-    return found.hexdigest()[:16]
 
 
 def write_record(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:

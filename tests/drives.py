@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from terrain_estimator.bags import BagWriter, Types
-from terrain_estimator.ros_types import INPUT_TYPES, Make
+from terrain_estimator.topics import INPUT_TYPES, Make
 from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.sensors import Measurement, Noise, measure_drive
 from terramechanics.simulation.simulation import simulate

@@ -22,12 +22,12 @@ from markdown_it.token import Token
 
 from docs.pages import NODES
 from rover_parameters.parameters import parameters
-from terrain_estimator.dashboard.reading import TOPICS as SHOWN
+from terrain_estimator.dashboard.values import TOPICS as SHOWN
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY
 from terrain_estimator.nodes.terrain_map import TOPICS as MAPPED
 from terrain_estimator.nodes.watch import TOPICS as WATCHED
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
 from terramechanics.terrain.soil import load_soil
 from tests.launch_stand_in import declared
 from tools.pictures.nodes import PICTURE, nodes_picture

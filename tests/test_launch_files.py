@@ -13,7 +13,7 @@ from docs.pages import NODES
 from rover_parameters.files import read_parameters
 from rover_parameters.parameters import configure, parameters
 from rover_parameters.records import ConfigError
-from terrain_estimator.ros_types import INPUT_TYPES, RECORDED_TOPICS
+from terrain_estimator.topics import INPUT_TYPES, RECORDED_TOPICS
 from tests.launch_stand_in import Kept, declared, started
 
 ROOT = Path(__file__).parents[1]

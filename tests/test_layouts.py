@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from terrain_estimator.bags import Types
-from terrain_estimator.messaging.track import POINT
+from terrain_estimator.messaging.map_track import POINT
 from terramechanics.vehicle.rover import load_rover
 
 ROOT = Path(__file__).parents[1]

@@ -1,12 +1,83 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pages that follow from the code are those that it writes now."""
+"""Pages that follow from the code, and marks of figures that were measured with another code."""
+
+from pathlib import Path
+from string import Formatter
 
 import pytest
 
-from docs.pages import FOLDER, PAGES
+import benchmarks.page as benchmarks
+import benchmarks.soak.page as soak
+import studies.accuracy.table as accuracy
+import studies.change.table as change
+import studies.stream.table as stream
+import tests.faults.page as faults
+import tests.fuzz.__main__ as fuzz
+import tests.hidden.judge.page as hidden
+from docs.pages import FOLDER, MEASURED, PAGES
+from docs.provenance import BEFORE_REGROUPING, digest, measured, refreshed
+from tests.faults import million
+
+MARK = "**Measured before"
+PROSE = (
+    *(("accuracy", text) for text in (accuracy.INTRODUCTION, accuracy.METHOD, accuracy.REASONS)),
+    *(("accuracy_tables", text) for text in (accuracy.TABLES, accuracy.LONG, accuracy.OVER_TIME)),
+    *(("accuracy_tables", text) for text in (accuracy.VELOCITY, accuracy.REFERENCE, accuracy.NET)),
+    *(("change", text) for text in (change.INTRODUCTION, change.TERMS)),
+    *(("stream_study", text) for text in (stream.INTRODUCTION, stream.FORECAST, stream.WHY)),
+    *(("benchmarks", text) for text in (benchmarks.HEAD, benchmarks.AFTER)),
+    *(("faults", text) for text in (faults.MATRIX, million.SECTION, soak.SECTION, fuzz.SECTION)),
+    *(("hidden", text) for text in (hidden.INTRODUCTION, hidden.VERDICTS)),
+)
+"""Pages, and texts of their commands with fields for what was measured."""
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_a_written_page_is_the_one_that_the_code_writes(name: str) -> None:
     assert (FOLDER / name).read_text(encoding="utf-8") == PAGES[name](), "run make pages"
+
+
+@pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.name)
+def test_a_page_marks_figures_whose_code_has_changed_since(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text == refreshed(text), "run make pages"
+
+
+@pytest.mark.parametrize(("name", "text"), PROSE, ids=[name for name, _ in PROSE])
+def test_the_prose_of_a_measured_page_is_the_one_that_its_command_writes(
+    name: str, text: str
+) -> None:
+    page = (FOLDER / f"{name}.md").read_text(encoding="utf-8")
+    assert [piece for piece, *_ in Formatter().parse(text) if piece not in page] == []
+
+
+WRITTEN = (
+    "accuracy",
+    "benchmarks",
+    "change",
+    "faults",
+    "hidden",
+    "paper",
+    "planner",
+    "stream_study",
+)
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_a_page_of_measured_figures_has_their_date_and_commit(name: str) -> None:
+    text = (FOLDER / f"{name}.md").read_text(encoding="utf-8")
+    assert "Measured by `make " in text
+    assert "<!-- code " in text
+
+
+def test_a_mark_comes_with_a_change_of_the_code_and_goes_with_a_new_measurement() -> None:
+    line = measured("paper", "--trainings 1")
+    assert refreshed(f"Head\n\n{line} On two cores.\n") == f"Head\n\n{line} On two cores.\n"
+    older = refreshed(line.replace(digest("paper"), "0123456789abcdef"))
+    assert f"{MARK} a change of the code.** <!-- code 0123456789abcdef -->" in older
+    assert refreshed(older) == older
+    assert refreshed(older.replace("0123456789abcdef", digest("paper"))) == line
+    assert f"{MARK} the code was regrouped" in refreshed(
+        line.replace(digest("paper"), BEFORE_REGROUPING)
+    )

@@ -410,7 +410,7 @@ ELSEWHERE = {
         "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
     ),
     "terrain_map spacing": (
-        "terrain_estimator/messaging/test_track.py::test_points_are_a_spacing_apart_and_carry_what_was_estimated_there"
+        "terrain_estimator/messaging/test_map_track.py::test_points_are_a_spacing_apart_and_carry_what_was_estimated_there"
     ),
     "terrain_map points": (
         "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"

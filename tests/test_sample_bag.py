@@ -55,4 +55,4 @@ def test_a_replay_with_another_model_than_the_nodes_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert replay.main([str(SAMPLE), "--out", str(tmp_path), "--model", "paper_rover"]) == 0
-    assert "the node's estimates in it are of model mars_rover-" in capsys.readouterr().out
+    assert "its live estimates are of model mars_rover-" in capsys.readouterr().out

@@ -27,7 +27,7 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import Make
+from terrain_estimator.topics import Make
 from terrain_estimator.update import Update
 from tests.drives import STEP_NS, Event
 

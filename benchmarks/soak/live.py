@@ -15,9 +15,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from terrain_estimator.nodes.common import factory
+from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ESTIMATE, HEALTH, Message
+from terrain_estimator.topics import ESTIMATE, HEALTH, Message
 from terramechanics.simulation.simulation import TIME_STEP
 from tests.system.processes import Process, Starter
 
@@ -62,14 +62,14 @@ class Watched:
         self._estimates, self._last_s = 0, time.monotonic()
         self.health: Message | None = None
         watch.create_subscription(
-            factory.message_class(ESTIMATE),
+            message_types.message_class(ESTIMATE),
             f"/{name}/terrain_estimate",
             self._count,
             DEEP,
             raw=True,
         )
         watch.create_subscription(
-            factory.message_class(HEALTH), f"/{name}/estimator_health", self._keep, DEEP
+            message_types.message_class(HEALTH), f"/{name}/estimator_health", self._keep, DEEP
         )
 
     def sample(self, seconds: float) -> None:

@@ -7,14 +7,34 @@ from collections.abc import Sequence
 from benchmarks.soak.live import FACTOR
 from benchmarks.soak.verdict import DDS_HOURS, HOURS, RATE_HZ, Ran
 from benchmarks.trend import Trend
+from docs.provenance import measured
 from tests.faults.page import machine
 
 HEADING = "Soak"
+SECTION = """{measured}
+Machine: {machine}; {minutes:.0f} min.
+
+- **Core**: {hours:g} simulated hours of each of three rovers, from input messages through pairing,
+  conversion and estimator to outgoing messages.
+- **DDS**: {dds_hours:g} simulated hours of three rovers over DDS, each with simulator and estimator,
+  at {factor:g} times real time.
+
+Both parts run at once with four processors or more, one after the other with fewer. A quantity grows
+where Mann and Kendall's test finds a trend at 0.1 % that exceeds the allowed growth
+(`benchmarks/trend.py`). Counters may not change after the first fifth.
+
+- Core: {core_ran} simulated hours.
+- DDS: {dds_ran} simulated hours, median rate {dds_rate} estimates/s of {rate:g}.
+"""
+TABLE = """
+| what | level | growth over the run [%] | allowed [%] | grows |
+|---|---|---|---|---|
+"""
 WORDS = {
     "memory_mb": "resident memory [MB]",
     "blocks": "blocks of memory that Python holds",
     "set_us": "processor time of a set of messages [us]",
-    "abnormal": "observations with an outcome that nothing calls for",
+    "abnormal": "observations with an unexpected outcome",
     "not_finite": "updates with a number that is not finite",
     "troubled": "messages lost, out of order or without a partner",
     "estimator_mb": "estimator: resident memory [MB]",
@@ -24,41 +44,27 @@ WORDS = {
 
 
 def section(trends: Sequence[Trend], ran: Ran) -> str:
-    """What was run and what came of it; a row for each quantity, with the rovers in turn."""
-    lines = [
-        (
-            f"`make soak`: {HOURS:g} simulated hours of each of three rovers from input messages"
-            " through pairing, conversion and estimator to"
-        ),
-        (
-            f"outgoing messages, and {DDS_HOURS:g} simulated hours of three rovers over DDS,"
-            f" simulator and estimator each, at {FACTOR:g} times"
-        ),
-        (
-            "real time: at once with four processors or more, one after the other with fewer."
-            " Something grows where Mann and Kendall's test"
-        ),
-        (
-            "finds a trend at 0.1 % that amounts to more than is allowed (`benchmarks/trend.py`);"
-            " counters may not move after the first fifth."
-        ),
-        f"{machine()}, {ran.minutes:.0f} min.",
-        "",
-        (
-            f"- Core: {_listed(ran.core_hours, 'g')} simulated hours. DDS:"
-            f" {_listed(ran.dds_hours, '.3g')} simulated hours, median rate"
-        ),
-        f"  {_listed(ran.dds_rate_hz, '.3g')} estimates/s of {RATE_HZ:g}.",
-        *(f"- **Too short**: {text}." for text in ran.shortfalls()),
-        "",
-        "| what | level | growth over the run [%] | allowed [%] | grows |",
-        "|---|---|---|---|---|",
-    ]
+    """Return the section: the length of the run, and a row for each quantity of all rovers."""
+    head = SECTION.format(
+        measured=measured("soak"),
+        machine=machine(),
+        minutes=ran.minutes,
+        hours=HOURS,
+        dds_hours=DDS_HOURS,
+        factor=FACTOR,
+        core_ran=_listed(ran.core_hours, "g"),
+        dds_ran=_listed(ran.dds_hours, ".3g"),
+        dds_rate=_listed(ran.dds_rate_hz, ".3g"),
+        rate=RATE_HZ,
+    )
+    short = "".join(f"- **Too short**: {text}.\n" for text in ran.shortfalls())
     quantities: dict[str, list[Trend]] = {}
     for each in trends:
         part, name = each.what.partition(", ")[0], each.what.partition(": ")[2]
         quantities.setdefault(f"{part}: {WORDS.get(name, name)}", []).append(each)
-    return "\n".join([*lines, *(_row(name, rovers) for name, rovers in quantities.items())])
+    return (
+        head + short + TABLE + "\n".join(_row(name, rovers) for name, rovers in quantities.items())
+    )
 
 
 def _row(name: str, rovers: Sequence[Trend]) -> str:

@@ -1,15 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator as a node: wiring only. A run is stepped ahead of its deadlines and published on them."""
+"""Run the simulator as a node, which computes each step ahead of its deadline.
+
+It publishes the step on the deadline.
+"""
 
 import gc
-import signal
 import sys
 import threading
 import time
 from typing import Any
 
-import rclpy
 import torch
 from geometry_msgs.msg import Twist
 from rclpy.duration import Duration
@@ -17,14 +18,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import TerrainTruth
+from rover_parameters.command_line import print_error, run
 from rover_parameters.declare import declare
-from rover_parameters.files import DUMP
-from rover_parameters.parameters import usage
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.messages import SECOND_NS, TYPES, clock_message, step_messages, truth_message
@@ -34,30 +32,34 @@ from terramechanics.vehicle.suspension import TerrainError
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+PROGRAM = "simulator"
 CLOCK = "/clock"
 DISCOVERY_S = 0.5
-"""Time for which another owner of the clock is looked for."""
+"""Time in which another publisher of the clock would be discovered."""
 SLEEP_S = 0.002
-"""Last part of a wait, in which nothing but sleeping happens. (Watching the clock instead makes a busy machine later.)"""
+"""Last part of a wait, in which the node only sleeps. (A busy wait is later on a busy machine.)"""
 LATE_S = 0.2
-"""Lateness that is worth a warning."""
+"""Smallest lateness that is logged."""
 ACKNOWLEDGE_S = 2.0
-"""Time that readers get at the end to take what is still on its way."""
+"""Longest wait at the end for subscribers that have not acknowledged the last messages."""
 LOG_PERIOD_S = 5.0
 
 
 class SimulatorError(RuntimeError):
-    """The run cannot start or go on; the message says why and what to do."""
+    """A run that cannot start or go on; the message has the reason and a remedy."""
 
 
 class SimulatorNode(Node):
-    """Publishes the measurements of one simulated drive."""
+    """Publish the measurements of one simulated drive."""
 
     def __init__(self) -> None:
         """Read the parameters and set up the drive. Raises ConfigError that names a parameter."""
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         self.config = declare(self, SimulatorConfig)
-        self.run = SimulatedRun(self.config)
+        try:
+            self.run = SimulatedRun(self.config)
+        except TerrainError as error:
+            raise ConfigError(str(error)) from error
         self._outputs = {
             topic: self.create_publisher(kind, topic, QOS) for topic, kind in TYPES.items()
         }
@@ -71,7 +73,7 @@ class SimulatorNode(Node):
             self.create_subscription(Twist, "cmd_vel", self._take_command, QOS)
 
     def unmatched(self) -> list[str]:
-        """Topics that have fewer subscribers than the run has to wait for."""
+        """Return the topics that have fewer subscribers than the run waits for."""
         wanted = self.config.wait_for_subscribers
         return [
             topic
@@ -80,7 +82,7 @@ class SimulatorNode(Node):
         ]
 
     def own_clock(self) -> None:
-        """Start to publish the clock. Raises SimulatorError where somebody else does."""
+        """Start to publish the clock. Raises SimulatorError where another node publishes it."""
         self.check_clock(0)
         self._clock_output = self.create_publisher(Clock, CLOCK, QOS)
 
@@ -111,7 +113,7 @@ class SimulatorNode(Node):
             self._clock_output.publish(clock_message(self._start_ns))
 
     def compose(self, reading: SimulatedReading) -> list[tuple[Publisher, Any]]:
-        """What is to be published when the step of this reading is due, in this order."""
+        """Return the messages to publish when the step of this reading is due, in this order."""
         stamp_ns = self._start_ns + round(reading.time * SECOND_NS)
         due: list[tuple[Publisher, Any]] = (
             [(self._clock_output, clock_message(stamp_ns))]
@@ -141,7 +143,7 @@ class SimulatorNode(Node):
         return due
 
     def finish(self) -> None:
-        """Let the readers take what was published."""
+        """Wait until the subscribers have acknowledged all messages."""
         for output in (*self._outputs.values(), self._truth_output):
             output.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
 
@@ -160,16 +162,16 @@ class SimulatorNode(Node):
 
 
 class Simulator:
-    """Steps a node's run on the grid of its deadlines until it is over or told to stop."""
+    """Step a node's run on the grid of its deadlines until it is over or stopped."""
 
     def __init__(self, node: SimulatorNode, stop: threading.Event) -> None:
-        """``stop`` ends everything, at any time."""
+        """Make an executor for the node; ``stop`` ends the run at any time."""
         self._node, self._stop = node, stop
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
 
     def run(self) -> None:
-        """Wait for the clock and the subscribers, drive, and let the readers finish. Raises SimulatorError."""
+        """Wait for the clock and the subscribers, then drive. Raises SimulatorError."""
         config = self._node.config
         if config.owns_clock:
             self._spin_until(time.monotonic() + DISCOVERY_S)
@@ -186,9 +188,8 @@ class Simulator:
 
     def _drive(self) -> None:
         config = self._node.config
-        first = (
-            self._node.run.step()
-        )  # the slowest step, since torch sets itself up: before there is a deadline
+        # the slowest step, in which torch sets itself up, comes before the first deadline
+        first = self._node.run.step()
         self._node.begin()
         pace = Pace(1.0 / config.rate / config.real_time_factor)
         due = self._node.compose(first)
@@ -208,7 +209,7 @@ class Simulator:
                 self._node.check_clock(1)
 
     def _wait(self, pace: Pace) -> bool:
-        """Serve callbacks until shortly before the deadline, then sleep up to it. Returns False when told to stop."""
+        """Serve callbacks, then sleep up to the deadline; return False after a stop."""
         self._executor.spin_once(timeout_sec=0.0)
         while not self._stop.is_set() and (left := pace.remaining_s() - SLEEP_S) > 0.0:
             self._executor.spin_once(timeout_sec=left)
@@ -236,51 +237,22 @@ def main() -> int:
     """Simulate until the drive is over, SIGINT or SIGTERM.
 
     Returns:
-        0 at the end of the drive, after a signal and after ``--help``, 1 where the run could not start or go on, 2 for wrong parameters.
+        0 at the end and after a signal, 1 where the run could not start or go on, 2 for wrong
+        parameters.
     """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
     torch.set_num_threads(1)
-    try:
-        others = remove_ros_args(sys.argv)[1:]
-        if {"-h", "--help"} & set(others):
-            print(usage("simulator", "soil:=regolith", SimulatorConfig))  # noqa: T201 - the user asked for it
-            return 0
-        if unknown := [word for word in others if word != DUMP]:
-            return _refuse(
-                f"unknown argument {unknown[0]!r}; parameters are given as --ros-args -p"
-                " soil:=loose_sand; --help lists them",
-                2,
-            )
-        # With rclpy's own handlers the context would end at the signal, and the readers would lose
-        # what is on its way.
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; a damaged parameter file ends here
-        return _refuse(str(error), 2)
-    try:
-        return _run(stop)
-    finally:
-        rclpy.try_shutdown()
+    return run(PROGRAM, "soil:=loose_sand", SimulatorConfig, _serve)
 
 
-def _run(stop: threading.Event) -> int:
-    try:
-        node = SimulatorNode()
-    except (ConfigError, TerrainError) as error:
-        return _refuse(str(error), 2)
+def _serve(stop: threading.Event) -> int:
+    node = SimulatorNode()
     try:
         Simulator(node, stop).run()
     except (SimulatorError, TerrainError) as error:
-        return _refuse(str(error), 1)
+        return print_error(PROGRAM, error, 1)
     finally:
         node.destroy_node()
     return 0
-
-
-def _refuse(text: str, code: int) -> int:
-    print(f"simulator: {text}", file=sys.stderr)  # noqa: T201 - the user typed it, the user reads it
-    return code
 
 
 if __name__ == "__main__":

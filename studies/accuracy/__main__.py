@@ -1,29 +1,28 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m studies.accuracy``: judge the estimator on simulated drives with known truth; a JSON file and a page of tables.
+"""Judge the estimator on simulated drives with known truth; called by ``make accuracy``.
 
-Drives are computed in batches, each of which is kept: a run that was ended, or had no more time,
-goes on where it was.
+Writes a JSON file and two pages of tables. Drives are computed in batches, each of which is kept: a
+run that ended early continues where it was.
 """
 
 import argparse
 import dataclasses
 import json
 import math
-import os
 import sys
-from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
 import torch
 
+from docs.provenance import digest, measured
 from studies.accuracy.cells import SIDE_BATCHES, CellBatch, Setting, is_main, settings, study
 from studies.accuracy.lines import lines
 from studies.accuracy.pieces import read_part, write_part
 from studies.accuracy.scores import LONG_TIMES_S
-from studies.accuracy.table import AccuracyRun, page
-from studies.records import Piece, compute, digest, write_results
+from studies.accuracy.table import AccuracyRun, page, tables_page
+from studies.command import add_record_options, refuse, refuse_too_short, study_parser
+from studies.records import Piece, compute, write_results
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
@@ -38,42 +37,43 @@ _CONSTANTS = ("exact", "wrong")
 
 @interruptible
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: measured, whatever the figures are; 1: no time for one batch of each setting; 2: an argument or a file is wrong."""
+    """Run the study.
+
+    Exit codes: 0 measured, whatever the figures are; 1 no time for one batch of each setting; 2 an
+    argument or a file is wrong.
+    """
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     chosen = [setting for setting in settings() if _is_chosen(setting, args)]
     if not chosen:
-        sys.stderr.write(
-            "studies.accuracy: no such setting: S2, S3 and S4 are driven on loose_sand with exact"
-            " constants\n"
+        return refuse(
+            "accuracy",
+            "no such setting: S2, S3 and S4 are driven on loose_sand with exact constants",
         )
-        return 2
     batches = _batches(chosen, args)
     try:
         missing = [batch for _, batch in batches if read_part(batch.path) is None]
         compute("accuracy", missing, args.jobs, args.minutes, write_part)
         run = _gathered(batches, args)
         if run is None:
-            sys.stderr.write(
-                "studies.accuracy: not one batch of every setting was done in this time; call it again, it"
-                " goes on where it was\n"
-            )
-            return 1
-        write_results(
-            {args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)}
-        )
+            return refuse_too_short("accuracy", "batch of every setting")
+        figures = json.dumps(dataclasses.asdict(run), indent=1) + "\n"
+        tables = args.table.with_name(f"{args.table.stem}_tables.md")
+        write_results({args.out: figures, args.table: page(run), tables: tables_page(run)})
     except OSError as error:
-        sys.stderr.write(f"studies.accuracy: {error}\n")
-        return 2
-    sys.stdout.write(f"{args.out} and {args.table}: {len(run.cells)} cells\n")
+        return refuse("accuracy", error)
+    sys.stdout.write(f"{args.out}, {args.table} and {tables}: {len(run.cells)} cells\n")
     return 0
 
 
 def _batches(
     chosen: list[Setting], args: argparse.Namespace
 ) -> list[tuple[Setting, Piece[CellBatch]]]:
-    """Every setting's first batch, then every setting's second, and so on; after SIDE_BATCHES of the main settings alone."""
-    folder, found = args.records / f"{digest()}-{args.seed}", []
+    """Return every setting's first batch, then every setting's second, and so on.
+
+    After SIDE_BATCHES only the main settings have batches.
+    """
+    folder, found = args.records / f"{digest('accuracy')}-{args.seed}", []
     for number, start in enumerate(range(0, args.episodes, BATCH)):
         for setting in chosen if number < SIDE_BATCHES else filter(is_main, chosen):
             episodes = math.ceil(
@@ -96,7 +96,7 @@ def _batches(
 def _gathered(
     batches: list[tuple[Setting, Piece[CellBatch]]], args: argparse.Namespace
 ) -> AccuracyRun | None:
-    """The figures of all batches that are done, None where a setting has none."""
+    """Return the figures of all batches that are done, None where a setting has none."""
     parts: dict[Setting, list[CellBatch]] = {setting: [] for setting, _ in batches}
     for setting, batch in batches:
         if part := read_part(batch.path):
@@ -105,7 +105,7 @@ def _gathered(
         return None
     first = [of_setting[0] for of_setting in parts.values()]
     return AccuracyRun(
-        date=datetime.now(UTC).date().isoformat(),
+        measured=measured("accuracy"),
         episodes=args.episodes,
         seed=args.seed,
         cells=[
@@ -117,11 +117,7 @@ def _gathered(
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="studies.accuracy",
-        description=__doc__,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    parser = study_parser("accuracy", __doc__)
     parser.add_argument(
         "--episodes",
         type=COUNT,
@@ -146,30 +142,7 @@ def _parser() -> argparse.ArgumentParser:
         default=_CONSTANTS,
         help="soil constants known exactly, or 5 %% wrong",
     )
-    parser.add_argument(
-        "--jobs",
-        type=COUNT,
-        default=os.cpu_count() or 1,
-        help="processes at a time; the results do not depend on it",
-    )
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        default=0.0,
-        help="after which no batch is begun; 0: until all is done",
-    )
-    parser.add_argument(
-        "--records",
-        type=Path,
-        default=Path("out/accuracy"),
-        help="folder of what is kept of every batch",
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/accuracy.json"), help="file of all figures"
-    )
-    parser.add_argument(
-        "--table", type=Path, default=Path("docs/accuracy.md"), help="page of the tables"
-    )
+    add_record_options(parser, "accuracy", "batch")
     return parser
 
 

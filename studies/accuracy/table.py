@@ -1,22 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of ``accuracy`` as a page in Markdown."""
+"""The pages of ``make accuracy``: one of headline figures and targets, one of all tables."""
 
+import re
 from dataclasses import dataclass
 
 from studies.accuracy.cells import EVERY_ROW, NetShare, ReferenceCheck
 from studies.accuracy.lines import Claim, TableLine
 from studies.accuracy.scores import TIMES_S, ParameterScore, Share
 from studies.accuracy.targets import over_hills, verdicts
-from studies.tables import LICENCE, table
+from studies.tables import licence, table
 from terrain_estimator.learning.training import PRIOR
 
 
 @dataclass(frozen=True, slots=True)
 class AccuracyRun:
-    """All that one run of ``accuracy`` found."""
+    """All results of one run of ``accuracy``."""
 
-    date: str
+    measured: str  # date, commit and code, as :func:`docs.provenance.measured` writes them
     episodes: int
     seed: int
     cells: list[TableLine]
@@ -24,62 +25,169 @@ class AccuracyRun:
     net: list[NetShare]
 
 
-_INTRODUCTION = """# Accuracy
+INTRODUCTION = """# Accuracy
 
-Written by `make accuracy` on {date}, seed {seed}; {done} of the {episodes} drives of 40 s that are meant for a cell over hills; the number
-of each cell is in the tables. The figures do not depend on the number of processes.
+{measured}
 
-Truth is drawn from the model's prior, independent Gaussians of c ({c}) kPa and tan phi ({tan}) above zero; "paper" is the paper's
-test band, c 0.7 to 1.3 kPa and phi 20 to 45 deg, uniform. "5 %": each of the six soil constants is wrong by up to 5 %, independently, as
-in the prior of the models that do not take them for exact. Rows: v velocity,
-L load, M wheel torques, B moment balances. A node always has v and L; without `use_torque` and `use_moments` it has v+L. An episode
-ends at its first stuck second and keeps its last estimate; the share of such episodes is in the tables. "Bound" is the median error
-of an estimator that reaches the Cramer-Rao bound of the same drives, with the noise of slip, sinkage and angles propagated, the prior
-added and wrong constants as unknowns. "Ratio" is the median of error / bound, 1 for an efficient estimator. Coverages stand with
-their 99 % confidence limits. NIS is the misfit of a block over its degrees of freedom (1 is right), NLL the mean negative log
-density of the true (c in kPa, tan phi) at 40 s.
+How large are the errors of c and tan phi after 40 s, and how often does the 95 % interval hold the
+truth? The drives are simulated, over hills (S1), seed {seed}: {done} of the {episodes} drives
+planned for each cell of the method, {side} for each cell of the models that ship.
 
-What these figures are not:
+## The models that ship, after 40 s with every row
 
-- **"Physics" is not a model that ships.** It is told the soil, has no net, and takes the soil constants for exact in the drives where
-  they are; no command exports it. It shows what the method can do. **"Shipped"** are the model files of the package: they have to find
-  the soil among three, have a net, and carry the constants as parameters always. They were judged on {side} drives a cell.
-- **No drive here goes through the node's estimator.** Blocks, rows and bank are the same, computed in batches, but screening, gates and
-  doubt are bypassed and the accelerometer is not used. [stream_study.md](stream_study.md) is of that estimator.
-- **The bound is not the tightest.** It counts the rover's mass (1 %) and centre of mass (2 cm) as unknown, with the deviations of the
-  model's prior, as the estimator does. Those of the simulated rover are always the file's, never drawn from that prior. Knowing both
-  exactly would lower the bound by 0.1 to 4 % of itself (60 drives on loose sand of each rover, v+L+M and v+L+M+B).
+Errors are relative; the bound is the median error that an efficient estimator would have on the
+same drives. Every other row set, drive and soil is in [accuracy_tables.md](accuracy_tables.md).
+
 """
-_REASONS = """
-Where these are missed, and why:
+METHOD = """
+## How the drives are judged
 
-- **Median errors** with exact constants: the bound of these rows is above the target or just below it, and the errors stand at the bound.
-- **Velocity.** The filter that is judged here expects a velocity from the slip and sinkage of the same sample, and gates with it; what
-  `MotionPrediction` publishes is made a sample before ([stream_study.md](stream_study.md)). The filter's deviation agrees with its
-  innovations and its intervals hold what they say, but it is wider than the velocity sensor's noise: the force that moves the rover in
-  between follows from slip and sinkage, which are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's
-  would cover too little.
-- **Velocity alone** with wrong constants. The intervals do not stay wide: they cover less than they say, and the status calls parameters
-  identified that cannot be. A node always has the load row, too. The derivative of a row by a soil constant is proportional to c and
-  tan phi, and every block takes it where the estimate is then; as noise moves the estimate, the blocks together seem to tell apart
-  what none of them can (Huang, Mourikis and Roumeliotis, 2010, on the consistency of Kalman filters). On regolith (100 drives, c / tan phi)
-  the 95 % intervals hold 84 / 82 %, with one hypothesis instead of nine, none born, 49 / 51 %, and without noise they are a little
-  wide. A trial that also keeps the information about the products of c and tan phi with each constant, so that all blocks have the
-  newest derivatives, held 92 / 91 % with one hypothesis, but lost the posterior's definiteness in 4 of the drives. It is not in the models.
-- **68 % of tan phi on compact sand**, Mars-like rover: with exact constants 15 % of the drives are stuck before the first estimate, nearly
-  all of them on ground of little friction, and keep the prior, whose interval holds 6 % of these truths: that a rover is stuck is no
-  observation. Of the drives that are not, the interval holds 66 to 68 %.
-- **Least deviation.** The bound is that of the true parameters, the posterior is taken at the estimated ones and of this drive's noise,
-  so single drives lie below it.
+- **Truth.** c and tan phi are drawn from the model's prior: independent Gaussians of
+  c ({c} kPa) and tan phi ({tan}), both above zero. "Paper" is the paper's test band: uniform
+  in c 0.7 to 1.3 kPa and phi 20 to 45 deg.
+- **Constants.** "5 %": each of the six soil constants is wrong by up to 5 %, independently, as in
+  the prior of the models that estimate them.
+- **Rows.** v velocity, L load, M wheel torques, B moment balances. A node always has v and L.
+  Without `use_torque` and `use_moments` it has v+L.
+- **Stuck.** An episode ends at its first stuck second and keeps its last estimate.
+- **Bound.** The median error of an estimator that reaches the Cramér-Rao bound of the same drives:
+  with the propagated noise of slip, sinkage and angles, the prior, and wrong constants as unknowns.
+- **Ratio.** The median of error / bound, 1 for an efficient estimator.
+- **Limits.** Coverages have 99 % confidence limits.
+- **NIS.** The misfit of a block over its degrees of freedom; 1 is right.
+- **NLL.** The mean negative log density of the true (c in kPa, tan phi) at 40 s.
+
+The figures do not depend on the number of processes.
+
+## What these figures do not show
+
+- **"Physics" is not a model that ships.** It is given the soil, has no net, and takes the soil
+  constants as exact in the drives where they are. No command exports it. It shows what the method
+  can reach. **"Shipped"** are the model files of the package. They have to find the soil among
+  three, have a net, and always carry the constants as parameters.
+- **No drive here goes through the node's estimator.** Blocks, rows and bank are the same, computed
+  in batches. Screening, gates and the inflation after a suspected change are bypassed, and the
+  accelerometer is not used. [stream_study.md](stream_study.md) judges that estimator.
+- **The bound is not the tightest.** Like the estimator, it treats the rover's mass (1 %) and centre
+  of mass (2 cm) as unknown, with the deviations of the model's prior. The simulated rover always
+  has the file's values. Knowing both exactly would lower the bound by 0.1 to 4 % of itself
+  (60 drives on loose sand of each rover, v+L+M and v+L+M+B).
+
 """
-_LONG = """The same ground all the way. What shifts every row a little to one side is nothing beside the interval after 40 s; the interval
-shrinks with the root of time, the shift stays.
+REASONS = """
+Why targets are missed:
+
+- **Median errors** with exact constants: the bound of these rows is above the target or just below
+  it, and the errors are at the bound.
+- **Velocity.** The filter judged here predicts a velocity from the slip and sinkage of the same
+  sample, and gates with it. `MotionPrediction` is computed one sample earlier
+  ([stream_study.md](stream_study.md)). The filter's deviation agrees with its innovations, and its
+  intervals have their nominal coverage. But the deviation is larger than the velocity sensor's
+  noise, because the force that moves the rover between samples follows from slip and sinkage, which
+  are measured to 5 %. Where this noise is larger, a deviation within 20 % of the sensor's would
+  cover too little.
+- **Velocity alone** with wrong constants. The intervals become too narrow, and the status is
+  identified for parameters that these rows cannot identify. A node always has the load row, too.
+  The derivative of a row with respect to a soil constant is proportional to c and tan phi. Every
+  block takes it at its own estimate. As noise moves the estimate, the blocks together seem to
+  separate what none of them can (Huang, Mourikis and Roumeliotis, 2010, on the consistency of
+  Kalman filters). On regolith (100 drives, c / tan phi) the 95 % intervals cover the truth in
+  84 / 82 %. With one hypothesis instead of nine, and no new ones, they cover it in 49 / 51 %;
+  without noise they are slightly too wide. A trial that also keeps the information about the
+  products of c and tan phi with each constant, so that all blocks have the newest derivatives,
+  covered 92 / 91 % with one hypothesis, but lost the posterior's definiteness in 4 of the drives.
+  It is not in the models.
+- **68 % of tan phi on compact sand**, Mars-like rover. With exact constants 15 % of the drives are
+  stuck before the first estimate, nearly all of them on ground of little friction. They keep the
+  prior, whose interval covers 6 % of these truths: that a rover is stuck is not an observation. In
+  the other drives the coverage is 66 to 68 %.
+- **Least deviation.** The bound is taken at the true parameters. The posterior is taken at the
+  estimated ones, with the noise of one drive, so single drives lie below the bound.
+"""
+TABLES = """# Accuracy: all tables
+
+{measured}
+
+Terms and models are defined in [accuracy.md](accuracy.md#how-the-drives-are-judged). "Physics" is
+the method on a known soil, without a net; "shipped" are the model files of the package.
+
+"""
+LONG = """The same ground all the way. A small shift of every row to one side is negligible beside the interval
+after 40 s. But the interval shrinks with the square root of time, and the shift stays.
+
+"""
+OVER_TIME = """Median / 90th percentile of the relative error in %, the bound in brackets.
+
+"""
+VELOCITY = """- **Spread**: the median predicted deviation over that of the velocity sensor. It is above 1, because
+  the force that moves the rover follows from noisy slip and sinkage.
+- **Calibration**: the rms predicted deviation over the rms innovation.
+- **Identified**: the share of drives whose status is identified (at most a tenth of the prior's
+  variance is left); in brackets the share of those that the bound would not identify.
+- **Covered**: of the drives with status identified, the share whose 95 % interval holds the truth.
+- **Narrowest**: the 1 % quantile of the published deviation over the bound; in brackets the least
+  of any drive.
+
+"""
+REFERENCE = f"""The reference is the posterior on a grid over (c, tan phi), from the same block rows. Velocity and bias
+are marginalised exactly at each point. Rows {EVERY_ROW}, exact constants. Distances are in standard
+deviations of the grid posterior, c / tan phi.
+
+"""
+NET = """The models that ship, with and without their learnt columns, on the same drives. Both have the soil
+constants as parameters. Physics is the model of the tables above, which takes exact constants as
+exact. The share is the rms of the learnt part of a row over that of its nominal part, at the last
+posterior mean.
 
 """
 
 
 def page(run: AccuracyRun) -> str:
-    """The whole page."""
+    """Return the page with the errors of the models that ship, and all targets."""
+    hills, shipped = over_hills(run.cells, "physics"), over_hills(run.cells, "shipped")
+    said = {
+        "measured": run.measured,
+        "episodes": run.episodes,
+        "seed": run.seed,
+        "done": _drives(hills),
+        "side": _drives(shipped),
+    }
+    prior = {
+        "c": f"{PRIOR.cohesion_pa / 1e3:g} ± {PRIOR.cohesion_sd_pa / 1e3:g}",
+        "tan": f"{PRIOR.tan_phi:g} ± {PRIOR.tan_phi_sd:g}",
+    }
+    head = ("what", "target", "found", "met")
+    parts = [
+        licence("accuracy")
+        + INTRODUCTION.format(**said)
+        + _headline([line for line in shipped if line.rows == EVERY_ROW]),
+        f"## Targets, the models that ship, {_drives(shipped)} drives a cell\n\n"
+        + table(head, verdicts(run.cells, "shipped")),
+        f"## Targets, physics alone, {_drives(hills)} drives a cell\n\n"
+        + table(head, verdicts(run.cells, "physics"))
+        + REASONS
+        + METHOD.format(**prior)
+        + "## All tables\n\n"
+        + "".join(
+            f"- [{title}](accuracy_tables.md#{anchor(title)})\n" for title, _ in _tables(run)
+        ),
+    ]
+    return "\n".join(parts)
+
+
+def tables_page(run: AccuracyRun) -> str:
+    """Return the page of every cell."""
+    sections = [f"## {title}\n\n{text}" for title, text in _tables(run)]
+    return licence("accuracy") + TABLES.format(measured=run.measured) + "\n".join(sections)
+
+
+def anchor(title: str) -> str:
+    """Return the fragment by which a link reaches a heading."""
+    return re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
+
+
+def _tables(run: AccuracyRun) -> list[tuple[str, str]]:
+    """Return the long tables, each with its title."""
     hills, shipped = over_hills(run.cells, "physics"), over_hills(run.cells, "shipped")
     long = [line for line in run.cells if line.duration_s > TIMES_S[-1]]
     others = [
@@ -87,36 +195,40 @@ def page(run: AccuracyRun) -> str:
         for line in run.cells
         if (line.schedule, line.truth) != ("S1", "prior") and line.model == "physics"
     ]
-    said = {
-        "date": run.date,
-        "episodes": run.episodes,
-        "seed": run.seed,
-        "done": _drives(hills),
-        "side": _drives(shipped),
-    }
-    said["c"] = f"{PRIOR.cohesion_pa / 1e3:g} +- {PRIOR.cohesion_sd_pa / 1e3:g}"
-    said["tan"] = f"{PRIOR.tan_phi:g} +- {PRIOR.tan_phi_sd:g}"
-    head = ("what", "target", "found", "met")
-    parts = [
-        LICENCE + _INTRODUCTION.format(**said),
-        f"## Targets, physics alone, {_drives(hills)} drives a cell\n\n"
-        + table(head, verdicts(run.cells, "physics"))
-        + _REASONS,
-        f"## Targets, the models that ship, {_drives(shipped)} drives a cell\n\n"
-        + table(head, verdicts(run.cells, "shipped")),
-        "## After 40 s over hills (S1), physics alone\n\n" + _final(hills),
-        "## After 40 s over hills (S1), the models that ship\n\n" + _final(shipped),
-        "## Error over time over hills (S1), physics alone\n\n" + _over_time(hills),
-        "## Long drives over hills (S1), physics alone\n\n" + _LONG + _long(long),
-        "## Other schedules and the paper's test band, physics alone\n\n"
-        + _final(others)
-        + "\n"
-        + _over_time(others),
-        "## The velocity filter, and what the status says\n\n" + _velocity([*hills, *shipped]),
-        "## Distance from a grid reference\n\n" + _reference(run.reference),
-        "## Share and ablation of the net\n\n" + _net(run),
+    return [
+        ("After 40 s over hills (S1), the models that ship", _final(shipped)),
+        ("After 40 s over hills (S1), physics alone", _final(hills)),
+        ("Error over time over hills (S1), physics alone", _over_time(hills)),
+        ("Long drives over hills (S1), physics alone", LONG + _long(long)),
+        (
+            "Other schedules and the paper's test band, physics alone",
+            _final(others) + "\n" + _over_time(others),
+        ),
+        ("The velocity filter and the status", VELOCITY + _velocity([*hills, *shipped])),
+        ("Distance from a grid reference", REFERENCE + _reference(run.reference)),
+        ("Share and ablation of the net", NET + _net(run)),
     ]
-    return "\n".join(parts)
+
+
+def _headline(cells: list[TableLine]) -> str:
+    head = (
+        "rover", "soil", "constants", "drives", "c median / p90 %", "c bound %", "tan phi median / p90 %",
+        "tan phi bound %", "c in 95 %", "tan phi in 95 %",
+    )  # fmt: skip
+    lines = []
+    for cell in cells:
+        rover, soil, _, constants, _, drives = _place(cell)
+        both = (cell.score.cohesion, cell.score.tan_phi)
+        errors = [text for found in both for text in _final_errors(found)[:2]]
+        shares = [_coverage(found.coverage_95) for found in both]
+        lines.append([rover, soil, constants, drives, *errors, *shares])
+    return table(head, lines)
+
+
+def _final_errors(parameter: ParameterScore) -> tuple[str, str, str]:
+    """Return median and 90th percentile of the error, the bound, and their ratio."""
+    errors = f"{_percent(parameter.median_error[-1])} / {_percent(parameter.p90_error[-1])}"
+    return errors, _percent(parameter.bound[-1]), f"{parameter.ratio_to_bound[-1]:.2f}"
 
 
 def _drives(lines: list[TableLine]) -> int:
@@ -155,9 +267,7 @@ def _final(cells: list[TableLine]) -> str:
     lines = []
     for cell in cells:
         score, line = cell.score, [*_place(cell)]
-        for parameter in (score.cohesion, score.tan_phi):
-            errors = f"{_percent(parameter.median_error[-1])} / {_percent(parameter.p90_error[-1])}"
-            line += [errors, _percent(parameter.bound[-1]), f"{parameter.ratio_to_bound[-1]:.2f}"]
+        line += [*_final_errors(score.cohesion), *_final_errors(score.tan_phi)]
         shares = (
             score.cohesion.coverage_95,
             score.tan_phi.coverage_95,
@@ -175,10 +285,7 @@ def _over_time(cells: list[TableLine]) -> str:
         [*_place(cell), *_errors(cell.score.cohesion), *_errors(cell.score.tan_phi)]
         for cell in cells
     ]
-    return (
-        "Median / 90th percentile of the relative error in %, in brackets the bound.\n\n"
-        + table(head, lines)
-    )
+    return OVER_TIME + table(head, lines)
 
 
 def _errors(parameter: ParameterScore) -> list[str]:
@@ -211,16 +318,6 @@ def _long(cells: list[TableLine]) -> str:
 
 
 def _velocity(cells: list[TableLine]) -> str:
-    explanation = (
-        "Spread is the median predicted deviation over that of the velocity sensor: more than 1, as"
-        " the force that moves the rover is\nknown through noisy slip and sinkage. Calibration is"
-        " the rms predicted deviation over the rms innovation. Identified is the\nshare of drives"
-        " whose status calls the parameter identified (at most a tenth of the prior's variance"
-        " left), in brackets of those\nwhere the bound would not be. Covered is the share of the"
-        " drives called identified whose 95 % interval holds the truth.\nNarrowest is the 1 %"
-        " quantile of the published deviation over the bound, in brackets the least of any"
-        " drive.\n\n"
-    )
     said = (
         f"{name} {what}"
         for name in ("c", "tan phi")
@@ -243,9 +340,7 @@ def _velocity(cells: list[TableLine]) -> str:
                 *_claimed(score.tan_phi, cell.tan_phi),
             ]
         )
-    return explanation + table(
-        (*_PLACE, "model", "in 95 %", "spread", "calibration", "NLL", *said), lines
-    )
+    return table((*_PLACE, "model", "in 95 %", "spread", "calibration", "NLL", *said), lines)
 
 
 def _claimed(parameter: ParameterScore, claim: Claim) -> tuple[str, str, str]:
@@ -258,11 +353,6 @@ def _claimed(parameter: ParameterScore, claim: Claim) -> tuple[str, str, str]:
 
 
 def _reference(checks: list[ReferenceCheck]) -> str:
-    explanation = (
-        "The posterior on a grid over (c, tan phi), with velocity and bias marginalised exactly at"
-        f" each point, from the same block rows;\nrows {EVERY_ROW}, exact constants. Distances in"
-        " standard deviations of the grid posterior, c / tan phi.\n\n"
-    )
     head = (
         "rover",
         "soil",
@@ -282,16 +372,10 @@ def _reference(checks: list[ReferenceCheck]) -> str:
                 *(f"{a:.3f} / {b:.3f}" for a, b in pairs),
             ]
         )
-    return explanation + table(head, lines)
+    return table(head, lines)
 
 
 def _net(run: AccuracyRun) -> str:
-    explanation = (
-        "The models that ship, with their learnt columns and without them, on the same drives; both"
-        " have the soil constants as\nparameters. Physics is the model of the tables above, which"
-        " takes exact constants for exact. The share is the rms of the learnt\npart of a row over"
-        " that of its nominal part, at the last posterior mean.\n\n"
-    )
     shares = {(share.rover, share.soil, share.spread): share for share in run.net}
     lines = []
     for cell in run.cells:
@@ -320,7 +404,7 @@ def _net(run: AccuracyRun) -> str:
         "velocity NLL",
         "share v / L / M %",
     )
-    return explanation + table(head, lines)
+    return table(head, lines)
 
 
 def _ablation(cell: TableLine) -> list[str]:

@@ -49,17 +49,19 @@ def verdicts(lines: Sequence[TableLine], model: str) -> list[Verdict]:
     for rows, chosen in (("", meant), (", v and v+L", fewer)):
         found += _of_both(f"coverage of the 95 % interval{rows}", chosen, _BANDS_95, _shares_95)
     found += _of_both(
-        "the same, of drives whose status says identified, every row set",
+        "the same, drives with status identified, every row set",
         every,
         _BANDS_95,
         _shares_identified,
     )
     for rows, chosen in (("", meant), (", v and v+L", fewer)):
         found += _of_both(f"coverage of the 68 % interval{rows}", chosen, _BANDS_68, _shares_68)
-    found += _worst("compact sand: share of drives that call c identified", "0", compact, _claims)
+    found += _worst(
+        "compact sand: share of drives with status identified for c", "0", compact, _claims
+    )
     found += _narrowest("compact sand: least deviation of c / bound of any drive", compact)
     found += _worst(
-        "identified, though the bound of the drive would not be: share of drives",
+        "identified, though not by the bound of the drive: share of drives",
         "0",
         meant,
         _unfounded,
@@ -139,7 +141,7 @@ def _narrowest(what: str, lines: list[TableLine]) -> list[Verdict]:
         (
             what,
             "at least 1",
-            f"{least:.2f} ({where}); 99 % of the drives of any cell have {usual:.2f}",
+            f"{least:.2f} ({where}); 1 % quantile in the worst cell {usual:.2f}",
             _yes(least >= 1.0),
         )
     ]

@@ -34,8 +34,7 @@ from terrain_estimator.discovery import (
     testable,
 )
 from terrain_estimator.discovery.evidence.verdict import Gains
-from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis
-from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis, NamedEffect
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics.effects import describe, make_effect
 from terramechanics.simulation import sample as simulated
@@ -192,7 +191,7 @@ def _plain(found: CalibrationCase) -> dict[str, object]:
 
 def _plain_gains(gains: Gains) -> dict[str, object]:
     named = [
-        [[[part.name, part.axle] for part in hypothesis.parts], gain]
+        [[[effect.name, effect.axle] for effect in hypothesis.effects], gain]
         for hypothesis, gain in gains.named
     ]
     return {"named": named, "nothing_with": gains.nothing_with, "best_with": gains.best_with}
@@ -214,7 +213,8 @@ def _read(path: Path) -> dict[tuple[str, int], CalibrationCase]:
 
 def _gains(plain: dict[str, list[tuple[list[tuple[str, int | None]], float]]]) -> Gains:
     named = tuple(
-        (Hypothesis(tuple(Part(*part) for part in parts)), gain) for parts, gain in plain["named"]
+        (Hypothesis(tuple(NamedEffect(*effect) for effect in effects)), gain)
+        for effects, gain in plain["named"]
     )
     return Gains(named, float(plain["nothing_with"]), float(plain["best_with"]))  # type: ignore[arg-type]
 

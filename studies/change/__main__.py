@@ -11,11 +11,9 @@ on where it was.
 import argparse
 import dataclasses
 import json
-import os
 import sys
 import zlib
 from collections.abc import Iterable
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -23,13 +21,15 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from docs.provenance import digest, measured
 from rover_parameters.records import ConfigError
 from studies.change.drives import Change, FalseAlarms, Followed, follow_change, pool, study_constant
 from studies.change.scores import score_change
 from studies.change.table import ChangeRun, page
-from studies.records import Piece, compute, digest, read_record, write_record, write_results
+from studies.command import add_record_options, refuse, refuse_too_short, study_parser
+from studies.records import Piece, compute, read_record, write_record, write_results
 from terrain_estimator.config import CoreConfig
-from terrain_estimator.console.arguments import COUNT, SEED
+from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import ModelFileError, load_model
@@ -63,7 +63,11 @@ _Part = tuple[Change | _Constant, Piece[_Result]]
 
 @interruptible
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: measured, whatever the figures are; 1: no time for one part of each line; 2: an argument or a file is wrong."""
+    """Run the study.
+
+    Exit codes: 0 measured, whatever the figures are; 1 no time for one part of each line; 2 an
+    argument or a file is wrong.
+    """
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     try:
@@ -73,17 +77,12 @@ def main(argv: list[str] | None = None) -> int:
         compute("change", missing, args.jobs, args.minutes, _keep)
         run = _gathered(parts, args, models)
         if run is None:
-            sys.stderr.write(
-                "studies.change: not one part of every line was done in this time; call it again, it goes"
-                " on where it was\n"
-            )
-            return 1
+            return refuse_too_short("change", "part of every line")
         write_results(
             {args.out: json.dumps(dataclasses.asdict(run), indent=1) + "\n", args.table: page(run)}
         )
     except (ModelFileError, ConfigError, OSError) as error:
-        sys.stderr.write(f"studies.change: {error}\n")
-        return 2
+        return refuse("change", error)
     sys.stdout.write(
         f"{args.out} and {args.table}: {len(run.changes)} changes,"
         f" {sum(score.drives[0] for score in run.changes)} drives\n"
@@ -92,11 +91,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="studies.change",
-        description=__doc__,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    parser = study_parser("change", __doc__)
     parser.add_argument("--drives", type=int, default=100, help="drives of each change")
     parser.add_argument(
         "--hours",
@@ -123,37 +118,14 @@ def _parser() -> argparse.ArgumentParser:
         default=CoreConfig().drift,
         help="the estimator's parameter drift [1/sqrt(s)]",
     )
-    parser.add_argument(
-        "--jobs",
-        type=COUNT,
-        default=os.cpu_count() or 1,
-        help="processes at a time; the results do not depend on it",
-    )
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        default=0.0,
-        help="after which no part is begun; 0: until all is done",
-    )
-    parser.add_argument(
-        "--records",
-        type=Path,
-        default=Path("out/change"),
-        help="folder of what is kept of every part",
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/change.json"), help="file of all figures"
-    )
-    parser.add_argument(
-        "--table", type=Path, default=Path("docs/change.md"), help="page of the tables"
-    )
+    add_record_options(parser, "change", "part")
     return parser
 
 
 def _parts(args: argparse.Namespace, config: CoreConfig) -> list[_Part]:
     """Every line's first part, then every line's second, and so on; each has a seed of its own."""
     found: list[tuple[int, _Part]] = []
-    folder = args.records / f"{digest(repr(config))}-{args.seed}"
+    folder = args.records / f"{digest('change', repr(config))}-{args.seed}"
     for rover in args.rover:
         for change in (Change(rover, *kind) for kind in KINDS):
             for number, drives in enumerate(_shares(args.drives, PART_DRIVES)):
@@ -229,7 +201,7 @@ def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -
         for line, each in constant.items()
     ]
     return ChangeRun(
-        datetime.now(UTC).date().isoformat(),
+        measured("change"),
         args.drives,
         args.hours,
         args.seed,

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of ``change`` as a page in Markdown."""
+"""The page of ``make change``."""
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from studies.accuracy.scores import CONFIDENCE
 from studies.change.drives import FalseAlarms
 from studies.change.scores import ChangeScore, Quantile, rate_limits
+from studies.tables import licence, table
 
 FOUND_WITHIN_S = 3.0
 KNOWN_WITHIN_S = 15.0
@@ -17,11 +17,11 @@ ALARMS_PER_HOUR = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ChangeRun:
-    """All that one run of ``change`` found."""
+    """All results of one run of ``change``."""
 
-    date: str
-    drives: int  # of each change that are meant
-    hours: float  # on constant ground that are meant for each rover
+    measured: str  # date, commit and code, as :func:`docs.provenance.measured` writes them
+    drives: int  # planned for each change
+    hours: float  # planned on constant ground for each rover
     seed: int
     drift: float
     models: list[str]
@@ -29,52 +29,56 @@ class ChangeRun:
     constant: list[FalseAlarms]
 
 
-_LICENCE = (
-    "<!--\nSPDX-FileCopyrightText: 2026 The terrain_estimator authors\nSPDX-License-Identifier:"
-    " Apache-2.0\n-->\n"
-)
-_INTRODUCTION = """# Ground that changes
+INTRODUCTION = """# Ground that changes
 
-Written by `make change` on {date}, seed {seed}, drift {drift:g}, with the
-rovers' models ({models}), each of which knows all three soils, every row. {drives} drives over hills (S1) are meant for
-each change and {hours:g} hours on constant ground for each rover; what was driven is in the tables.
+{measured}
 
-Truth on both sides is drawn from the model's prior, c 0.5 to 5 kPa and phi 15 to 45 deg, and each soil constant is off by up to 5 %;
-"loose to loose" moves c and phi by half of these ranges each. Time counts from the first axle's crossing. "Crossing" is the median
-time until the last axle is on the new ground (behind the transition, where the change is gradual). "Told" is the time until
-`change_probability` rises above 0.5, with {confidence:g} % limits from order statistics; where it rises before the crossing that is a false
-alarm, and a probability that is above already tells nothing. "Known again" is the second from which on the median
-error is at most 1.3 times that of an estimator started afresh when the last axle has crossed, and the 95 % interval's coverage
-is not below nominal by its {confidence:g} % limits, but never before the median crossing. In a gradual change the truth is the mean
-over the axles. Drives that get stuck, or end within 20 s of the last axle's crossing, are drawn anew. Three numbers of drives:
-all, and those that still drive after 15 s and after 40 s.
+How soon does the estimator detect other ground, how long until the new estimate is as good as a
+fresh one, and how often does it raise a false alarm? The drives are simulated, over hills (S1), with
+every row, seed {seed} and drift {drift:g}. The models know all three soils:
+{models}. Planned are {drives} drives of each change, and {hours:g} hours on
+constant ground for each rover. The tables have the numbers that were driven.
+
+"""
+TERMS = """## How the drives are judged
+
+- **Truth** on both sides is drawn from the model's prior, c 0.5 to 5 kPa and phi 15 to 45 deg. Each
+  soil constant is wrong by up to 5 %. "Loose to loose" moves c and phi by half of these ranges each.
+  In a gradual change the truth is the mean over the axles.
+- **Time** counts from the moment at which the first axle crosses.
+- **Crossing**: the median time until the last axle is on the new ground (behind the transition,
+  where the change is gradual).
+- **Detected**: the time until `change_probability` rises above 0.5, with {confidence:g} % limits from
+  order statistics. A rise before the crossing is a false alarm. A probability that is already above 0.5 at
+  the crossing does not count as detected.
+- **Recovered**: the first second from which on the median error is at most 1.3 times that of an
+  estimator started afresh when the last axle has crossed, and the coverage of the 95 % interval is
+  not below nominal by its {confidence:g} % limits; never before the median crossing.
+- **Drives**: all, those that still drive after 15 s, and those that still drive after 40 s. Drives
+  that get stuck, or that end within 20 s of the last axle's crossing, are drawn anew.
+
 """
 
 
 def page(run: ChangeRun) -> str:
-    """The whole page."""
-    facts = {
-        "date": run.date,
-        "drives": run.drives,
-        "hours": run.hours,
-        "seed": run.seed,
-        "drift": run.drift,
-    }
-    introduction = _INTRODUCTION.format(
-        confidence=100.0 * CONFIDENCE, models=", ".join(run.models), **facts
+    """Return the whole page."""
+    introduction = INTRODUCTION.format(
+        measured=run.measured,
+        models=", ".join(run.models),
+        seed=run.seed,
+        drift=run.drift,
+        drives=run.drives,
+        hours=run.hours,
     )
     parts = [
-        _LICENCE + introduction,
-        "## Targets\n\n" + _table(("what", "target", "found", "met"), _targets(run)),
-        "## Changes\n\n" + _changes(run.changes),
-        "## False alarms on ground that does not change, or has not yet\n\n" + _alarms(run),
+        licence("change")
+        + introduction
+        + "## Targets\n\n"
+        + table(("what", "target", "found", "met"), _targets(run)),
+        TERMS.format(confidence=100.0 * CONFIDENCE) + "## Changes\n\n" + _changes(run.changes),
+        "## False alarms on constant ground and before a change\n\n" + _alarms(run),
     ]
     return "\n".join(parts)
-
-
-def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    every = [head, ["---"] * len(head), *lines]
-    return "".join("| " + " | ".join(line) + " |\n" for line in every)
 
 
 def _name(score: ChangeScore) -> str:
@@ -98,7 +102,7 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
             median, known = score.delay_median_s.value, max(score.known_s)
             lines.append(
                 (
-                    f"told, median, {where}",
+                    f"detected, median, {where}",
                     f"{FOUND_WITHIN_S:g} s",
                     _time(median),
                     _yes(median <= FOUND_WITHIN_S),
@@ -106,7 +110,7 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
             )
             lines.append(
                 (
-                    f"known again, {where}",
+                    f"recovered, {where}",
                     f"{KNOWN_WITHIN_S:g} s",
                     _time(known),
                     _yes(known <= KNOWN_WITHIN_S),
@@ -128,8 +132,8 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
 
 def _changes(scores: list[ChangeScore]) -> str:
     head = (
-        "rover", "change", "drives", "crossing s", "told %", "told median s", "told p90 s", "known again s, c / tan phi",
-        "error after 15 s %, c / tan phi", "afresh after 15 s %", "in 95 % after 15 s, c / tan phi", "after 40 s",
+        "rover", "change", "drives", "crossing s", "detected %", "detected median s", "detected p90 s", "recovered s, c / tan phi",
+        "error after 15 s %, c / tan phi", "fresh error after 15 s %", "in 95 % after 15 s, c / tan phi", "in 95 % after 40 s",
     )  # fmt: skip
     lines = []
     for score in scores:
@@ -154,7 +158,7 @@ def _changes(scores: list[ChangeScore]) -> str:
             )
         ]
         lines.append(line)
-    return _table(head, lines)
+    return table(head, lines)
 
 
 def _quantile(quantile: Quantile) -> str:
@@ -193,11 +197,11 @@ def _alarms(run: ChangeRun) -> str:
                 f"{low:.2f} to {high:.2f}",
             ]
         )
-    return _table(head, lines)
+    return table(head, lines)
 
 
 def _totals(entries: list[FalseAlarms]) -> list[tuple[str, int, float]]:
-    """Rover, alarms and hours over all soils."""
+    """Return rover, alarms and hours over all soils."""
     rovers = list(dict.fromkeys(entry.rover for entry in entries))
     chosen = [[entry for entry in entries if entry.rover == rover] for rover in rovers]
     return [

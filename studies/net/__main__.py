@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m studies.net``: what the learnt features of a model are worth, on plants with and without hidden effects."""
+"""Measure what the learnt features of a model contribute, on plants with and without hidden effects.
+
+Called by ``make net``; prints a table and writes all figures as JSON.
+"""
 
 import argparse
 import dataclasses
@@ -11,8 +14,11 @@ from typing import Any
 
 import torch
 
+from docs.provenance import measured
 from studies.accuracy.scores import PARAMETERS, CellScore, ParameterScore
+from studies.command import add_model_option, refuse, study_parser
 from studies.net.study import PLANTS, Comparison, Limits, compare
+from studies.records import write_results
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
@@ -28,22 +34,37 @@ HEADER = """| plant | | c error, median | tan phi error | coverage of 95 % of c 
 
 @interruptible
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: measured, whatever the figures are; 2: the model cannot be read or a file cannot be written."""
+    """Run the study.
+
+    Exit codes: 0 measured, whatever the figures are; 2 the model cannot be read, or a file cannot
+    be written.
+    """
     torch.set_num_threads(1)
-    parser = argparse.ArgumentParser(
-        prog="studies.net",
-        description=__doc__,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        "--model",
-        default="",
-        help="name or file of the model; default: the one that the estimator takes",
-    )
+    args = _parser().parse_args(argv)
+    try:
+        loaded = load_model(args.model)
+        results = _compared(loaded, args)
+        when = measured("net")
+        figures = {
+            "measured": when,
+            "model": loaded.model_id,
+            "seed": args.seed,
+            "plants": list(map(_figures, results)),
+        }
+        write_results({args.out: json.dumps(figures, indent=1) + "\n"})
+    except (ModelFileError, OSError) as error:
+        return refuse("net", error)
+    sys.stdout.write(f"{when}\n\n{table(results)}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = study_parser("net", __doc__)
+    add_model_option(parser)
     parser.add_argument(
         "--soil",
         default="",
-        help="name of the soil that is driven on; default: the first that the model knows",
+        help="name of the soil that is driven on; default: the first of the model's soils",
     )
     parser.add_argument(
         "--plant", nargs="+", choices=PLANTS, default=list(PLANTS), help="plants to drive"
@@ -60,47 +81,29 @@ def main(argv: list[str] | None = None) -> int:
         nargs="+",
         type=_probability,
         default=[],
-        help="prior probabilities that the net has a say; default: the model's",
+        help="prior probabilities that the net is used; default: the model's",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("out/net_study.json"), help="file of all figures"
     )
-    args = parser.parse_args(argv)
-    try:
-        loaded = load_model(args.model)
-        rover, soil = loaded.rover, _soil(loaded, args.soil)
-        physics, candidates = restored(loaded, trust=0.0), _candidates(loaded, args.trust)
-        results = []
-        with ProgressReport(f"studies.net: {loaded.model_id}") as report:
-            for index, plant in enumerate(args.plant):
-                results.append(
-                    compare(
-                        rover,
-                        soil,
-                        physics,
-                        candidates,
-                        plant,
-                        args.episodes,
-                        args.seed + list(PLANTS).index(plant),
-                    )
-                )
-                report.at((index + 1) / len(args.plant), plant)
-        args.out.parent.mkdir(parents=True, exist_ok=True)
-        figures = {
-            "model": loaded.model_id,
-            "seed": args.seed,
-            "plants": list(map(_figures, results)),
-        }
-        args.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    except (ModelFileError, OSError) as error:
-        sys.stderr.write(f"studies.net: {error}\n")
-        return 2
-    sys.stdout.write(table(results))
-    return 0
+    return parser
+
+
+def _compared(loaded: LoadedModel, args: argparse.Namespace) -> list[Comparison]:
+    """Return the comparisons of all plants."""
+    rover, soil = loaded.rover, _soil(loaded, args.soil)
+    physics, candidates = restored(loaded, trust=0.0), _candidates(loaded, args.trust)
+    results = []
+    with ProgressReport(f"studies.net: {loaded.model_id}") as report:
+        for index, plant in enumerate(args.plant):
+            seed = args.seed + list(PLANTS).index(plant)
+            results.append(compare(rover, soil, physics, candidates, plant, args.episodes, seed))
+            report.at((index + 1) / len(args.plant), plant)
+    return results
 
 
 def _figures(result: Comparison) -> dict[str, Any]:
-    """All that was measured: a plant with hidden effects has no bound to compare with."""
+    """Return all figures but those of the bound, which a plant with hidden effects has not."""
     figures = dataclasses.asdict(result)
     for score in (
         figures["physics"],
@@ -113,7 +116,7 @@ def _figures(result: Comparison) -> dict[str, Any]:
 
 
 def _candidates(loaded: LoadedModel, trusts: list[float]) -> dict[str, PAlpaca]:
-    """The model with its net, or with the net trusted by each of ``trusts``."""
+    """Return the model with its net, or with the net trusted by each of ``trusts``."""
     named: dict[str, float | None] = {f"net, trusted {trust:g}": trust for trust in trusts}
     return {
         name: restored(loaded, trust=trust) for name, trust in (named or {"and net": None}).items()
@@ -135,7 +138,7 @@ def _soil(loaded: LoadedModel, name: str) -> Soil:
 
 
 def table(results: list[Comparison]) -> str:
-    """The figures as a Markdown table."""
+    """Return the figures as a Markdown table."""
     lines = []
     for result in results:
         lines.append(f"| {result.plant} | physics | {_line(result.physics)} |")

@@ -15,7 +15,9 @@ from pathlib import Path
 
 import torch
 
+from docs.provenance import measured
 from rover_parameters.records import ConfigError
+from studies.command import refuse, study_parser
 from studies.paper.cases import QUICK, Size
 from studies.paper.experiment import CellResult, run
 from studies.paper.figures import draw_all
@@ -29,7 +31,10 @@ from terrain_estimator.console.progress import ProgressReport
 
 @interruptible
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: everything is written; 2: an argument or the output folder is wrong."""
+    """Run all experiments.
+
+    Exit codes: 0 everything is written; 2 an argument or the output folder is wrong.
+    """
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     size = dataclasses.replace(
@@ -42,18 +47,13 @@ def main(argv: list[str] | None = None) -> int:
             results = run(size, args.jobs, report.at)
         paths = _write(results, size, time.monotonic() - started_s, args.out)
     except (ConfigError, OSError, ValueError) as error:
-        sys.stderr.write(f"studies.paper: {error}\n")
-        return 2
+        return refuse("paper", error)
     sys.stdout.write("".join(f"{path}\n" for path in paths))
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="studies.paper",
-        description=__doc__,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    parser = study_parser("paper", __doc__)
     parser.add_argument(
         "--out", type=Path, default=Path("out/paper"), help="folder of tables and pictures"
     )
@@ -74,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _write(results: list[CellResult], size: Size, seconds: float, folder: Path) -> list[Path]:
-    """Tables, pictures and how they came about."""
+    """Write tables, pictures and the circumstances of the run; return their paths."""
     paths = []
     for plant in PaperPlant:
         cells = {result.cell.soil: result for result in results if result.cell.plant is plant}
@@ -84,17 +84,20 @@ def _write(results: list[CellResult], size: Size, seconds: float, folder: Path) 
         }
         paths.append(folder / f"{plant.name.lower()}.json")
         paths[-1].write_text(json.dumps(content, indent=1) + "\n")
+    arguments = f"--trainings {size.trainings}" * (size.trainings != Size().trainings)
+    when = measured("paper", arguments)
     how = {
         "size": dataclasses.asdict(size),
         "seconds": seconds,
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "measured": when,
     }
     published = {"trade_off_percent": TRADE_OFF, "estimates_percent": ESTIMATES}
     paths += [folder / "run.json", folder / "tables.md"]
     paths[-2].write_text(
         json.dumps({**how, "torch": torch.__version__, "published": published}, indent=1) + "\n"
     )
-    paths[-1].write_text(tables(results))
+    paths[-1].write_text(f"{when}\n\n{tables(results)}")
     return paths + draw_all(results, folder)
 
 

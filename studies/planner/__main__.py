@@ -1,26 +1,31 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m studies.planner``: drive into random soft patches and count how many rovers the planner saves, and its false stops."""
+"""Drive into random soft patches; count the rovers that the planner saves, and its false stops.
+
+Called by ``make planner``; prints a table and writes all drives as JSON.
+"""
 
 import argparse
 import dataclasses
-import itertools
 import json
 import sys
 from pathlib import Path
 
 import torch
 
+from docs.provenance import measured
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from studies.accuracy.scores import Share
+from studies.command import add_model_option, refuse, study_parser
 from studies.planner.patches import PatchOutcome, study
 from studies.planner.scores import PatchScore, score
+from studies.records import write_results
 from terrain_estimator.config import AdviceConfig
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.model.model_file import ModelFileError, load_model
+from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
 from terramechanics.terrain.soil import load_soil
 
 COLUMNS = (
@@ -39,18 +44,36 @@ HEADER = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
 
 @interruptible
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: measured, whatever the figures are; 2: an argument is wrong, or a file cannot be read or written."""
+    """Run the study.
+
+    Exit codes: 0 measured, whatever the figures are; 2 an argument is wrong, or a file cannot be
+    read or written.
+    """
     torch.set_num_threads(1)
-    parser = argparse.ArgumentParser(
-        prog="studies.planner",
-        description=__doc__,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        "--model",
-        default="",
-        help="name or file of the model; default: the one that the estimator takes",
-    )
+    args = _parser().parse_args(argv)
+    try:
+        load_soil(args.soil)
+        config = configure(AdviceConfig, {"stop_probability": args.stop_probability})
+        model = load_model(args.model)
+        outcomes = _driven(model, config, args)
+        when = measured("planner")
+        figures = {
+            "measured": when,
+            "model": model.model_id,
+            "soil": args.soil,
+            "seed": args.seed,
+            "drives": [dataclasses.asdict(each) for each in outcomes],
+        }
+        write_results({args.out: json.dumps(figures, indent=1) + "\n"})
+    except (ModelFileError, ConfigError, OSError) as error:
+        return refuse("planner", error)
+    sys.stdout.write(f"{when}\n\n{table(outcomes)}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = study_parser("planner", __doc__)
+    add_model_option(parser)
     parser.add_argument(
         "--soil",
         default="loose_sand",
@@ -62,7 +85,7 @@ def main(argv: list[str] | None = None) -> int:
         type=SEED,
         nargs="+",
         default=[9_000_000, 9_000_001],
-        help="of all that is drawn; of no choice",
+        help="of all that is drawn; not a seed on which parameters were chosen",
     )
     parser.add_argument(
         "--stop-probability",
@@ -73,36 +96,25 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("out/planner_study.json"), help="file of all drives"
     )
-    args = parser.parse_args(argv)
-    try:
-        load_soil(args.soil)
-        config = configure(AdviceConfig, {"stop_probability": args.stop_probability})
-        model = load_model(args.model)
-        outcomes: list[PatchOutcome] = []
-        count = args.drives * len(args.seed)
-        with ProgressReport(f"studies.planner: {count} drives") as report:
-            for outcome in itertools.chain.from_iterable(
-                study(model, args.soil, args.drives, config, seed) for seed in args.seed
-            ):
+    return parser
+
+
+def _driven(
+    model: LoadedModel, config: AdviceConfig, args: argparse.Namespace
+) -> list[PatchOutcome]:
+    """Return the outcomes of all drives of all seeds."""
+    outcomes: list[PatchOutcome] = []
+    count = args.drives * len(args.seed)
+    with ProgressReport(f"studies.planner: {count} drives") as report:
+        for seed in args.seed:
+            for outcome in study(model, args.soil, args.drives, config, seed):
                 outcomes.append(outcome)
                 report.at(len(outcomes) / count, "")
-        args.out.parent.mkdir(parents=True, exist_ok=True)
-        figures = {
-            "model": model.model_id,
-            "soil": args.soil,
-            "seed": args.seed,
-            "drives": [dataclasses.asdict(each) for each in outcomes],
-        }
-        args.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    except (ModelFileError, ConfigError, OSError) as error:
-        sys.stderr.write(f"studies.planner: {error}\n")
-        return 2
-    sys.stdout.write(table(outcomes))
-    return 0
+    return outcomes
 
 
 def table(outcomes: list[PatchOutcome]) -> str:
-    """All drives, those that are as the planner's model has it, and those with an effect that it does not know, in Markdown."""
+    """Return a Markdown table: all drives, those without a hidden effect, and those with one."""
     kinds = {
         "all": outcomes,
         "no effect": [outcome for outcome in outcomes if not outcome.effect],

@@ -2,24 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge what the estimator publishes with default parameters and the models that ship.
 
-Run by ``make stream``; writes a JSON file and a page.
-
-Drives are computed in batches, each of which is kept: a run that was ended goes on where it was.
+Called by ``make stream``; writes a JSON file and a page. Drives are computed in batches, each of
+which is kept: a run that ended early continues where it was.
 """
 
 import argparse
 import json
-import os
 import sys
 from dataclasses import asdict
-from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
 import torch
 
+from docs.provenance import digest, measured
 from studies.accuracy.cells import WRONG
-from studies.records import Piece, compute, digest, read_record, write_record, write_results
+from studies.command import add_record_options, refuse, refuse_too_short, study_parser
+from studies.records import Piece, compute, read_record, write_record, write_results
 from studies.stream.drives import Streamed, joined, stream
 from studies.stream.table import StreamCell, page, score
 from terrain_estimator.console.arguments import COUNT, SEED
@@ -36,19 +34,22 @@ Place = tuple[str, str, float]
 
 
 def study_batch(rover: str, soil: str, spread: float, seed: int) -> Streamed:
-    """A batch of drives of a cell."""
+    """Return a batch of drives of a cell."""
     return stream(load_model(rover), load_soil(soil), spread, BATCH, seed)
 
 
 @interruptible
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: measured, whatever the figures are; 1: no time for one batch of each cell; 2: a file cannot be read or written."""
+    """Run the study.
+
+    Exit codes: 0 measured, whatever the figures are; 1 no time for one batch of each cell; 2 a file
+    cannot be read or written.
+    """
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     pieces = _pieces(args)
-    every = [
-        piece for same in zip(*pieces.values(), strict=True) for piece in same
-    ]  # every cell's first batch, then every cell's second
+    # every cell's first batch, then every cell's second
+    every = [piece for same in zip(*pieces.values(), strict=True) for piece in same]
     try:
         missing = [piece for piece in every if read_record(piece.path) is None]
         compute(
@@ -60,32 +61,19 @@ def main(argv: list[str] | None = None) -> int:
         )
         cells = _cells(pieces)
         if len(cells) < len(pieces):
-            sys.stderr.write(
-                "studies.stream: not one batch of every cell was done in this time; call it again, it"
-                " goes on where it was\n"
-            )
-            return 1
-        date = datetime.now(UTC).date().isoformat()
-        figures = {"date": date, "seed": args.seed, "cells": [asdict(cell) for cell in cells]}
-        write_results(
-            {
-                args.out: json.dumps(figures, indent=1) + "\n",
-                args.table: page(cells, date, args.seed),
-            }
-        )
+            return refuse_too_short("stream", "batch of every cell")
+        when = measured("stream")
+        figures = {"measured": when, "seed": args.seed, "cells": [asdict(cell) for cell in cells]}
+        text = json.dumps(figures, indent=1) + "\n"
+        write_results({args.out: text, args.table: page(cells, when, args.seed)})
     except OSError as error:
-        sys.stderr.write(f"studies.stream: {error}\n")
-        return 2
+        return refuse("stream", error)
     sys.stdout.write(f"{args.out} and {args.table}: {len(cells)} cells\n")
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="studies.stream",
-        description=__doc__,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    parser = study_parser("stream", __doc__)
     parser.add_argument(
         "--batches",
         type=COUNT,
@@ -106,36 +94,13 @@ def _parser() -> argparse.ArgumentParser:
         help="rovers, each with the model that ships",
     )
     parser.add_argument("--soil", nargs="+", choices=SOILS, default=SOILS, help="soils")
-    parser.add_argument(
-        "--jobs",
-        type=COUNT,
-        default=os.cpu_count() or 1,
-        help="processes at a time; the results do not depend on it",
-    )
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        default=0.0,
-        help="after which no batch is begun; 0: until all is done",
-    )
-    parser.add_argument(
-        "--records",
-        type=Path,
-        default=Path("out/stream_study"),
-        help="folder of what is kept of every batch",
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/stream_study.json"), help="file of all figures"
-    )
-    parser.add_argument(
-        "--table", type=Path, default=Path("docs/stream_study.md"), help="page of the tables"
-    )
+    add_record_options(parser, "stream_study", "batch")
     return parser
 
 
 def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
-    """The batches of each cell."""
-    folder = args.records / f"{digest()}-{args.seed}"
+    """Return the batches of each cell."""
+    folder = args.records / f"{digest('stream')}-{args.seed}"
     places = [
         (rover, soil, spread) for rover in ROVERS for soil in SOILS for spread in (0.0, WRONG)
     ]
@@ -155,7 +120,7 @@ def _pieces(args: argparse.Namespace) -> dict[Place, list[Piece[Streamed]]]:
 
 
 def _cells(pieces: dict[Place, list[Piece[Streamed]]]) -> list[StreamCell]:
-    """Of the batches that are done."""
+    """Return the cells, each from its batches that are done."""
     cells = []
     for (rover, soil, spread), of_cell in pieces.items():
         done = [

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator as a node runs it, judged drive by drive: default parameters, every row, screening, gates and doubt.
+"""The node's estimator, drive by drive: default parameters, every row, screening and gates.
 
-What it publishes is compared with the truth: the intervals of c and tan phi at the end, and the
-velocity that it foretold with the one that came.
+Its published values are compared with the truth: the intervals of c and tan phi at the end, and the
+predicted velocity with the measured one.
 """
 
 from collections.abc import Iterable, Sequence
@@ -29,23 +29,24 @@ DURATION_S = 40.0
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """What N drives of T observations gave; NaN where nothing was predicted or the drive has ended."""
+    """Results of N drives of T observations; NaN where nothing was predicted or a drive has ended."""
 
     truth: NDArray[np.float64]  # [N, 2] c [Pa], tan phi
     mean: NDArray[np.float64]  # [N, 2] last published
     deviation: NDArray[np.float64]  # [N, 2]
     inside_95: NDArray[np.float64]  # [N, 2] 1 where the last published interval holds the truth
-    identified: NDArray[np.float64]  # [N, 2] 1 where the last status says so
-    innovation: NDArray[np.float64]  # [N, T] measured velocity less the one foretold [m/s]
-    variance: NDArray[np.float64]  # [N, T] foretold for it [m^2/s^2]
+    identified: NDArray[np.float64]  # [N, 2] 1 where the last status is identified
+    innovation: NDArray[np.float64]  # [N, T] measured velocity less the predicted one [m/s]
+    variance: NDArray[np.float64]  # [N, T] its predicted variance [m^2/s^2]
     refused: NDArray[np.float64]  # [N] observations that were not used
     observations: NDArray[np.float64]  # [N]
 
 
 def stream(model: LoadedModel, soil: Soil, spread: float, drives: int, seed: int) -> Streamed:
-    """Simulate drives over hills, truth from the prior's range, constants within +-``spread`` [1], and run the estimator on each.
+    """Simulate drives over hills and run the estimator on each.
 
-    A drive ends before its first stuck observation. The same seed gives the same drives.
+    Truth is from the prior's range; soil constants are wrong by up to ``spread`` [1]. A drive ends
+    before its first stuck observation. The same seed gives the same drives.
     """
     generator = torch.Generator().manual_seed(seed)
     ground = random_ground(soil, drives, generator, spread)
@@ -59,7 +60,7 @@ def stream(model: LoadedModel, soil: Soil, spread: float, drives: int, seed: int
 
 
 def joined(parts: Iterable[Streamed]) -> Streamed:
-    """The drives of all parts."""
+    """Return the drives of all parts."""
     every = list(parts)
     return Streamed(
         *(
@@ -73,15 +74,14 @@ def _one(
     model: LoadedModel, observations: Sequence[Observation], truth: NDArray[np.float64]
 ) -> Streamed:
     estimator, refused = Estimator(model, CoreConfig()), 0
-    estimate = estimator.reject(
-        0, Outcome.DUPLICATE, ""
-    ).estimate  # a drive that is stuck at once keeps the prior
-    foretold = np.full((2, round(DURATION_S / TIME_STEP)), np.nan)
+    # a drive that is stuck at once keeps the prior
+    estimate = estimator.reject(0, Outcome.DUPLICATE, "").estimate
+    predicted = np.full((2, round(DURATION_S / TIME_STEP)), np.nan)
     for k, observation in enumerate(observations):
         update = estimator.update(observation)
         estimate = update.estimate
         refused += not update.decision.outcome.used
-        foretold[:, k] = update.prediction.innovation, update.prediction.innovation_variance
+        predicted[:, k] = update.prediction.innovation, update.prediction.innovation_variance
     inside = (estimate.lower_95 <= truth) & (truth <= estimate.upper_95)
     values = (
         truth,
@@ -89,7 +89,7 @@ def _one(
         np.sqrt(np.diag(estimate.covariance)),
         inside,
         estimate.identified,
-        *foretold,
+        *predicted,
         refused,
         len(observations),
     )

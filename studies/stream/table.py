@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of ``stream_study`` and their page in Markdown."""
+"""The figures and the page of ``make stream``."""
 
 import math
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ from scipy.stats import norm
 
 from studies.accuracy.scores import Share, share_of
 from studies.stream.drives import Streamed
-from studies.tables import LICENCE, table
+from studies.tables import licence, table
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import TIME_STEP
 
 SETTLED_S = 5.0
-"""[s] Forecasts before and after this time are judged apart."""
+"""[s] Predictions before and after this time are judged separately."""
 
 
 @dataclass(frozen=True, slots=True)
 class Forecasts:
-    """Velocities that came, beside what was foretold."""
+    """Measured velocities beside their predictions."""
 
     count: int
     inside_95: float  # share in the 95 % interval
     inside_68: float
-    spread: float  # median foretold deviation over the noise of the velocity sensor [1]
-    calibration: float  # rms foretold deviation over rms innovation [1]
+    spread: float  # median predicted deviation over the noise of the velocity sensor [1]
+    calibration: float  # rms predicted deviation over rms innovation [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class StreamCell:
 
 
 def score(rover: str, model: str, soil: str, spread: float, streamed: Streamed) -> StreamCell:
-    """The figures of these drives."""
+    """Return the figures of these drives."""
     cohesion, tan_phi = (_parameter(streamed, k) for k in range(2))
     border = round(SETTLED_S / TIME_STEP)
     parts = (slice(None, border), slice(border, None))
@@ -94,36 +94,50 @@ def _forecasts(innovation: NDArray[np.float64], variance: NDArray[np.float64]) -
     )
 
 
-_INTRODUCTION = """# The estimator as it ships
+INTRODUCTION = """# The estimator as it ships
 
-Written by `make stream` on {date}, seed {seed}: {drives} drives of 40 s over hills for each rover, soil and kind of constants, through the
-node's own estimator with default parameters. Every row is used, that of the accelerometer too, observations are screened and gated, and
-what is published is doubted where the ground may have changed. The models are {models}; they have to find the soil among three.
-[accuracy.md](accuracy.md) judges more drives, in batches that bypass all this.
+{measured}
 
-Truth is uniform in c 0.5 to 5 kPa and phi 15 to 45 deg; "5 %": each of the six soil constants is wrong by up to 5 %, independently. A drive
-ends at its first stuck second.
+How accurate are the estimates of the node's own estimator with default parameters, and are its
+velocity predictions calibrated? The drives are simulated, over hills (S1), seed {seed}:
+{drives} drives of 40 s for each rover, soil and kind of constants.
+
+- Every row is used, that of the accelerometer too. Observations are screened and gated, and the
+  published covariance is inflated where the ground may have changed.
+- The models are {models}. They have to find the soil among three.
+- Truth is uniform in c 0.5 to 5 kPa and phi 15 to 45 deg. "5 %": each of the six soil constants is
+  wrong by up to 5 %, independently. A drive ends at its first stuck second.
+- [accuracy.md](accuracy.md) judges more drives, in batches that bypass screening, gates and
+  inflation.
+
+## c and tan phi after 40 s
+
+Errors are relative: median / 90th percentile. Coverages of the 95 % interval have 99 % limits.
 
 """
-_FORECAST = """
-## The velocity that is foretold
+FORECAST = """
+## The predicted velocity
 
-Each `motion_prediction` against the next measured velocity; the target is 93 to 97 % in the 95 % interval after 5 s. Before, each drive has
-47 forecasts alone, too few for a verdict on a cell. Spread is the median foretold deviation over that of the velocity sensor,
-calibration the rms foretold deviation over the rms innovation (1 is right).
+Each `motion_prediction` is compared with the next measured velocity. The target is a coverage of
+93 to 97 % of the 95 % interval after 5 s. Before, each drive has only 47 predictions, too few for a
+verdict on a cell.
+
+- **Spread**: the median predicted deviation over that of the velocity sensor.
+- **Calibration**: the rms predicted deviation over the rms innovation; 1 is right.
 
 """
-_WHY = """
-A forecast is made before the slip and sinkage of its own sample are known, so its deviation is larger than the velocity sensor's: that
-of the velocity now, of the force as slip and sinkage tell it, and of what the force changes by within a sample. After a gap no
-acceleration is known, and the prediction is not valid until the next sample.
+WHY = """
+A prediction is made before the slip and sinkage of its own sample are measured, so its deviation is
+larger than the velocity sensor's. It contains the deviation of the present velocity, that of the
+force that follows from slip and sinkage, and the change of the force within a sample. After a gap
+the acceleration is unknown, and the prediction is not valid until the next sample.
 """
 
 
-def page(cells: list[StreamCell], date: str, seed: int) -> str:
-    """The whole page."""
+def page(cells: list[StreamCell], measured: str, seed: int) -> str:
+    """Return the whole page."""
     said = {
-        "date": date,
+        "measured": measured,
         "seed": seed,
         "drives": min(cell.drives for cell in cells),
         "models": " and ".join(dict.fromkeys(c.model for c in cells)),
@@ -146,17 +160,11 @@ def page(cells: list[StreamCell], date: str, seed: int) -> str:
         for name in ("in 95 %", "in 68 %", "spread", "calibration")
     )
     velocity = [
-        [*_place(cell), *_foretold(cell.early), *_foretold(cell.settled), _yes(cell)]
+        [*_place(cell), *_predicted(cell.early), *_predicted(cell.settled), _yes(cell)]
         for cell in cells
     ]
-    every = (
-        "## c and tan phi after 40 s\n\n"
-        + table(head, ground)
-        + _FORECAST
-        + table((*place, *names, "93 to 97 %"), velocity)
-        + _WHY
-    )
-    return LICENCE + _INTRODUCTION.format(**said) + every
+    every = table(head, ground) + FORECAST + table((*place, *names, "93 to 97 %"), velocity) + WHY
+    return licence("stream") + INTRODUCTION.format(**said) + every
 
 
 def _place(cell: StreamCell) -> tuple[str, ...]:
@@ -188,7 +196,7 @@ def _ground(cell: StreamCell) -> list[str]:
     ]
 
 
-def _foretold(forecasts: Forecasts) -> tuple[str, ...]:
+def _predicted(forecasts: Forecasts) -> tuple[str, ...]:
     return (
         _percent(forecasts.inside_95),
         _percent(forecasts.inside_68),

@@ -13,7 +13,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from terrain_estimator.ros_types import RECORDED_TOPICS
+from terrain_estimator.topics import RECORDED_TOPICS
 
 SWITCH = ["true", "false"]
 PATIENCE_S = "60"

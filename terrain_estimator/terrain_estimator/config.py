@@ -1,17 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of the nodes, defined once: they declare them, ``replay --params-file`` reads the estimator's."""
+"""Declarations of the parameters of all nodes.
+
+The nodes declare them from here; ``replay --params-file`` reads the estimator's.
+"""
 
 from dataclasses import dataclass, field
 
 from rover_parameters.parameters import INLINE, effective, fingerprint
 from rover_parameters.records import ConfigError, entry, number
-from terrain_estimator.ros_types import BODY_FRAME, RECORDED_TOPICS
+from terrain_estimator.topics import BODY_FRAME, RECORDED_TOPICS
 
 
 @dataclass(frozen=True, slots=True)
 class CoreConfig:
-    """What :class:`terrain_estimator.estimator.estimator.Estimator` takes: nothing of topics, stamps or frames."""
+    """Parameters of :class:`terrain_estimator.estimator.estimator.Estimator`."""
 
     use_torque: bool = entry("use the wheel torques of joint_states", default=True)
     use_imu: bool = entry(
@@ -97,7 +100,11 @@ class CoreConfig:
     )
 
     def __post_init__(self) -> None:
-        """Refuse half a prior: a mean without its deviation would silently do nothing, a deviation alone put the mean at 0."""
+        """Refuse half a prior.
+
+        A mean without its deviation would do nothing, and a deviation alone would put the mean at
+        0.
+        """
         for name, mean, sd in (
             ("cohesion", self.prior_cohesion_mean_pa, self.prior_cohesion_sd_pa),
             ("tan_phi", self.prior_tan_phi_mean, self.prior_tan_phi_sd),
@@ -116,7 +123,7 @@ class CoreConfig:
 
 @dataclass(frozen=True, slots=True)
 class ConversionConfig:
-    """How messages become an observation."""
+    """Parameters of the conversion of messages into an observation."""
 
     body_frame: str = entry("frame_id of the measurements; empty: any", BODY_FRAME, empty=True)
     torque_relative_sd: float = number(
@@ -173,7 +180,7 @@ class ConversionConfig:
 
 @dataclass(frozen=True, slots=True)
 class PairingConfig:
-    """How messages of several topics are paired by stamp."""
+    """Parameters of the pairing of messages by stamp."""
 
     tolerance_s: float = number(
         "largest difference between the stamps of one observation; 0: equal stamps only",
@@ -205,7 +212,9 @@ class EstimatorConfig:
     pairing: PairingConfig = field(default_factory=PairingConfig, metadata=INLINE)
 
     def sha256(self, rover_sha256: str = "") -> str:
-        """Fingerprint of everything that changes the output, beside the model file, which has its own.
+        """Return the fingerprint of everything that changes the output except the model file.
+
+        The model file has a fingerprint of its own.
 
         Paths are left out: the same file in another folder gives the same estimates.
         ``rover_sha256`` stands for the contents of a rover file.
@@ -222,7 +231,10 @@ _AUTO_START = (
 
 @dataclass(frozen=True, slots=True)
 class EstimatorNodeConfig:
-    """All parameters of the estimator node: those of the estimates, and those of the process, which change no estimate."""
+    """All parameters of the estimator node.
+
+    Those of ``estimator`` change estimates; the others concern the process alone.
+    """
 
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig, metadata=INLINE)
     auto_start: bool = entry(_AUTO_START, default=True)
@@ -301,7 +313,7 @@ class WatchConfig:
 
 @dataclass(frozen=True, slots=True)
 class AdviceConfig:
-    """What :class:`terrain_estimator.planning.planner.Planner` takes."""
+    """Parameters of :class:`terrain_estimator.planning.planner.Planner`."""
 
     slip_limit: float = number(
         "slip up to which pull counts as available, and above which the rover should stop",
@@ -474,7 +486,7 @@ class MapConfig:
 
 @dataclass(frozen=True, slots=True)
 class ShownConfig:
-    """What :class:`terrain_estimator.dashboard.model.LiveModel` takes."""
+    """Parameters of :class:`terrain_estimator.dashboard.model.LiveModel`."""
 
     window_s: float = number(
         "length of the recent history", "s", 1.0, 3600.0, default=120.0, key="window"

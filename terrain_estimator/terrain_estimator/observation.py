@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the rover measured at one instant."""
+"""Measurements of the rover at one instant."""
 
 import math
 from dataclasses import dataclass, fields
@@ -16,7 +16,7 @@ class Observation:
     """One synchronous set of measurements, reduced to one value per axle (a planar rover).
 
     Arrays have shape ``[axles]``, front to rear. Every ``*_sd`` is one standard deviation of the
-    value before it. NaN means "not measured": required are velocity and pitch, and slip, sinkage
+    value before it. NaN means "not measured". Velocity and pitch are required, and slip, sinkage
     and contact angle of every axle; torque, acceleration and the bogie's angle are optional.
     """
 
@@ -43,4 +43,4 @@ AXLE_FIELDS = tuple(field.name for field in fields(Observation) if field.type is
 """Names of the arrays, in order."""
 
 SCALAR_FIELDS = tuple(field.name for field in fields(Observation) if field.type is float)
-"""Names of the measured scalars, in order: with the stamp before and the arrays between they are all of it."""
+"""Names of the measured scalars, in order. The fields are the stamp, the arrays, the scalars."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What became of one observation: every case by name, with advice."""
+"""Outcome of an observation: every case by name, with advice."""
 
 from enum import IntEnum
 
@@ -23,12 +23,12 @@ class Outcome(IntEnum):
 
     @property
     def advice(self) -> str:
-        """What a user can do about it, in a sentence; empty where nothing is wrong."""
+        """Advice to the user, in a sentence; empty where nothing is wrong."""
         return _ADVICE.get(self, "")
 
     @property
     def used(self) -> bool:
-        """Whether the observation entered the posterior."""
+        """Return whether the observation entered the posterior."""
         return self in (Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY)
 
 
@@ -59,5 +59,5 @@ _ADVICE = {
     Outcome.GATED: (
         "the observation contradicts the posterior: the ground changed, or a sensor failed"
     ),
-    Outcome.NUMERICAL_FAILURE: "reset the estimator; if it comes back, report the recording",
+    Outcome.NUMERICAL_FAILURE: "reset the estimator; if the failure recurs, report the recording",
 }

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the estimator answers to one observation: immutable records, no ROS in them."""
+"""Results of the estimator for one observation: immutable records without ROS."""
 
 import math
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from terrain_estimator.outcome import Outcome
 
 @dataclass(frozen=True, slots=True)
 class NamedEffect:
-    """An effect beside c and tan phi, estimated by the model."""
+    """An effect that the model estimates in addition to c and tan phi."""
 
     name: str
     unit: str
@@ -29,11 +29,9 @@ class Estimate:
     upper_95: Floats  # [2]
     identified: tuple[bool, bool]
     mass_below_zero: float
-    change_probability: (
-        float  # [1] that the ground changed within the last three seconds of driving
-    )
-    soils: tuple[str, ...]  # that the model knows
-    soil_probability: tuple[float, ...]  # [1] that the ground is of each
+    change_probability: float  # [1] of a ground change in the last three seconds of driving
+    soils: tuple[str, ...]  # those of the model
+    soil_probability: tuple[float, ...]  # [1] of each soil
     effects: tuple[NamedEffect, ...]
     observations_used: int
     time_used_s: float
@@ -48,7 +46,7 @@ class Prediction:
     velocity: float  # [m/s]
     variance: float  # [m^2/s^2] measurement noise included
     measured: float  # [m/s] this observation's velocity
-    innovation: float  # [m/s] measured minus the last prediction, NaN where there was none
+    innovation: float  # [m/s] measured minus the last prediction; NaN without one
     innovation_variance: float  # [m^2/s^2]
 
 
@@ -57,19 +55,19 @@ NOTHING_PREDICTED = Prediction(False, *[math.nan] * 6)  # noqa: FBT003 - its fir
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What was done with the observation, and why."""
+    """Treatment of the observation, and the reason."""
 
     outcome: Outcome
     rows_used: tuple[str, ...]
     mahalanobis_squared: float
     threshold: float
     degrees_of_freedom: int
-    detail: str = ""  # names the field and the value, where the observation was refused
+    detail: str = ""  # field and value for which the observation was refused
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """Everything that follows from one observation."""
+    """All results for one observation."""
 
     stamp_ns: int
     sequence: int

@@ -21,7 +21,7 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 from tests.drives import STEP_NS
 from tests.faults.page import PAGE
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A million updates with mad sensors and clocks through estimator and outgoing messages: `make million`.
+"""A million updates with faulty sensors and clocks, through estimator and messages: `make million`.
 
-Every published covariance has to be symmetric and positive definite, every number finite or NaN
-where its message says so. Exit code 1 where one is not. The seeds are 1, 2, 3 and so on, one for
+Every published covariance has to be symmetric and positive definite, every number finite or, where
+its message allows it, NaN. Exit code 1 where one is not. The seeds are 1, 2, 3 and so on, one for
 each estimator.
 """
 
@@ -20,6 +20,7 @@ from pathlib import Path
 
 import torch
 
+from docs.provenance import measured
 from terrain_estimator.bags import Types
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.conversion import Conversion
@@ -31,11 +32,25 @@ from tests.faults.page import PAGE, machine, replace_section
 from tests.soundness import unsound
 
 HEADING = "A million updates"
+SECTION = """{measured}
+Machine: {machine}; {minutes:.0f} min of processor time.
+
+{updates} updates of {estimators} estimators on simulated drives. Values are replaced by random ones,
+scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest and smallest
+numbers. Stamps jump. Every update is converted to the messages that the node publishes.
+
+- Published numbers that are not finite (or NaN where the message does not allow it), covariances
+  that are not symmetric and positive definite, intervals or probabilities out of order:
+  **{unsound}**.
+- Smallest 1 - |correlation| of a published covariance: {least:.1e}.
+- Outcomes: {outcomes}.
+- The clock was set back permanently {clock_resets} times.
+"""
 
 
 @dataclass(slots=True)
 class Result:
-    """What came of the updates of one estimator, or of several."""
+    """Results of the updates of one estimator, or of several."""
 
     updates: int = 0
     outcomes: Counter[Outcome] = field(default_factory=Counter)
@@ -56,7 +71,7 @@ class Result:
 
 
 def run(model: LoadedModel, updates: int, seed: int, longest: int = 200) -> Result:
-    """So many updates of one estimator, and of what a node publishes of them."""
+    """Run ``updates`` updates of one estimator, and convert each to the published messages."""
     pipeline, types, result = Pipeline(model, EstimatorConfig()), Types(), Result()
     begin = time.process_time()
     for observation in islice(
@@ -83,7 +98,7 @@ def run(model: LoadedModel, updates: int, seed: int, longest: int = 200) -> Resu
 
 
 def main() -> int:
-    """Run all estimators, and keep the section of the page up to date."""
+    """Run all estimators, and keep the section of the page up to date; return the exit code."""
     options = _parser().parse_args()
     total, seeds = Result(), range(1, options.estimators + 1)
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
@@ -100,25 +115,25 @@ def main() -> int:
 
 
 def run_alone(updates: int, seed: int) -> Result:
-    """One estimator of the installed model, in a process of its own."""
+    """Run one estimator of the installed model, in a process of its own."""
     torch.set_num_threads(1)
     return run(load_model(), updates, seed)
 
 
 def section(total: Result, estimators: int) -> str:
-    """The measured result in words."""
-    outcomes = ", ".join(
-        f"{count} {outcome.name}" for outcome, count in sorted(total.outcomes.items())
+    """Return the section of the page."""
+    counts = sorted(total.outcomes.items())
+    return SECTION.format(
+        measured=measured("million"),
+        machine=machine(),
+        minutes=total.seconds / 60.0,
+        updates=total.updates,
+        estimators=estimators,
+        unsound=len(total.unsound),
+        least=total.least,
+        outcomes=", ".join(f"{count} {outcome.name}" for outcome, count in counts),
+        clock_resets=total.clock_resets,
     )
-    return f"""`make million`: {total.updates} updates of {estimators} estimators, on simulated drives whose values are replaced by
-random ones, scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest and smallest numbers, and whose
-stamps jump; each is turned into the messages that the node publishes. {machine()}, {total.seconds / 60.0:.0f} min of processor time.
-
-- Published numbers that were not finite (or NaN where the message does not say so), covariances that were not symmetric and positive
-  definite, intervals or probabilities out of order: **{len(total.unsound)}**.
-- Smallest 1 - |correlation| of a published covariance: {total.least:.1e}.
-- Outcomes: {outcomes}. The clock was set back for good {total.clock_resets} times.
-"""
 
 
 def _parser() -> argparse.ArgumentParser:

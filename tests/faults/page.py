@@ -1,22 +1,42 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page of measured faults: each command replaces its own section."""
+"""The page docs/faults.md, of which each command replaces its own section."""
 
 import os
 import platform
 import re
-from datetime import UTC, datetime
 from pathlib import Path
 
 import torch
 
+from docs.provenance import measured
 from tests.faults.fault import Fault, Seen
 
+MATRIX = """{measured}
+Machine: {machine}.
+
+Each row starts the real processes, drives with sound messages at 10 Hz, and applies one fault. The
+fault lasts eight seconds unless the row gives another duration. Then the rover drives on.
+
+- **Outcome**: outcomes of the observations during the fault.
+- **Diagnostics**: the worst levels during the fault.
+- **Log**: all lines from WARN on.
+- **Lost**: sound observations that did not enter the estimate. The posterior is kept unless the row
+  names it.
+
+The exit code is 1 where a row changes.
+
+| fault | what was done | outcome | diagnostics | log | back after | lost |
+|---|---|---|---|---|---|---|
+"""
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 
 
 def replace_section(page: Path, heading: str, text: str) -> None:
-    """Put ``text`` between a heading of the second level and the next one. Raises ValueError where the page lacks it."""
+    """Put ``text`` between a heading of the second level and the next one.
+
+    Raises ValueError where the page has no such heading.
+    """
     before, found, rest = page.read_text(encoding="utf-8").partition(f"\n## {heading}\n")
     if not found:
         raise ValueError(f"{page}: no section {heading!r}")
@@ -25,34 +45,12 @@ def replace_section(page: Path, heading: str, text: str) -> None:
 
 
 def matrix(rows: list[tuple[Fault, Seen | None]]) -> str:
-    """The table of all faults and what came of them."""
-    lines = [
-        (
-            "`make faults`: each row starts the real processes, drives soundly at 10 Hz, does one"
-            " thing to them for eight seconds unless it"
-        ),
-        (
-            "says otherwise, and drives on. Outcomes are those of the observations meanwhile,"
-            " diagnostics the worst levels meanwhile, the log"
-        ),
-        (
-            "all lines from WARN on. Lost are sound observations that did not enter the estimate;"
-            " what was known of the ground is kept unless"
-        ),
-        f"the row says otherwise. Exit code 1 where a row changes. {machine()}.",
-        "",
-        "| fault | what was done | outcome | diagnostics | log | back after | lost |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    return "\n".join(
-        [
-            *lines,
-            *(
-                f"| {' | '.join(cell.replace('|', ' ') for cell in _cells(fault, seen))} |"
-                for fault, seen in rows
-            ),
-        ]
+    """Return the table of all faults and their outcomes."""
+    lines = (
+        f"| {' | '.join(cell.replace('|', ' ') for cell in _cells(fault, seen))} |"
+        for fault, seen in rows
     )
+    return MATRIX.format(measured=measured("faults"), machine=machine()) + "\n".join(lines)
 
 
 def _cells(fault: Fault, seen: Seen | None) -> tuple[str, ...]:
@@ -69,7 +67,7 @@ def _cells(fault: Fault, seen: Seen | None) -> tuple[str, ...]:
     back = f"{seen.back_after_s:.1f} s" + (
         f", {seen.back_after} observations" if seen.back_after else ""
     )
-    lost = f"{seen.lost} {fault.lost_is}" + ("" if seen.kept else ", what was known")
+    lost = f"{seen.lost} {fault.lost_is}" + ("" if seen.kept else " and the posterior")
     return (
         fault.name,
         fault.what,
@@ -82,12 +80,9 @@ def _cells(fault: Fault, seen: Seen | None) -> tuple[str, ...]:
 
 
 def machine() -> str:
-    """On what and when it was measured."""
+    """Return processor, cores and the version of torch."""
     cpu = re.search(
         r"^model name\s*: (.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE
     )
     name = cpu[1] if cpu else platform.machine()
-    return (
-        f"Measured on {os.cpu_count()} cores ({name}), torch {torch.__version__},"
-        f" {datetime.now(UTC):%Y-%m-%d}"
-    )
+    return f"{os.cpu_count()} cores ({name}), torch {torch.__version__}"

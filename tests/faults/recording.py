@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from msg_defs.msg import WheelSlip
 from terrain_estimator.bags import BagReader
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 from tests.faults.fault import Expected, Fault, Seen
 from tests.faults.logs import log_lines, worst_levels
 from tests.faults.rover import PATIENCE_S

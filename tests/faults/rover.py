@@ -14,9 +14,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from msg_defs.msg import MotionPrediction, TerrainEstimate
-from terrain_estimator.nodes.common import factory
+from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES, stamp_ns
+from terrain_estimator.topics import INPUT_TYPES, stamp_ns
 from tests.drives import Event, drive_messages
 from tests.faults.logs import log_lines
 from tests.system.listening import RELIABLE, Listener
@@ -53,7 +53,7 @@ class Rover:
         )
         self.shift_ns = 0
         self.sent: list[Sent] = []
-        events = list(drive_messages(factory.make, DRIVE_S))
+        events = list(drive_messages(message_types.make, DRIVE_S))
         self._instants = [
             events[at : at + len(INPUT_TYPES)] for at in range(0, len(events), len(INPUT_TYPES))
         ]
@@ -107,7 +107,7 @@ class Rover:
         if topic in self._publishers:
             self.listener.node.destroy_publisher(self._publishers[topic])
         self._publishers[topic] = self.listener.node.create_publisher(
-            factory.message_class(INPUT_TYPES[topic]), topic, qos
+            message_types.message_class(INPUT_TYPES[topic]), topic, qos
         )
 
     def drive(self, seconds: float, change: Change | None = None, *, sound: bool = True) -> None:

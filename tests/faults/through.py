@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 from tests.faults.fault import Expected, Fault, Seen
 from tests.faults.logs import worst_levels
 from tests.faults.rover import PATIENCE_S, Rover, Sent

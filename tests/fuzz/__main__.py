@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage-guided fuzzing of the readers of bags, YAML, JSON, CSV and saved states by atheris (libFuzzer): `make fuzz`.
+"""Fuzz the readers of bags, YAML, JSON, CSV and saved states with atheris (libFuzzer): `make fuzz`.
 
-A finding is what a reader raises beside its documented error, a time-out or too much memory; the
-input is kept. Exit code 1 then.
+A finding is an exception other than the reader's documented one, a time-out, or too much memory. Its
+input is kept, and the exit code is 1.
 """
 
 import argparse
@@ -15,10 +15,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from docs.provenance import measured
 from tests.faults.page import PAGE, machine, replace_section
 from tests.fuzz.targets import TARGETS
 
 HEADING = "Fuzzing"
+SECTION = """{measured}
+Machine: {machine}.
+
+atheris (libFuzzer) changes sound files, guided by the branches that readers, mcap, rosbags and PyYAML
+take. A finding is any error but the one that a reader documents, more than {timeout_s} s, or more
+than {memory_gib} GiB of memory.
+
+| reader | executions | features covered | finding |
+|---|---|---|---|
+"""
 LONGEST_INPUT = 16384  # bytes, of targets whose seeds are no longer
 MINUTES = 40.0
 """Ten each for bags and mappings, two for every other reader."""
@@ -28,7 +39,7 @@ MEMORY_MB = 3072
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What libFuzzer said at its end."""
+    """Summary of one run of libFuzzer."""
 
     executions: int
     coverage: int
@@ -36,7 +47,7 @@ class Result:
 
     @classmethod
     def of(cls, log: str, code: int) -> Self:
-        """From its log and exit code."""
+        """Read the summary from its log and exit code."""
         executions = (
             re.findall(r"stat::number_of_executed_units: +(\d+)", log)
             or re.findall(r"^#(\d+)", log, re.MULTILINE)
@@ -53,7 +64,7 @@ class Result:
 
 
 def main() -> int:
-    """Fuzz one target after the other, each for its share of the time, and write the section of the page."""
+    """Fuzz all targets, each for its share of the time, and write the section of the page."""
     options = _parser().parse_args()
     chosen = options.only or list(TARGETS)
     unit_s = 60.0 * options.minutes / sum(TARGETS[name].weight for name in chosen)
@@ -99,23 +110,18 @@ def _fuzz(name: str, out: Path, seconds: float) -> Result:
 
 
 def section(results: dict[str, Result], minutes: float) -> str:
-    """The measured result in words."""
-    lines = [
-        (
-            f'`make fuzz ARGS="--minutes {minutes:g}"`: atheris (libFuzzer) changes sound files,'
-            " guided by the branches that readers, mcap,"
-        ),
-        "rosbags and PyYAML take. A finding is anything but the error that a reader documents,",
-        f"more than {TIMEOUT_S} s or more than {MEMORY_MB >> 10} GiB of memory. {machine()}.",
-        "",
-        "| reader | executions | features covered | finding |",
-        "|---|---|---|---|",
-    ]
-    rows = [
+    """Return the section of the page."""
+    head = SECTION.format(
+        measured=measured("fuzz", f"--minutes {minutes:g}"),
+        machine=machine(),
+        timeout_s=TIMEOUT_S,
+        memory_gib=MEMORY_MB >> 10,
+    )
+    rows = (
         f"| {name} | {each.executions} | {each.coverage} | {each.finding or 'none'} |"
         for name, each in results.items()
-    ]
-    return "\n".join([*lines, *rows])
+    )
+    return head + "\n".join(rows)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -14,7 +14,7 @@ from terrain_estimator.bags import BagReader
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.effects import EFFECTS
 from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
 from terramechanics.terrain.soil import soil_names

@@ -7,8 +7,8 @@ from pathlib import Path
 from msg_defs.msg import TerrainEstimate
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Starter
@@ -25,11 +25,11 @@ def test_the_estimator_takes_the_file_as_it_is_and_publishes_the_effect(
     estimator = start("terrain_estimator", "estimator", "--ros-args", "-p", f"model:={path}")
     estimator.wait_for_output("ready", timeout=60.0)
     publishers = {
-        topic: listener.publisher(factory.message_class(name), topic)
+        topic: listener.publisher(message_types.message_class(name), topic)
         for topic, name in INPUT_TYPES.items()
     }
     estimator.wait_for_output("matched all inputs")
-    for topic, _, message in drive_messages(factory.make, 3.0):
+    for topic, _, message in drive_messages(message_types.make, 3.0):
         publishers[topic].publish(message)
     listener.wait_for_messages(estimates, 30, timeout=60.0)  # the first calls of a model compile it
     first, last = estimates[0], estimates[-1]

@@ -127,7 +127,7 @@ def test_what_cannot_be_written_waits_in_memory_up_to_a_limit(
     disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "terrain_estimator.bags.writing.part.Part.write", disk.through(BagPart.write)
+        "terrain_estimator.bags.writing.part.BagPart.write", disk.through(BagPart.write)
     )
     monkeypatch.setattr(bag_thread, "MOMENT_S", 0.05)
     recording = Recording(tmp_path / "run")

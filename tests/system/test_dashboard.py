@@ -11,9 +11,9 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 
-from terrain_estimator.dashboard.reading import TOPICS
-from terrain_estimator.nodes.common.factory import make, message_class
-from terrain_estimator.ros_types import TRUTH
+from terrain_estimator.dashboard.values import TOPICS
+from terrain_estimator.nodes.common.message_types import make, message_class
+from terrain_estimator.topics import TRUTH
 from tests.browser import chromium, needs_chromium, opened
 from tests.system.listening import LATCHED, RELIABLE, Listener
 from tests.system.processes import Process, Starter
@@ -215,7 +215,7 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
             lambda: connection.get_attribute("data-state") == "lost",
             "the page says that the connection is lost",
         )
-        silent = re.compile(r"planner: not heard for \d+ s")
+        silent = re.compile(r"planner: no advice for \d+ s")
         wait_until(
             lambda: silent.fullmatch(planner.inner_text()),
             "a limit that is not repeated is none",

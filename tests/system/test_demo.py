@@ -12,8 +12,8 @@ import pytest
 from terrain_estimator.bags import BagReader
 from terrain_estimator.cli.rate_check import JITTER_LIMIT_MS, RATE_HZ, keeps_its_rate
 from terrain_estimator.console.interrupting import INTERRUPTED
-from terrain_estimator.messaging.timing import timing
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.messaging.arrival_rates import timing
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 

@@ -16,9 +16,9 @@ from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, MotionPrediction, TerrainEstimate
-from terrain_estimator.nodes.common import factory
+from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import JOINTS, STEP_NS, Event, drive_messages
 from tests.soundness import unsound
 from tests.system.listening import Listener
@@ -37,7 +37,7 @@ class Rover:
         self.predictions = listener.collect(MotionPrediction, "motion_prediction")
         self.health = listener.collect(EstimatorHealth, "estimator_health")
         self._publishers: dict[str, Publisher] = {
-            topic: listener.publisher(factory.message_class(type_name), topic)
+            topic: listener.publisher(message_types.message_class(type_name), topic)
             for topic, type_name in INPUT_TYPES.items()
         }
         for subscription in listener.node.subscriptions:
@@ -82,7 +82,7 @@ def thirds(events: list[Event]) -> tuple[list[Event], list[Event], list[Event]]:
 
 
 def inputs(seconds: float = SECONDS) -> list[Event]:
-    return list(drive_messages(factory.make, seconds))
+    return list(drive_messages(message_types.make, seconds))
 
 
 @pytest.fixture

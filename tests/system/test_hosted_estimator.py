@@ -22,9 +22,9 @@ from terrain_estimator.estimator.saved_state import read_state, write_state
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model
-from terrain_estimator.nodes.common import factory, keeping, managed
+from terrain_estimator.nodes.common import lifecycle, message_types, state_file
 from terrain_estimator.nodes.estimator import EstimatorNode
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Starter
@@ -112,7 +112,7 @@ def test_a_clock_that_stops_is_told_from_one_that_never_came(
     listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steady_s = [0.0]
-    monkeypatch.setattr(managed, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
+    monkeypatch.setattr(lifecycle, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
     listener.host(
         partial(EstimatorNode, threading.Event()),
         parameter_overrides=[Parameter("use_sim_time", value=True)],
@@ -243,7 +243,7 @@ class Rover:
         self.estimates = listener.collect(TerrainEstimate, f"/{name}/terrain_estimate")
         self.health = listener.collect(EstimatorHealth, f"/{name}/estimator_health")
         self._publishers = {
-            topic: listener.publisher(factory.message_class(kind), f"/{name}/{topic}")
+            topic: listener.publisher(message_types.message_class(kind), f"/{name}/{topic}")
             for topic, kind in INPUT_TYPES.items()
         }
         listener.spin_until(
@@ -282,7 +282,7 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
         assert answers.wait(60.0)
         write_state(path, content)
 
-    monkeypatch.setattr(keeping, "write_state", write)
+    monkeypatch.setattr(state_file, "write_state", write)
     parameters = [Parameter("state.file", value=str(path))]
     node = listener.host(
         partial(EstimatorNode, threading.Event()),
@@ -290,7 +290,7 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
         parameter_overrides=parameters,
     )
     node.start()
-    rover = Rover(listener, "rover1", list(drive_messages(factory.make, 6.0)))
+    rover = Rover(listener, "rover1", list(drive_messages(message_types.make, 6.0)))
     client = listener.node.create_client(Trigger, "/rover1/estimator/save_state")
     listener.spin_until(client.service_is_ready, "the service is there")
     saved = client.call_async(Trigger.Request())
@@ -348,7 +348,7 @@ def test_several_rovers_in_one_process_and_in_two_estimate_as_if_they_were_alone
     for node in nodes:
         node.start()
     other.wait_for_output("ready", timeout=60.0)
-    events = list(drive_messages(factory.make, 6.0))
+    events = list(drive_messages(message_types.make, 6.0))
     parts = [events[at : at + len(events) // 3] for at in range(0, len(events), len(events) // 3)]
     rovers = [Rover(listener, f"rover{number}", part) for number, part in enumerate(parts, start=1)]
     without_namespace = listener.collect(TerrainEstimate, "/terrain_estimate")
@@ -376,7 +376,7 @@ def test_in_an_executor_with_threads_a_service_waits_for_the_update(
 ) -> None:
     node = listener.host(partial(EstimatorNode, threading.Event()), namespace="/rover1")
     node.start()
-    rover = Rover(listener, "rover1", list(drive_messages(factory.make, 0.1)))
+    rover = Rover(listener, "rover1", list(drive_messages(message_types.make, 0.1)))
     executor = MultiThreadedExecutor(2, context=node.context)
     executor.add_node(node)  # which takes it from the listener's
     done, resets = list[str](), threading.Event()

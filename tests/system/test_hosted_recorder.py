@@ -24,10 +24,10 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.diagnostics import FAILURES, UNRECORDED, Check
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.nodes.common import factory
-from terrain_estimator.nodes.common.offers import of_other_types
+from terrain_estimator.nodes.common import message_types
+from terrain_estimator.nodes.common.publishers import type_conflicts
 from terrain_estimator.nodes.recorder import RecorderNode
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import drive_messages
 from tests.system.listening import Listener
 from tests.system.waiting import wait_until
@@ -113,17 +113,19 @@ def test_a_clock_that_steps_back_leaves_live_and_replay_the_same(
 
     set_clock(1000)
     publishers = {
-        topic: listener.publisher(factory.message_class(kind), topic)
+        topic: listener.publisher(message_types.message_class(kind), topic)
         for topic, kind in types.items()
     }
     live = Pipeline(load_model(), EstimatorConfig())
     steps = dict(enumerate([1001, 1002, 1003, 500, 501, 1004, 900, 1005]))
-    for number, (topic, _, message) in enumerate(drive_messages(factory.make, len(steps) / 10)):
+    for number, (topic, _, message) in enumerate(
+        drive_messages(message_types.make, len(steps) / 10)
+    ):
         if number % len(INPUT_TYPES) == 2:  # in the middle of an instant
             set_clock(steps[number // len(INPUT_TYPES)])
         publish(topic, message)
         for answer in live.add(topic, message):
-            for output, said in answer.messages(factory.make, live.meta).items():
+            for output, said in answer.messages(message_types.make, live.meta).items():
                 publish(output, said)
     node.end()
     assert capfd.readouterr().err.count("the clock went back: log times stay") == 1
@@ -225,7 +227,7 @@ def test_what_one_topic_raises_is_no_matter_of_the_others(
         return (
             HalfInstalled("Half", (), {})
             if name.endswith("WheelSinkage")
-            else factory.message_class(name)
+            else message_types.message_class(name)
         )
 
     monkeypatch.setattr("terrain_estimator.nodes.recorder.message_class", found)
@@ -274,7 +276,7 @@ def test_a_publisher_of_another_definition_of_the_type_is_said() -> None:
         return SimpleNamespace(topic_type=SLIP, topic_type_hash=kind)
 
     def said(end: SimpleNamespace) -> list[str]:
-        return list(of_other_types([end], SLIP, f"RIHS01_{'07' * 32}"))  # type: ignore[list-item]
+        return list(type_conflicts([end], SLIP, f"RIHS01_{'07' * 32}"))  # type: ignore[list-item]
 
     assert said(publisher(1, 7)) == []
     assert said(publisher(-1, 0)) == []  # a DDS that does not tell

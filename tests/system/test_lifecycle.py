@@ -20,8 +20,8 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.estimator.saved_state import read_state
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import MODELS, load_model
-from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter
@@ -155,7 +155,7 @@ def drive(listener: Listener, estimator: Process, events: list[Event], expected:
         listener.collect(EstimatorHealth, "estimator_health"),
     )
     publishers = {
-        topic: listener.publisher(factory.message_class(kind), topic)
+        topic: listener.publisher(message_types.message_class(kind), topic)
         for topic, kind in INPUT_TYPES.items()
     }
     estimator.wait_for_output("matched all inputs")
@@ -187,7 +187,7 @@ def test_a_killed_node_goes_on_where_it_was_and_refuses_a_damaged_state(
     start: Starter, listener: Listener, tmp_path: Path
 ) -> None:
     path = tmp_path / "ground.state"
-    events = list(drive_messages(factory.make, 6.0))
+    events = list(drive_messages(message_types.make, 6.0))
     first = with_state(start, path)
     drive(listener, first, events[:200], 40)
     model = load_model()

@@ -12,8 +12,8 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import TerrainEstimate, TractionAdvice
-from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.presets import PRESETS
 from tests.drives import drive_messages
 from tests.system.listening import Listener
@@ -51,11 +51,11 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(
     process.wait_for_output("ready: rover twin", timeout=60.0)
     found = listener.collect(TractionAdvice, "traction_advice")
     outputs = {
-        topic: listener.publisher(factory.message_class(name), topic)
+        topic: listener.publisher(message_types.message_class(name), topic)
         for topic, name in INPUT_TYPES.items()
     }
     estimates = listener.publisher(TerrainEstimate, "terrain_estimate")
-    for topic, _, message in drive_messages(factory.make, 3.0):
+    for topic, _, message in drive_messages(message_types.make, 3.0):
         outputs[topic].publish(message)
         if topic == "imu":
             stamp = message.header.stamp
@@ -76,7 +76,7 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(
     listener.wait_for_messages(found, 10)
     assert [each.sequence for each in found] == list(range(10))
     assert [each.known for each in found] == [False] * 5 + [True] * 5
-    assert "unknown yet" in found[0].status_text
+    assert "margins unknown" in found[0].status_text
     assert math.isnan(found[0].stall_probability)
     last = found[-1]
     assert last.pull_available_lower < last.pull_available < last.pull_available_upper

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from terrain_estimator.cli.selftest import report
-from terrain_estimator.demonstration.verdicts import OUTPUTS, verdicts
+from terrain_estimator.demonstration.output_checks import OUTPUTS, verdicts
 from tests.system.processes import Starter
 
 GOOD: dict[str, SimpleNamespace] = {

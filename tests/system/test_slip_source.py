@@ -9,8 +9,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from msg_defs.msg import WheelSlip
-from terrain_estimator.nodes.common import factory
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.nodes.common import message_types
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.presets import PRESETS
 from tests.drives import ROVER, drive_messages
 from tests.system.listening import Listener
@@ -47,11 +47,11 @@ def test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels(
     assert "Give velocity another source" in process.output
     found = listener.collect(WheelSlip, "wheel_slip")
     outputs = {
-        topic: listener.publisher(factory.message_class(INPUT_TYPES[topic]), topic)
+        topic: listener.publisher(message_types.message_class(INPUT_TYPES[topic]), topic)
         for topic in ("joint_states", "odom")
     }
     measured, reports, last = [], listener.collect(DiagnosticArray, "/diagnostics"), {}
-    for topic, _, message in drive_messages(factory.make, 3.0):
+    for topic, _, message in drive_messages(message_types.make, 3.0):
         last[topic] = message
         if topic in outputs:
             outputs[topic].publish(message)

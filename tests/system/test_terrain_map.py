@@ -6,8 +6,8 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 
 from msg_defs.msg import TerrainEstimate
-from terrain_estimator.messaging.track import POINT
-from terrain_estimator.nodes.common import factory
+from terrain_estimator.messaging.map_track import POINT
+from terrain_estimator.nodes.common import message_types
 from tests.drives import drive_messages
 from tests.system.listening import LATCHED, Listener
 from tests.system.processes import Starter
@@ -23,12 +23,14 @@ def test_the_track_is_a_cloud_that_a_late_reader_gets(start: Starter, listener: 
     )
     process.wait_for_output("ready", timeout=60.0)
     early = listener.collect(PointCloud2, "terrain_map", LATCHED)
-    odometry = listener.publisher(factory.message_class("nav_msgs/msg/Odometry"), "odom")
+    odometry = listener.publisher(message_types.message_class("nav_msgs/msg/Odometry"), "odom")
     estimates = listener.publisher(TerrainEstimate, "terrain_estimate")
 
     def drive() -> None:
         for step, message in enumerate(
-            message for topic, _, message in drive_messages(factory.make, 3.0) if topic == "odom"
+            message
+            for topic, _, message in drive_messages(message_types.make, 3.0)
+            if topic == "odom"
         ):
             message.pose.pose.position.x = 0.03 * step
             header = message.header

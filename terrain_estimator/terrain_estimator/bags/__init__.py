@@ -8,7 +8,7 @@ from terrain_estimator.bags.format.qos import STATE, Qos, parse_qos
 from terrain_estimator.bags.format.types import Message, Types
 from terrain_estimator.bags.reading.compare import Difference, compare
 from terrain_estimator.bags.reading.reader import BagReader, RawMessage, TopicInfo, bag_name
-from terrain_estimator.bags.reading.sequence import is_sequenced, sequence_of
+from terrain_estimator.bags.reading.sequence_number import is_sequenced, sequence_of
 from terrain_estimator.bags.recovery.recovery import Recovery, recover
 from terrain_estimator.bags.writing.part import BagTopic
 from terrain_estimator.bags.writing.writer import BagWriter, Split, whole_bag

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions of this layer."""
+"""Exceptions of this layer."""
 
 
 class BagError(ValueError):
@@ -8,4 +8,4 @@ class BagError(ValueError):
 
 
 class BagExistsError(BagError):
-    """The folder of a new bag is there already."""
+    """The folder of a new bag exists already."""

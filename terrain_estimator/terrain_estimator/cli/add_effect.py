@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""add_effect --effect NAME[=SIZE+-SD]: a model file that estimates named effects beside c and tan phi.
+"""add_effect --effect NAME[=SIZE+-SD]: add named effects to a model, which then estimates them.
 
-SIZE and SD say what is known of the effect beforehand, in its unit; without them it is 0 give or
-take half of its physical range. The estimator takes the file as it is: ros2 run terrain_estimator
-estimator --ros-args -p model:=FILE. Exit codes: 0, or 2 for a bad argument.
+SIZE and SD are prior knowledge of the effect, in its unit; without them the prior has mean 0 and
+half of the physical range as its standard deviation. The estimator takes the file as it is: ros2
+run terrain_estimator estimator --ros-args -p model:=FILE. Exit codes: 0, or 2 for a bad argument.
 """
 
 import argparse
@@ -24,7 +24,7 @@ _GIVEN = re.compile(rf"(\w+)(?:={_NUMBER}\+-{_NUMBER})?")
 
 
 def sized(text: str) -> Sized:
-    """``NAME`` or ``NAME=SIZE+-SD``. Raises ConfigError that gives the text."""
+    """Parse ``NAME`` or ``NAME=SIZE+-SD``; a ConfigError quotes the text."""
     match = _GIVEN.fullmatch(text)
     if match is None:
         raise ConfigError(
@@ -35,16 +35,16 @@ def sized(text: str) -> Sized:
 
 
 def model_path(text: str) -> Path:
-    """The file to write. Raises ArgumentTypeError where its name does not end with .pt."""
+    """Return the path of the file to write; ArgumentTypeError where it does not end with .pt."""
     path = Path(text)
     if path.suffix != ".pt":
-        raise argparse.ArgumentTypeError(f"{text!r}: the name of a model file ends with .pt")
+        raise argparse.ArgumentTypeError(f"{text!r}: the name of a model file must end with .pt")
     return path
 
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Write the model that the command line asks for; returns the exit code."""
+    """Write the model that the command line asks for; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="add_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -58,13 +58,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--model",
         default=DEFAULT_MODEL,
-        help="name or file of the model that lacks them (default: %(default)s)",
+        help="name or file of the model to extend (default: %(default)s)",
     )
     parser.add_argument(
         "--out",
         type=model_path,
         default=Path("model.pt"),
-        help="file to write, a .pt (default: %(default)s)",
+        help="file to write, ending with .pt (default: %(default)s)",
     )
     options = parser.parse_args(arguments)
     try:

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""add_slip BAG --velocity TOPIC: the same bag with wheel_slip, made of wheel rates and a velocity as the node slip_source makes it live.
+"""add_slip BAG --velocity TOPIC: copy a bag and add wheel_slip from wheel rates and a velocity.
 
-Exit codes: 0 done; 2 wrong arguments, parameters or bag, or no slip came of it.
+The node slip_source does the same live.
+
+Exit codes: 0 done; 2 wrong arguments, parameters or bag, or no slip could be computed.
 """
 
 import argparse
@@ -36,9 +38,9 @@ from terrain_estimator.messaging.slip_source import (
     SlipSource,
     SlipSourceError,
 )
-from terrain_estimator.offline.reading import add_parameters, parameters_of
-from terrain_estimator.offline.topics import TopicError, absolute
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.offline.bag_options import add_parameters, parameters_of
+from terrain_estimator.offline.topic_mapping import TopicError, absolute
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.vehicle.rover import load_rover
 
 SLIP = "wheel_slip"
@@ -47,22 +49,22 @@ WRONG = 2
 
 @dataclass(slots=True)
 class Added:
-    """What came of a bag."""
+    """Counts of the slips that were added to a bag."""
 
     joints: int = 0  # messages with wheel rates
     slips: int = 0
     refused: int = 0  # pairs
-    why: str = ""  # of the last refused one
+    why: str = ""  # of the last refusal
 
     def __str__(self) -> str:
-        """In words."""
+        """Describe the result in words."""
         refused = f", {self.refused} pairs refused: {self.why}" if self.refused else ""
         return f"{self.slips} slips of {self.joints} {JOINTS}{refused}"
 
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Write the bag that the command line asks for; returns the exit code."""
+    """Write the bag that the command line asks for; return the exit code."""
     options = _parser().parse_args(arguments)
     out: Path = options.out or options.bag.resolve().with_name(f"{bag_name(options.bag)}_slip")
     names = {
@@ -90,7 +92,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _velocity_type(reader: BagReader, names: Mapping[str, str]) -> str:
-    """As the bag has it. Raises TopicError where a topic is missing or of another type."""
+    """Return the kind of velocity in the bag; TopicError for a missing topic or another type."""
     for name in names.values():
         if name not in reader.topics:
             raise TopicError(
@@ -101,7 +103,7 @@ def _velocity_type(reader: BagReader, names: Mapping[str, str]) -> str:
     found = reader.topics[names[VELOCITY]].type_name
     if found not in kinds:
         raise TopicError(
-            f"{reader.path}: topic {names[VELOCITY]} is a {found}, and no velocity: give one of"
+            f"{reader.path}: topic {names[VELOCITY]} is a {found}, not a velocity: give one of"
             f" {', '.join(kinds)}"
         )
     reader.expect({names[JOINTS]: INPUT_TYPES[JOINTS]})
@@ -111,7 +113,9 @@ def _velocity_type(reader: BagReader, names: Mapping[str, str]) -> str:
 def add_slip(
     reader: BagReader, out: Path, ours: Mapping[str, str], slip_topic: str, config: SlipSourceConfig
 ) -> Added:
-    """Copy a bag to ``out``, with a slip right behind the message that completes its pair; ``ours`` are names by topic of the bag.
+    """Copy a bag to ``out``, with each slip right after the message that completes its pair.
+
+    ``ours`` maps topics of the bag to the estimator's names.
 
     Raises:
         TopicError: the bag has slips already, or none could be made.
@@ -151,7 +155,7 @@ def add_slip(
 
 
 def _topics(reader: BagReader, writer: BagWriter) -> dict[str, BagTopic]:
-    """All topics of a bag in another one. Raises TopicError for one that cannot be copied."""
+    """Add all topics of a bag to another one; TopicError for one that cannot be copied."""
     found: dict[str, BagTopic] = {}
     for name, topic in reader.topics.items():
         if topic.definition is None:
@@ -195,7 +199,7 @@ def _parser() -> argparse.ArgumentParser:
         "bag",
         type=Path,
         metavar="BAG",
-        help="folder of a bag or bare .mcap file; it is not touched",
+        help="folder of a bag or bare .mcap file; it is not changed",
     )
     parser.add_argument(
         "--velocity",
@@ -207,7 +211,7 @@ def _parser() -> argparse.ArgumentParser:
         "--joint-states",
         default=JOINTS,
         metavar="TOPIC",
-        help="with the wheel rates (default: %(default)s)",
+        help="topic of the wheel rates (default: %(default)s)",
     )
     parser.add_argument(
         "--out",

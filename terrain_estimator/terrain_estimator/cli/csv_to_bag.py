@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""csv_to_bag DATA.csv --mapping MAP.yaml --out BAG: a run that did not come from our simulator, as the estimator's input.
+"""csv_to_bag DATA.csv --mapping MAP.yaml --out BAG: convert a measured run to a bag.
 
-Exit codes: 0 done; 2 wrong arguments, mapping or data. See docs/bring_your_own_data.md.
+The bag has the input topics of the estimator. Exit codes: 0 done; 2 wrong arguments, mapping or
+data. See docs/bring_your_own_data.md.
 """
 
 import argparse
@@ -24,7 +25,7 @@ WRONG = 2
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Convert the file that the command line names; returns the exit code."""
+    """Convert the file that the command line names; return the exit code."""
     options = _parser().parse_args(arguments)
     try:
         mapping = read_mapping(options.mapping)
@@ -47,14 +48,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple[int, list[str]]:
-    """Write a bag from a CSV file; return the number of rows, and what the user should know.
+    """Write a bag from a CSV file; return the number of rows, and hints for the user.
 
     Raises:
-        CsvError: the file is wrong; no bag is left behind then.
+        CsvError: the file is wrong; no bag is left behind.
         BagError: the bag exists already or cannot be begun.
-        OSError: the disk is full; no bag is left behind then, either.
+        OSError: the disk is full; no bag is left behind.
     """
-    deque(read_samples(data, mapping), maxlen=0)  # all rows are checked before the bag is begun
+    deque(read_samples(data, mapping), maxlen=0)  # check all rows before the bag is begun
     with whole_bag(out) as writer:
         with data.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -74,18 +75,18 @@ def _hints(mapping: Mapping) -> list[str]:
     ]
     if absent:
         hints.append(
-            f"not in the data: {', '.join(absent)}; the status of the estimates will say what that"
-            " costs"
+            f"not in the data: {', '.join(absent)}; the status of the estimates shows the"
+            " consequences"
         )
     if not mapping.measures("pitch") and not mapping.constant_pitch.unit:
         hints.append(
-            "no pitch: give a column, or constant_pitch if the ground was level; without it every"
+            "no pitch: give a column, or constant_pitch if the ground was level; otherwise every"
             " observation is refused"
         )
     if not mapping.measures("contact_angle") and not mapping.constant_contact_angle.unit:
         hints.append(
             "no contact_angle: give columns, or constant_contact_angle if the ground was even;"
-            " without it no wheel is used"
+            " otherwise no wheel is used"
         )
     if mapping.measures("torque") and mapping.torque.noise != SignalNoise():
         relative, absolute = (
@@ -94,8 +95,8 @@ def _hints(mapping: Mapping) -> list[str]:
         )
         options = f"-p torque_noise.relative:={relative:g} -p torque_noise.absolute:={absolute:g}"
         hints.append(
-            "joint_states carries no noise; give the torque's to replay and find_missing_effect:"
-            f" {options}"
+            "joint_states has no field for noise: give that of the torque to replay and"
+            f" find_missing_effect: {options}"
         )
     return hints
 
@@ -108,10 +109,10 @@ def _parser() -> argparse.ArgumentParser:
         "data",
         type=Path,
         metavar="DATA.csv",
-        help="one row a sample, the first row names the columns",
+        help="one row for each sample; the first row names the columns",
     )
     parser.add_argument(
-        "--mapping", type=Path, required=True, metavar="MAP.yaml", help="what the columns mean"
+        "--mapping", type=Path, required=True, metavar="MAP.yaml", help="meaning of the columns"
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="BAG", help="folder of the bag, must not exist"

@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""demo: drive a simulated rover on real ROS 2, watch its ground being estimated, record, replay, compare, draw.
+"""demo: drive a simulated rover on ROS 2, estimate its ground, record, replay, compare, draw.
 
-Exit codes: 0 all went well and the replay is identical to live; 1 it is not; 2 wrong arguments, or
-a process failed.
+Exit codes: 0 the replay is identical to live; 1 it is not; 2 wrong arguments, or a process failed.
 """
 
 import argparse
@@ -21,14 +20,14 @@ from terrain_estimator.demonstration.drive import DriveSettings, Recording, driv
 from terrain_estimator.demonstration.figure import draw, read_curves
 from terrain_estimator.demonstration.processes import FleetError, executable
 from terrain_estimator.offline.summary import write_summary
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 
 DIFFERENT, FAILED = 1, 2
 
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Run the demo; returns the exit code."""
+    """Run the demo; return the exit code."""
     options = _parser().parse_args(arguments)
     what = DriveSettings(
         duration_s=options.duration,
@@ -66,10 +65,10 @@ def _parser() -> argparse.ArgumentParser:
         "--real-time-factor",
         type=real(0.0, exclusive=True),
         default=5.0,
-        help="how much faster than real time (default: %(default)s)",
+        help="simulated time over real time (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed", type=int, default=1, help="of drive and noise (default: %(default)s)"
+        "--seed", type=int, default=1, help="seed of drive and noise (default: %(default)s)"
     )
     parser.add_argument(
         "--rover", default="mars_rover", help="rover preset or file (default: %(default)s)"
@@ -82,13 +81,13 @@ def _parser() -> argparse.ArgumentParser:
         "--domain-id",
         type=int,
         default=0,
-        help="ROS domain (default: one at random, so that nothing else is disturbed)",
+        help="ROS domain (default: a random one, so that nothing else is disturbed)",
     )
     return parser
 
 
 def run(what: DriveSettings, folder: Path) -> int:
-    """Drive, replay, compare, draw, summarise. Raises FleetError or BagError."""
+    """Drive, replay, compare, draw, summarise; FleetError or BagError where that fails."""
     print(
         f"{what.rover} drives {what.schedule} on {what.soil} for {what.duration_s:g} s,"
         f" {what.real_time_factor:g} times real time",
@@ -109,7 +108,7 @@ def run(what: DriveSettings, folder: Path) -> int:
 
 
 def _replay(bag: Path, folder: Path) -> dict[str, Any]:
-    """The summary of one bag's replay, by the command that a user would type."""
+    """Replay one bag with the installed command; return its summary."""
     command = [
         executable("terrain_estimator", "replay"),
         str(bag),
@@ -128,7 +127,7 @@ def _replay(bag: Path, folder: Path) -> dict[str, Any]:
 
 
 def demo_summary(recording: Recording, replayed: dict[str, Any]) -> dict[str, Any]:
-    """The demo's summary; the live estimate is the last one in the bag."""
+    """Return the demo's summary; the live estimate is the last one in the bag."""
     with BagReader(recording.bag) as reader:
         stamps = [stamp_ns(reader.decode(raw)) for raw in reader.messages(["/wheel_slip"])]
         messages = {
@@ -138,9 +137,8 @@ def demo_summary(recording: Recording, replayed: dict[str, Any]) -> dict[str, An
         truths = [reader.decode(raw) for raw in reader.messages(["/ground_truth/terrain"])]
     truth = truths[-1] if truths else None
     return {
-        "simulated_s": round(
-            len(stamps) * (stamps[-1] - stamps[0]) / (len(stamps) - 1) * 1e-9, 6
-        ),  # each stamp ends a step
+        # each stamp ends a step
+        "simulated_s": round(len(stamps) * (stamps[-1] - stamps[0]) / (len(stamps) - 1) * 1e-9, 6),
         "messages": messages,
         "rate_hz": recording.timing["rate_hz"],
         "jitter_ms_p99": recording.timing["jitter_ms_p99"],

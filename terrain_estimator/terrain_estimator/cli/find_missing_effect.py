@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""find_missing_effect RUN...: which physical effect the model of rover and soil lacks, from recorded runs.
+"""find_missing_effect RUN...: find the physical effect that the model of rover and soil lacks.
 
-Writes OUT/finding.json and OUT/report.html, and where an effect is named OUT/model.pt, which
-estimates it. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
-Single-wheel measurements instead of runs: find_missing_effect --wheel-table FILE.csv --help.
+Writes OUT/finding.json and OUT/report.html and, where it names an effect, OUT/model.pt, a model
+that estimates it. Exit codes: 0 for any verdict, 2 for a bad argument or too few readable runs.
+For single-wheel measurements see find_missing_effect --wheel-table FILE.csv --help.
 """
 
 import argparse
@@ -43,11 +43,12 @@ from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.learning.finding_model import check_model, write_model
 from terrain_estimator.model.model_file import ModelFileError
+from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
 from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.offline.finding_file import asked, provenance, write_finding
-from terrain_estimator.offline.reading import BagOptions, add_options, reading_of
-from terrain_estimator.offline.topics import TopicError
+from terrain_estimator.offline.topic_mapping import TopicError
+from terrain_estimator.pages.finding_words import doubt_note
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -63,7 +64,7 @@ class InputError(ValueError):
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Investigate the runs that the command line names; returns the exit code."""
+    """Investigate the runs that the command line names; return the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if any(each.partition("=")[0] == "--wheel-table" for each in arguments):
         return single_wheel.main(arguments)
@@ -129,7 +130,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         default=[],
         metavar="RUN",
-        help="bags for the proof alone (default: one in four of three or more runs, at least one)",
+        help="bags for the proof only (default: one in four of three or more runs, at least one)",
     )
     parser.add_argument(
         "--rover",
@@ -154,8 +155,7 @@ def _parser() -> argparse.ArgumentParser:
         "--model",
         default="",
         help=(
-            "name or file of the model that lacks the effect (default: parameter model, else the"
-            " rover's name)"
+            "name or file of the model to extend (default: parameter model, else the rover's name)"
         ),
     )
     add_options(parser)
@@ -168,40 +168,41 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--scheduler",
         default="",
-        help="address of a dask.distributed scheduler that takes the work; default: this machine",
+        help="address of a dask.distributed scheduler for the work (default: this machine)",
     )
     parser.add_argument(
         "--workers",
         type=WORKERS,
         default=0,
         help=(
-            f"processes of this machine that take it; 0: this one, above {FEW} runs one for"
-            " each CPU"
+            f"processes on this machine; 0: this process alone, or one for each CPU above {FEW}"
+            " runs"
         ),
     )
     parser.add_argument(
-        "--seed", type=SEED, default=0, help="of the choice of held-out runs (default: %(default)s)"
+        "--seed", type=SEED, default=0, help="seed of the held-out choice (default: %(default)s)"
     )
     return parser
 
 
 def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
-    """Runs to look into and runs for the proof."""
+    """Divide the runs into those to search and those for the proof."""
     runs = list(options.runs)
     refuse_twice(
         [*runs, *options.hold_out],
-        "every run counts once, to be searched or by --hold-out for the proof",
+        "every run counts once, either for the search or for the proof (--hold-out)",
     )
     if len(runs) < FEWEST:
         raise InputError(
-            f"{len(runs)} run given, at least {FEWEST} are needed: an effect has to show in more"
-            " than one drive"
+            f"{len(runs)} run given, at least {FEWEST} are needed: an effect must show in more than"
+            " one drive"
         )
     if options.hold_out:
         return runs, list(options.hold_out)
-    # With two runs both are needed to find anything, and what is found stays unproven.
+    # With two runs both are needed for the search, and the finding stays unproven.
     count = max(len(runs) // 4, 1) if len(runs) > FEWEST else 0
-    held_out = set(random.Random(options.seed).sample(range(len(runs)), count))  # noqa: S311 - a reproducible choice, no secret
+    # a reproducible choice, no secret
+    held_out = set(random.Random(options.seed).sample(range(len(runs)), count))  # noqa: S311
     return [run for k, run in enumerate(runs) if k not in held_out], [
         run for k, run in enumerate(runs) if k in held_out
     ]
@@ -216,7 +217,7 @@ def _read(
     *,
     held_out: bool = False,
 ) -> Runs:
-    """All runs; one that cannot be used, or is too short to be held out, is reported and left out."""
+    """Read all runs; report and leave out those that are unusable, or too short to be held out."""
     found = place.read(
         bags,
         nominal,
@@ -234,13 +235,16 @@ def _read(
 
 
 _READING = 0.03
-"""[1] Share of the time that reading takes, about."""
+"""[1] Approximate share of the time that reading takes."""
 
 
 def _proof(
     finding: Finding, nominal: Nominal, unseen: Sequence[Blocks], seed: int, place: Workplace
 ) -> Proof | None:
-    """The best name on held-out runs, where there is one and they are there; else the nominal model alone."""
+    """Prove the best name on held-out runs, or score the nominal model alone where none is named.
+
+    None where no run is held out.
+    """
     named = finding.judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
     return (
         prove(nominal, finding.best if named else None, unseen, seed, place.spread)
@@ -256,7 +260,7 @@ def summary(
     unseen: Sequence[Blocks],
     proof: Proof | None,
 ) -> dict[str, Any]:
-    """What goes to finding.json."""
+    """Return the content of finding.json."""
     judgement = finding.judgement
     after = judgement.named[0] if judgement.named else None
     return {
@@ -292,7 +296,7 @@ def summary(
 
 
 def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
-    """The effects of one hypothesis with their sizes; of several alternatives each has its own evidence."""
+    """Return the effects of one hypothesis, with sizes and evidence."""
     candidate = finding.candidate(hypothesis)
     factor = candidate.fit.log_evidence - finding.nothing.fit.log_evidence
     probability = finding.judgement.probabilities[" + ".join(hypothesis.names)]
@@ -310,7 +314,7 @@ def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
 
 
 def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, list[float]]:
-    """c [Pa] and tan phi of every run."""
+    """Return c [Pa] and tan phi of every run."""
     fit = (finding.candidate(hypothesis) if hypothesis else finding.nothing).fit
     return {
         "cohesion_pa": [1000.0 * float(run.theta[0]) for run in fit.point.runs],
@@ -319,8 +323,8 @@ def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, li
 
 
 def sentence(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str:
-    """The verdict in words, and what the held-out runs say of it."""
-    unproven = "no held-out run: what is found is unproven, give a third run or --hold-out"
+    """Return the verdict in words, and the result on the held-out runs."""
+    unproven = "no run is held out: the finding is unproven, give a third run or --hold-out"
     return f"{_verdict(finding, diagnosis)}\n{proof.sentence if proof else unproven}"
 
 
@@ -333,7 +337,7 @@ def _verdict(finding: Finding, diagnosis: Diagnosis) -> str:
     )
     left = finding.left[0].column if finding.left else None
     words = {
-        "none": "nothing is missing that these runs show",
+        "none": "no missing effect shows in these runs",
         "named": f"named: {sizes}",
         "confusable": (
             f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}"
@@ -343,7 +347,7 @@ def _verdict(finding: Finding, diagnosis: Diagnosis) -> str:
             + (f"; the {left.row} row depends on {left.signal}" if left else "")
         ),
     }
-    return words[str(judgement.verdict)]
+    return words[judgement.verdict] + doubt_note(judgement.verdict, judgement.probabilities)
 
 
 if __name__ == "__main__":

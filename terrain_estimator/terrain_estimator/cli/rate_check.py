@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""rate_check: drive at real time, all processes on this machine, and check the rates by the receiver's wall clock.
+"""rate_check: drive in real time on this machine, and check the rates by the receiver's clock.
 
-Exit codes: 0 every 10 Hz topic keeps its rate; 1 one does not; 2 wrong arguments, or a process
-failed.
+Exit codes: 0 every 10 Hz topic keeps its rate; 1 a topic does not; 2 wrong arguments, or a
+process failed.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.demonstration.drive import DriveSettings, drive
 from terrain_estimator.demonstration.processes import FleetError
 from terrain_estimator.offline.summary import write_summary
-from terrain_estimator.ros_types import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 
 RATE_HZ = 10.0
 RATE_TOLERANCE = 0.01
@@ -30,7 +30,7 @@ TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES)
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Run the check; returns the exit code."""
+    """Run the check; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="rate_check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -44,10 +44,10 @@ def main(arguments: list[str] | None = None) -> int:
         "--duration",
         type=real(0.0, exclusive=True),
         default=30.0,
-        help="time to drive [s] (default: %(default)s)",
+        help="duration of the drive [s] (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed", type=int, default=1, help="of drive and noise (default: %(default)s)"
+        "--seed", type=int, default=1, help="seed of drive and noise (default: %(default)s)"
     )
     options = parser.parse_args(arguments)
     domain_id = random.SystemRandom().randint(1, 101)
@@ -70,7 +70,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def keeps_its_rate(timing: dict[str, Any], topic: str) -> bool:
-    """Whether a topic's median rate is within 1 % of 10 Hz, and its 99th percentile jitter below 10 ms."""
+    """Return whether a topic's median rate is within 1 % of 10 Hz, with a jitter below 10 ms.
+
+    The jitter is the 99th percentile.
+    """
     rate_hz, jitter_ms = (
         timing["rate_hz"].get(topic, 0.0),
         timing["jitter_ms_p99"].get(topic, float("inf")),

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""recover_bag BAG: makes a whole bag of what is left of one that was cut off or damaged, and says what is lost.
+"""recover_bag BAG: make a whole bag from what is left of a damaged one, and report the losses.
 
-Exit codes: 0 all that is left is in the new bag; 1 nothing is left; 2 wrong arguments, or the new
+Exit codes: 0 the new bag holds all that is left; 1 nothing is left; 2 wrong arguments, or the new
 bag cannot be written.
 """
 
@@ -19,14 +19,14 @@ DAMAGED = "_damaged"
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Recover the bag that the command line names; returns the exit code."""
+    """Recover the bag that the command line names; return the exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
     bag: Path = options.bag if options.bag.name not in {"", ".."} else options.bag.resolve()
     aside = bag.with_name(bag.name + DAMAGED)
     target = options.out or bag.with_name(f"{bag_name(bag)}_recovered")
     if options.replace and not bag.is_dir():
-        parser.error(f"--replace: {options.bag} is no folder: give the bag's folder")
+        parser.error(f"--replace: {options.bag} is not a folder: give the bag's folder")
     if options.replace and aside.exists():
         parser.error(f"--replace: {aside} exists already: move it away")
     try:
@@ -40,29 +40,29 @@ def main(arguments: list[str] | None = None) -> int:
         return WRONG
     print(f"{target}: {report(recovery)}")
     if options.replace and recovery.span.count:
-        print(f"the damaged one is {aside}")
+        print(f"the damaged bag is now {aside}")
     return 0 if recovery.span.count else NOTHING
 
 
 def report(recovery: Recovery) -> str:
-    """What was recovered and what was not, in words."""
+    """Describe what was recovered, and what was lost."""
     damage, span = recovery.damage, recovery.span
     if not span.count:
         return "; ".join(["no message is left", *recovery.notes])
     parts = [f"{span.count} messages in {span.duration_ns / 1e9:.3f} s recovered"]
     if recovery.expected is None:
         parts.append(
-            f"{recovery.lost or 'none'} lost before the last one; nothing tells whether any came"
-            " after it"
+            f"{recovery.lost or 'none'} lost before the last one; it is unknown whether"
+            " more followed"
         )
     else:
         parts.append(f"{recovery.lost or 'none'} of {recovery.expected} lost")
     if damage.torn:
-        parts.append(f"{damage.torn} cut within")
+        parts.append(f"{damage.torn} cut off")
     if damage.chunks:
         parts.append(f"{damage.chunks} chunks damaged")
     if damage.passed_over:
-        parts.append(f"{damage.passed_over} bytes not readable")
+        parts.append(f"{damage.passed_over} bytes unreadable")
     return "; ".join([", ".join(parts), *recovery.notes])
 
 
@@ -76,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         "bag",
         type=Path,
         metavar="BAG",
-        help="folder of a bag or bare .mcap file; it is not touched",
+        help="folder of a bag or bare .mcap file; it is not changed",
     )
     parser.add_argument(
         "--out", type=Path, help="folder of the new bag, must not exist (default: BAG_recovered)"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""replay BAG...: estimate from recordings, without ROS running, by the same code as the live node.
+"""replay BAG...: estimate from recordings without ROS, by the same code as the live node.
 
 Exit codes: 0 done; 1 the comparison with the live estimates found a difference; 2 wrong arguments,
 parameters, model or bag; 3 a bag gave no estimate.
@@ -21,22 +21,22 @@ from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.estimator.summary import Beliefs
 from terrain_estimator.messaging.pipeline import rover_of
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
-from terrain_estimator.offline.reading import add_options, node_config
-from terrain_estimator.offline.replaying import Replay, Start, compare_with_live, replay
+from terrain_estimator.offline.bag_options import add_options, node_config
+from terrain_estimator.offline.replay import Replay, Start, compare_with_live, replay
 from terrain_estimator.offline.summary import print_table, summary, write_summary
-from terrain_estimator.offline.topics import TopicError, absolute, bag_topics
+from terrain_estimator.offline.topic_mapping import TopicError, absolute, bag_topics
 
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
 
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Replay the bags that the command line names; returns the exit code."""
+    """Replay the bags that the command line names; return the exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
     if not (options.bags or options.dump_config):
         parser.error("no bag is named: give the folder of a recording")
-    torch.set_num_threads(1)  # the live node has one, and a sum's order is part of its result
+    torch.set_num_threads(1)  # as in the live node: the order of a sum is part of its result
     try:
         parameters = node_config(options, **({"model": options.model} if options.model else {}))
         config = parameters.estimator
@@ -79,24 +79,24 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--dump-config",
         action="store_true",
-        help="print the parameters in force as a parameter file, and end",
+        help="print the parameters in force as a parameter file, and exit",
     )
     parser.add_argument(
         "--report",
         type=Path,
         metavar="FILE.html",
-        help="write a page about the runs: one file, for a browser",
+        help="write a page about the runs: one HTML file",
     )
     parser.add_argument(
         "--state",
         type=Path,
         metavar="FILE",
-        help="start from this saved state, as a node did that went on from it",
+        help="start from this saved state, like a node that continued from it",
     )
     parser.add_argument(
         "--compare",
         action="store_true",
-        help="compare with the estimates that the bag has from the live node",
+        help="compare with the estimates of the live node in the bag",
     )
     parser.add_argument(
         "--overwrite", action="store_true", help="replace estimates bags of an earlier replay"
@@ -111,7 +111,10 @@ def _replay_all(
     names: dict[str, str],
     start: Start | None,
 ) -> int:
-    """Replay one bag after the other, each from the same start; a bag that fails does not stop the others."""
+    """Replay one bag after the other, each from the same start.
+
+    A bag that fails does not stop the others.
+    """
     replays: list[Replay] = []
     failed = False
     for bag in options.bags:
@@ -140,7 +143,7 @@ def _replay_all(
 def _summary(
     path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig
 ) -> bool:
-    """Write what came of the runs; whether that went well."""
+    """Write the summary of the runs; return whether that succeeded."""
     try:
         write_summary(path, summary(replays, model, config))
     except OSError as error:
@@ -151,8 +154,8 @@ def _summary(
 
 
 def _report(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
-    """Write the page about the runs; whether that went well."""
-    # matplotlib takes half a second, and few want a report
+    """Write the page about the runs; return whether that succeeded."""
+    # matplotlib takes half a second to import, and few users want a report
     from terrain_estimator.offline.run_report import write_report  # noqa: PLC0415
 
     try:
@@ -165,15 +168,16 @@ def _report(path: Path, replays: list[Replay], model: LoadedModel, config: Estim
 
 
 def _make_room(output: Path, written: list[Path], *, overwrite: bool) -> None:
-    """Remove the estimates bag of an earlier replay where the user says so. Raises BagError where one is in the way."""
+    """Remove an earlier estimates bag on request; BagError where one is in the way."""
     if output in written:
         raise BagError(
-            f"{output} has the estimates of a bag of the same name: give this one another name, or"
-            " replay it by itself with --out"
+            f"{output} has the estimates of a bag of the same name: rename this one, or replay it"
+            " separately with --out"
         )
     if output.exists() and not overwrite:
         raise BagError(
-            f"{output} exists from an earlier replay: give --overwrite, or another folder by --out"
+            f"{output} exists from an earlier replay: give --overwrite, or another folder with"
+            " --out"
         )
     if overwrite and output.is_dir():
         for file in (*output.glob("*.mcap"), output / "metadata.yaml"):

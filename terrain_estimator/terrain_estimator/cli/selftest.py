@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""selftest: drive a simulated rover through estimator, planner, map and recorder for some seconds, and say PASS or FAIL of every output.
+"""selftest: drive a simulated rover for some seconds, and print PASS or FAIL for every output.
 
-Exit codes: 0 every output passed; 1 one failed; 2 wrong arguments, or a process failed.
+The drive goes through estimator, planner, map and recorder. Exit codes: 0 every output passed; 1 an
+output failed; 2 wrong arguments, or a process failed.
 """
 
 import argparse
@@ -15,11 +16,12 @@ from pathlib import Path
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.console.arguments import real
 from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.demonstration.output_checks import OUTPUTS, OutputVerdict, verdicts
 from terrain_estimator.demonstration.processes import Fleet, FleetError
-from terrain_estimator.demonstration.verdicts import OUTPUTS, OutputVerdict, verdicts
-from terrain_estimator.ros_types import Message
+from terrain_estimator.topics import Message
 
-READERS = 4  # of every input: estimator, planner, recorder, and at last the watch, when those that must not miss anything hear
+# of every input: estimator, planner, recorder and, once these are ready, the watch
+READERS = 4
 TIMEOUT_S = 120.0
 RATE_HZ = 10.0
 SIMULATION: dict[str, object] = {
@@ -33,7 +35,7 @@ SIMULATION: dict[str, object] = {
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Run it; returns the exit code."""
+    """Run the test; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -47,13 +49,13 @@ def main(arguments: list[str] | None = None) -> int:
         "--real-time-factor",
         type=real(0.0, exclusive=True),
         default=4.0,
-        help="how much faster than real time (default: %(default)s)",
+        help="simulated time over real time (default: %(default)s)",
     )
     parser.add_argument(
         "--domain-id",
         type=int,
         default=0,
-        help="ROS domain (default: one at random, so that nothing else is disturbed)",
+        help="ROS domain (default: a random one, so that nothing else is disturbed)",
     )
     options = parser.parse_args(arguments)
     domain_id = options.domain_id or random.SystemRandom().randint(1, 101)
@@ -68,7 +70,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def drive(folder: Path, domain_id: int, duration_s: float, real_time_factor: float) -> Path:
-    """Drive with the nodes that answer a rover and record every output; returns the bag. Raises FleetError."""
+    """Drive with all nodes and record every output; return the bag.
+
+    Raises FleetError.
+    """
     bag = folder / "bag"
     with Fleet(folder / "log", domain_id) as fleet:
         others = [
@@ -92,12 +97,8 @@ def drive(folder: Path, domain_id: int, duration_s: float, real_time_factor: flo
             "the simulator has driven to the end",
             TIMEOUT_S + 3.0 * duration_s,
         )
-        for program in (
-            simulator,
-            watch,
-            *others,
-            recorder,
-        ):  # the recorder last: what the others still answer is recorded
+        # the recorder last, so that it records the last answers of the others
+        for program in (simulator, watch, *others, recorder):
             code = program.stop() if program.running else program.wait(TIMEOUT_S)
             if code != 0:
                 raise FleetError(f"{program.name} ended with code {code}:\n{program.last_words}")
@@ -113,7 +114,7 @@ def _read(bag: Path) -> dict[str, list[Message]]:
 
 
 def report(found: list[OutputVerdict]) -> int:
-    """Print the verdicts; returns the exit code."""
+    """Print the verdicts; return the exit code."""
     for verdict in found:
         print(
             f"FAIL  {verdict.output}: {verdict.fault}"

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""find_missing_effect --wheel-table FILE.csv...: what the model of one wheel on a testbed lacks.
+"""find_missing_effect --wheel-table FILE.csv...: find the effect that a model of one wheel lacks.
 
 Writes OUT/finding.json and OUT/report.html. Exit codes: 0 for any verdict, 2 for a bad argument or
-table. c and tan phi are never told: without drive torque they are not identified.
+table. c and tan phi are never reported: without drive torque they are not identified.
 """
 
 import argparse
@@ -41,21 +41,22 @@ from terrain_estimator.discovery.single_wheel.table import (
     WheelTableError,
     read_table,
 )
+from terrain_estimator.pages.finding_words import doubt_note
 from terrain_estimator.pages.wheel_finding import wheel_page
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
 LARGEST = 2.0
-"""[m] No wheel of a testbed is larger: the number is in another unit."""
+"""[m] Largest wheel of a testbed; a larger number is in another unit."""
 FEWEST = 3
-"""Cells without which nothing can be said."""
+"""Fewest settings of which a statement is possible."""
 NOT_IDENTIFIED = (
-    "c and tan phi are not identified: these tables have no drive torque; they were left free and"
-    " are not given"
+    "c and tan phi are not identified: these tables have no drive torque, so both were left free"
+    " and are not reported"
 )
 SIDEWAYS = "lateral_bulldozing"
-REPLICATES = "replicates of one setting are one measurement"
+REPLICATES = "replicates of one setting count as one measurement"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,7 @@ class TestbedWheel:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Investigate the tables that the command line names; returns the exit code."""
+    """Investigate the tables that the command line names; return the exit code."""
     options = _parser().parse_args(arguments)
     torch.set_num_threads(1)
     try:
@@ -86,7 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         refuse_twice(
             tables, "every measurement counts once, and the effect acts in its table or does not"
         )
-        given = Hypothesis(tuple(each.parts[0] for each in of_one_wheel(known)))
+        given = Hypothesis(tuple(each.effects[0] for each in of_one_wheel(known)))
         rows, left_out = _read(bed, tables, options)
         names = _testable(asked, known, rows)
         reference = frozenset(map(str, options.reference))
@@ -146,7 +147,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         default=[],
         metavar="FILE.csv",
-        help="tables of the same soil in which it does not act",
+        help="tables of the same soil in which the effect does not act",
     )
     parser.add_argument(
         "--given",
@@ -189,8 +190,8 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         default=SIDEWAYS_DEG,
         help=(
-            "rows above it [deg] are left out: 0 keeps those in which the wheel moves straight"
-            " ahead (default: %(default)s)"
+            "rows above this angle [deg] are left out; 0 keeps rows with the wheel straight ahead"
+            " (default: %(default)s)"
         ),
     )
     parser.add_argument(
@@ -216,8 +217,8 @@ def _parser() -> argparse.ArgumentParser:
         choices=("cell", "trial"),
         default="cell",
         help=(
-            "what is held out in turn: one setting with all its replicates, or one trial of all"
-            " settings (default: %(default)s)"
+            "unit that is held out in turn: one setting with all its replicates, or one trial of"
+            " all settings (default: %(default)s)"
         ),
     )
     parser.add_argument(
@@ -234,46 +235,46 @@ def _parser() -> argparse.ArgumentParser:
         help="folder of the results (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed", type=SEED, default=0, help="of the bootstrap (default: %(default)s)"
+        "--seed", type=SEED, default=0, help="seed of the bootstrap (default: %(default)s)"
     )
     return parser
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raises ConfigError for a deviation or an angle that is none."""
+    """Raise ConfigError for an invalid deviation or angle."""
     for name in ("constants_sd", "sinkage_sd", "pull_sd", "lateral_sd"):
         if not 0.0 < getattr(options, name) < math.inf:
             raise ConfigError(
-                f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation is"
-                " above zero"
+                f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation must"
+                " be above zero"
             )
     if options.constants_sd >= 1.0:
         raise ConfigError(
-            f"--constants-sd {options.constants_sd:g}: it is relative to each constant, give less"
-            " than 1: 0.2 for 20 %"
+            f"--constants-sd {options.constants_sd:g}: it is relative to each constant: give less"
+            " than 1, such as 0.2 for 20 %"
         )
     if not 0.0 <= options.largest_slip_angle <= SIDEWAYS_DEG:
         raise ConfigError(
             f"--largest-slip-angle {options.largest_slip_angle:g}: give 0 to {SIDEWAYS_DEG:g} deg;"
-            " beyond, a wheel does not roll"
+            " beyond that a wheel does not roll"
         )
 
 
 def _check_rows(rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool) -> None:
     if all(row.table in reference for row in rows):
         raise WheelTableError(
-            "no row of --wheel-table can be used: the tables of --reference alone do not say what"
-            " it lacks"
+            "no row of --wheel-table can be used, and the tables of --reference alone cannot show a"
+            " missing effect"
         )
     if by_trial and not reference and len({row.trial for row in rows}) < 2:
         raise WheelTableError(
-            "--hold-out-by trial: there is one trial, so nothing would be left to fit; hold out by"
-            " cell"
+            "--hold-out-by trial: there is only one trial, so nothing would be left to fit; hold"
+            " out by cell"
         )
 
 
 def _names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The same. Raises ConfigError where one wheel does not show one of them."""
+    """Return the names; ConfigError for an effect that one wheel does not show."""
     for name in names:
         describe(name)
         if name not in shown_by_one_wheel():
@@ -283,7 +284,10 @@ def _names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _testable(asked: Sequence[str], known: Sequence[str], rows: Sequence[Row]) -> tuple[str, ...]:
-    """The effects to look for. Raises ConfigError where one is given too, or needs a slip angle and there is none."""
+    """Return the effects to look for.
+
+    Raises ConfigError where one of them is also given, or needs a slip angle that no row has.
+    """
     turned = any(row.slip_angle for row in rows)
     if SIDEWAYS in (*asked, *known) and not turned:
         raise ConfigError(
@@ -291,8 +295,8 @@ def _testable(asked: Sequence[str], known: Sequence[str], rows: Sequence[Row]) -
         )
     if both := [name for name in asked if name in known]:
         raise ConfigError(
-            f"effect {both[0]} stands in --library and in --given: what acts in all tables is not"
-            " looked for"
+            f"effect {both[0]} is in --library and in --given: an effect that acts in all tables"
+            " cannot be looked for"
         )
     return tuple(asked) or tuple(
         name for name in shown_by_one_wheel() if name not in known and (turned or name != SIDEWAYS)
@@ -302,7 +306,7 @@ def _testable(asked: Sequence[str], known: Sequence[str], rows: Sequence[Row]) -
 def _read(
     bed: Rig, tables: Sequence[Path], options: argparse.Namespace
 ) -> tuple[list[Row], list[str]]:
-    """Rows that the contact model describes; the others are reported."""
+    """Read the rows that the contact model describes; report the others."""
     usable: list[Row] = []
     left_out: list[str] = []
     for path in tables:
@@ -332,7 +336,7 @@ def summary(
     given: Hypothesis,
     options: argparse.Namespace,
 ) -> dict[str, Any]:
-    """What goes to finding.json: the shape of drives' findings."""
+    """Return the content of finding.json, in the form of the findings about drives."""
     judgement, cells = outcome.judgement, cells_of(rows, reference)
     tried = int(cells.acts.sum())
     return {
@@ -385,7 +389,7 @@ def _effects(outcome: WheelFinding, hypothesis: Hypothesis) -> list[dict[str, An
 
 
 def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
-    """On held-out settings: in deviations of repeatability, and row by row in units."""
+    """Return the gap on held-out settings: in deviations of repeatability, and by row in units."""
     errors = outcome.held_out
     before, after = errors.rms(bed.repeatability)
     closed = None if after is None or before <= FLOOR else (before - after) / (before - FLOOR)
@@ -420,11 +424,11 @@ def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
 
 
 def sentence(outcome: WheelFinding, bed: Rig) -> str:
-    """The verdict in words."""
+    """Return the verdict in words."""
     judgement = outcome.judgement
     labels = ", ".join(each.label for each in judgement.named)
     words = {
-        Verdict.NONE: "nothing is missing that these tables show",
+        Verdict.NONE: "no missing effect shows in these tables",
         Verdict.NAMED: f"named: {labels}",
         Verdict.CONFUSABLE: f"confusable: {labels}. To separate: {outcome.separate_by}",
         Verdict.UNKNOWN: (
@@ -432,6 +436,7 @@ def sentence(outcome: WheelFinding, bed: Rig) -> str:
             f" {outcome.left[0]} row)"
         ),
     }[judgement.verdict]
+    words += doubt_note(judgement.verdict, judgement.probabilities)
     before, after = outcome.held_out.rms(bed.repeatability)
     proven = {None: "too few settings to prove it", True: "proven", False: "not proven"}[
         outcome.proven

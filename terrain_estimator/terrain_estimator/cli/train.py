@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``train``: simulate drives, train the learnt features, export the model, check the file against the model."""
+"""train: simulate drives, train the learnt features, export the model, and check the file."""
 
 import argparse
 import dataclasses
@@ -29,22 +29,28 @@ from terramechanics.terrain.soil import Soil, load_soil
 from terramechanics.vehicle.rover import Rover, load_rover
 
 _CHECKED_OBSERVATIONS = 50
-_SMOOTHED = 20  # iterations in the loss that the metadata state
-_LARGEST_CONSTANTS_SD = 0.2  # of the soil's value: beyond, the columns are too far from linear
+_SMOOTHED = 20  # iterations behind the loss in the metadata
+_LARGEST_CONSTANTS_SD = 0.2  # of the soil's value: beyond it, columns are far from linear
 _FEW = 1000
-"""Drives up to which this process draws them alone: starting two workers takes as long as 150 drives."""
+"""Number of drives up to which this process draws them alone.
+
+Starting two workers takes as long as 150 drives.
+"""
 _ELSEWHERE = ("rover", "soil", "out", "curves", "scheduler", "workers")
-"""Arguments that say where: they do not change the model, or are the metadata's own fields."""
+"""Arguments that name places: they do not change the model, or are the metadata's own fields."""
 _STRENGTHS = {"benchmark": BENCHMARK, "paper": PAPER}
 
 
 class DeviceError(ValueError):
-    """The device that was asked for is not there."""
+    """The requested device does not exist."""
 
 
 @interruptible
 def main(argv: list[str] | None = None) -> int:
-    """Entry point. 0: trained and checked; 2: an argument, rover or soil file is wrong, or the export differs."""
+    """Train the models that the command line asks for; return the exit code.
+
+    0: trained and checked; 2: an argument, rover or soil file is wrong, or the export differs.
+    """
     torch.set_num_threads(1)
     args = _parser().parse_args(argv)
     if not 0.0 <= args.constants_sd < _LARGEST_CONSTANTS_SD:
@@ -71,35 +77,41 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def file_names(rovers: Sequence[Rover], soils: Sequence[Soil]) -> list[str]:
-    """Of the models' files, without an ending. Raises ConfigError where two would be one, or a name is none of a file."""
+    """Return the names of the models' files, without an ending.
+
+    Raises ConfigError where two would be the same, or a name is no file name.
+    """
     called = [soil.name for soil in soils]
     if twice := next((name for name in called if called.count(name) > 1), ""):
         raise ConfigError(
-            f"two soils are called {twice}: a model knows its soils by their names, change one in"
-            " its file"
+            f"two soils are called {twice}: a model identifies its soils by name, rename one"
+            " in its file"
         )
     names = [rover.name if len(soils) > 1 else f"{rover.name}-{called[0]}" for rover in rovers]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(
-                f"two rovers are called {name}, as their models would be: change the name in one"
-                " rover file"
+                f"two rovers are called {name}, and so would be their models: rename one in its"
+                " file"
             )
         if Path(name).name != name:
             raise ConfigError(
-                f"{name} is to be the name of the model's file: take names of rover and soil"
-                " without slashes"
+                f"{name} cannot be the name of a model file: use names of rover and soil without"
+                " slashes"
             )
     return names
 
 
 def choose_device(name: str) -> torch.device:
-    """The device of a training: ``auto`` is the GPU where torch sees one, else the CPU. Raises DeviceError."""
+    """Return the device of a training: ``auto`` is the GPU where there is one.
+
+    Raises DeviceError.
+    """
     there = torch.cuda.is_available()
     if name == "cuda" and not there:
         raise DeviceError(
-            "--device cuda: torch sees no GPU; install its CUDA build (docs/installation.md), or"
-            " take --device cpu"
+            "--device cuda: torch finds no GPU; install its CUDA build (docs/installation.md), or"
+            " give --device cpu"
         )
     return torch.device("cuda" if there and name != "cpu" else "cpu")
 
@@ -116,52 +128,50 @@ def _parser() -> argparse.ArgumentParser:
         "--soil",
         nargs="+",
         default=list(SOILS),
-        help="names or YAML files of the soils that the model knows",
+        help="names or YAML files of the soils in the model",
     )
     parser.add_argument("--out", type=Path, default=MODELS, help="folder of the model files")
     parser.add_argument(
         "--curves",
         type=Path,
         default=Path("out/train"),
-        help="folder of the pictures of the training",
+        help="folder of the training curves",
     )
-    parser.add_argument(
-        "--seed", type=SEED, default=recipe.seed, help="of everything that is drawn"
-    )
+    parser.add_argument("--seed", type=SEED, default=recipe.seed, help="seed of all random numbers")
     parser.add_argument(
         "--tasks",
         type=whole(recipe.batch),
         default=400,
-        help="simulated drives, shared out over the soils",
+        help="number of simulated drives, divided among the soils",
     )
     parser.add_argument(
         "--strength",
         choices=_STRENGTHS,
         default="benchmark",
-        help="where c and phi of the drives come from",
+        help="source of c and phi of the drives",
     )
     parser.add_argument(
         "--hidden-effects",
         type=real(0.0, 1.0),
         default=HIDDEN,
-        help="share of the drives in which each effect acts that the physics lacks",
+        help="share of the drives with each effect that the physics lacks",
     )
     parser.add_argument(
         "--scheduler",
         default="",
-        help="address of a dask.distributed scheduler that draws the drives; default: this machine",
+        help="address of a dask.distributed scheduler for the drives; default: this machine",
     )
     parser.add_argument(
         "--workers",
         type=WORKERS,
         default=0,
-        help="processes of this machine that draw them; 0: one, for many drives one for each CPU",
+        help="processes on this machine for the drives; 0: one, or one for each CPU if many",
     )
     parser.add_argument(
         "--device",
         choices=("auto", "cpu", "cuda"),
         default="auto",
-        help="where the net is trained; auto: on a GPU where there is one",
+        help="device that trains the net; auto: a GPU where there is one",
     )
     parser.add_argument(
         "--iterations",
@@ -177,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
         "--constants-sd",
         type=float,
         default=PRIOR.constants_sd,
-        help="relative deviation of each soil constant; 0 takes them for exact",
+        help="relative deviation of each soil constant; 0: exact",
     )
     penalties = [penalty.name.lower() for penalty in Orthogonality]
     parser.add_argument(
@@ -190,7 +200,7 @@ def _parser() -> argparse.ArgumentParser:
         "--caution",
         type=real(0.0, exclusive=True),
         default=recipe.caution,
-        help="what the learnt deviations of the net's weights are divided by",
+        help="divisor of the learnt deviations of the net's weights",
     )
     parser.add_argument(
         "--orthogonality-strength", type=real(0.0), default=recipe.strength, help="its weight"
@@ -199,7 +209,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def recipe_of(args: argparse.Namespace) -> Recipe:
-    """The recipe that the arguments ask for."""
+    """Return the recipe that the arguments ask for."""
     return dataclasses.replace(
         Recipe(),
         seed=args.seed,
@@ -213,7 +223,10 @@ def recipe_of(args: argparse.Namespace) -> Recipe:
 
 
 def options_of(args: argparse.Namespace, device: torch.device) -> tuple[str, ...]:
-    """The options with which the same training is made again, defaults included; rover and soils stand beside them in the file."""
+    """Return the options that repeat this training, defaults included.
+
+    The file holds rover and soils separately.
+    """
     effective = vars(args) | {"device": device.type}
     return tuple(
         f"--{name.replace('_', '-')}={value}"
@@ -239,9 +252,8 @@ def _train_one(
         for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
     ]
     data = Regression.join([draw(order, args.scheduler, args.workers) for order in orders])
-    model = build_model(
-        rover, soils, recipe.columns, recipe.hidden, PRIOR._replace(constants_sd=args.constants_sd)
-    )
+    prior = dataclasses.replace(PRIOR, constants_sd=args.constants_sd)
+    model = build_model(rover, soils, recipe.columns, recipe.hidden, prior)
     history: list[Progress] = []
     with ProgressReport(f"{name}: training on {device}") as report:
         for progress in train(model, data, recipe, device):
@@ -264,9 +276,8 @@ def _train_one(
         torch.Generator().manual_seed(recipe.seed + 1),
     )
     path = args.out / f"{name}.pt"
-    with TemporaryDirectory(
-        prefix=f".{name}-", dir=args.out
-    ) as unchecked:  # a model that fails replaces none that does not
+    # a model that fails its check replaces no other
+    with TemporaryDirectory(prefix=f".{name}-", dir=args.out) as unchecked:
         made = Path(unchecked, path.name)
         metadata = export(model, rover, soils, training, made)
         check_export(model, made, fresh.measured[0])
@@ -280,12 +291,12 @@ def _train_one(
 
 
 def shared_out(total: int, parts: int) -> list[int]:
-    """Whole numbers as equal as can be, of that total."""
+    """Divide a total into whole numbers that are as equal as possible."""
     return [total * (part + 1) // parts - total * part // parts for part in range(parts)]
 
 
 def draw(order: Order, scheduler: str, workers: int) -> Regression:
-    """The drives of an order, drawn by a cluster where one is named or where there are many."""
+    """Draw the drives of an order, on a cluster where one is named or where there are many."""
     with ProgressReport(
         f"{order.rover.name}-{order.soil.name}: simulating {order.drives} drives"
     ) as report:

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every command shares: arguments, progress, and how it ends."""
+"""Parts that all commands share: arguments, progress, and exit codes."""

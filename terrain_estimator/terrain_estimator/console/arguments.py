@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments that several commands take: refused by the option's name before any work, not in the middle of it or after."""
+"""Arguments that several commands take, checked before any work starts."""
 
 import math
 from argparse import ArgumentTypeError
@@ -11,11 +11,11 @@ from tempfile import TemporaryFile
 from rover_parameters.records import ConfigError
 
 LARGEST_SEED = 2**32 - 1
-"""What torch's and NumPy's generators both take, with what commands add to it."""
+"""Largest seed that torch and NumPy accept after commands have added to it."""
 
 
 def whole(low: int, high: int | None = None) -> Callable[[str], int]:
-    """Reads a whole number from ``low`` to ``high`` (type of an argument of argparse)."""
+    """Return an argparse type that reads a whole number from ``low`` to ``high``."""
 
     def read(text: str) -> int:
         try:
@@ -33,11 +33,11 @@ def whole(low: int, high: int | None = None) -> Callable[[str], int]:
 
 SEED = whole(0, LARGEST_SEED)
 COUNT = whole(1)
-WORKERS = whole(0)  # 0: as many as are worth it
+WORKERS = whole(0)  # 0: choose a number that pays
 
 
 def real(low: float, high: float = math.inf, *, exclusive: bool = False) -> Callable[[str], float]:
-    """Reads a finite number from ``low`` to ``high``; ``exclusive`` takes the lower end out."""
+    """Return an argparse type for a finite number; ``exclusive`` leaves out the lower end."""
 
     def read(text: str) -> float:
         try:
@@ -56,12 +56,12 @@ def real(low: float, high: float = math.inf, *, exclusive: bool = False) -> Call
 
 
 def effects(text: str) -> tuple[str, ...]:
-    """Names between commas, each once."""
+    """Split names at commas, each once."""
     return tuple(dict.fromkeys(name for each in text.split(",") if (name := each.strip())))
 
 
 def make_folder(option: str, folder: Path) -> None:
-    """Make the folder that ``option`` names. Raises ConfigError where files cannot be written into it."""
+    """Make the folder that ``option`` names; ConfigError where no file can be written there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):
@@ -74,7 +74,7 @@ def make_folder(option: str, folder: Path) -> None:
 
 
 def refuse_twice(paths: Sequence[Path], why: str) -> None:
-    """Raises ConfigError where two paths are of one file, whatever their names."""
+    """Raise ConfigError where two paths lead to the same file."""
     seen: set[Path] = set()
     for path in paths:
         if path.resolve() in seen:

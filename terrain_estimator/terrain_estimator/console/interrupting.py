@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How commands end that a user does not wait for."""
+"""Clean end of a command that the user interrupts."""
 
 import functools
 import signal
@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import ParamSpec
 
 INTERRUPTED = 130
-"""Exit code, as shells have it: 128 and the number of SIGINT."""
+"""Exit code of shells: 128 plus the number of SIGINT."""
 _Given = ParamSpec("_Given")
 
 
 def interruptible(main: Callable[_Given, int]) -> Callable[_Given, int]:
-    """An entry point that Ctrl-C ends with one line in place of a traceback, and SIGTERM in the same way: by KeyboardInterrupt."""
+    """Make Ctrl-C and SIGTERM end an entry point with one line instead of a traceback."""
     name = Path(main.__code__.co_filename).stem
 
     @functools.wraps(main)

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a long job on stderr: a bar with percentage and time left on a terminal, else a line now and then."""
+"""Progress of a long job on stderr.
+
+On a terminal it is a bar with percentage and time left, elsewhere an occasional line.
+"""
 
 import sys
 import time
@@ -11,14 +14,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 LINE_PERIOD_S = 5.0
-"""[s] between two lines where stderr is no terminal; a job that ends sooner writes none."""
+"""[s] Time between two lines where stderr is no terminal; a shorter job writes none."""
 
 
 class ProgressReport:
-    """Use as a context manager and call :meth:`at` with the share that is done; calls are cheap."""
+    """Progress of one job; use as a context manager and call :meth:`at`, which is cheap."""
 
     def __init__(self, title: str) -> None:
-        """``title`` stands before the percentage."""
+        """Set the title, which stands before the percentage."""
         self._title = title
         columns = (
             TextColumn("{task.description}"),
@@ -37,7 +40,7 @@ class ProgressReport:
         self._started_s = self._said_s = time.monotonic()
 
     def at(self, share: float, note: str = "") -> None:
-        """The job is done to this share, 0 to 1; ``note`` stands behind it."""
+        """Show the share of the job that is done, 0 to 1, followed by ``note``."""
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=share, note=note)
         elif time.monotonic() - self._said_s > LINE_PERIOD_S and share > 0.0:
@@ -59,6 +62,6 @@ class ProgressReport:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar:
             self._bar.stop()

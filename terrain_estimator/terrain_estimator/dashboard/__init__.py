@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the live page shows, and its web server; no ROS in it.
+"""Content of the live page and its web server, without ROS.
 
-- ``reading``: messages as plain values.
+- ``values``: messages as plain values.
 - ``history``: rows over time in constant memory.
-- ``journal``: what changed, in words.
-- ``model``: all of these, and what a viewer lacks of them.
+- ``journal``: changes in words.
+- ``model``: all of these, and the part of them that a viewer lacks.
 - ``web``: the page and its viewers.
 
-A viewer says what it has and gets what is newer, once it has shown what it got: however slow it is,
-one answer at most is on its way.
+A viewer sends a cursor and gets what is newer than that. It asks again only after it has shown the
+answer, so that at most one answer is under way, however slow the viewer is.
 """

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rows over time in constant memory: the newest of them, or the whole drive ever more coarsely."""
+"""Rows over time in constant memory: the newest ones, or the whole drive ever more coarsely."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 Row = tuple[float | None, ...]
-"""Time [s] and the values of the columns; None where one was not known."""
+"""Time [s] and the values of the columns; None for an unknown value."""
 _ROUNDING = 1e-3  # of a period
 
 
@@ -15,9 +15,9 @@ _ROUNDING = 1e-3  # of a period
 class ChartHistory:
     """At most ``capacity`` rows, at least ``period_s`` apart.
 
-    When they are too many the oldest goes; or, to keep the whole drive, every two become one and
-    the period doubles. A row stands for all samples of its period: the last value of each column,
-    the largest where ``worst`` has the column, the mean where ``mean`` has it.
+    When they are too many, the oldest is removed; or, to keep the whole drive, rows are merged in
+    pairs and the period doubles. A row stands for all samples of its period: the last value of each
+    column, the largest for the columns in ``worst``, the mean for those in ``mean``.
     """
 
     period_s: float
@@ -25,13 +25,12 @@ class ChartHistory:
     whole: bool
     worst: frozenset[int] = frozenset()
     mean: frozenset[int] = frozenset()
-    generation: int = (
-        0  # of the rows: grows when those that were given out are no longer what they were
-    )
+    # of the rows: grows when rows that were sent have changed
+    generation: int = 0
     _rows: list[Row] = field(default_factory=list)
     _first: int = 0  # number of the oldest row
-    _open: Row | None = None  # the row of the present period
-    _known: Sequence[int] = ()  # how many values of each column it stands for
+    _open: Row | None = None  # row of the current period
+    _known: Sequence[int] = ()  # number of values in each column of that row
 
     @property
     def end(self) -> int:
@@ -39,7 +38,7 @@ class ChartHistory:
         return self._first + len(self._rows)
 
     def add(self, sample: Row) -> None:
-        """Take the values of a time that is not before the last one's."""
+        """Add the values of a time not before the last one."""
         known = [int(value is not None) for value in sample]
         if self._open is not None and self._period_of(sample) == self._period_of(self._open):
             self._open = self._merged(self._open, sample, self._known)
@@ -50,11 +49,11 @@ class ChartHistory:
         self._open, self._known = sample, known
 
     def since(self, number: int) -> Sequence[Row]:
-        """The rows from this number on; those that are gone are left out."""
+        """Return the rows from this number on that are still kept."""
         return self._rows[max(number - self._first, 0) :]
 
     def _period_of(self, row: Row) -> int:
-        """Number of the period in which a row lies; stamps at its very end may be rounded down."""
+        """Return the number of a row's period; stamps at its very end may be rounded down."""
         return math.floor((row[0] or 0.0) / self.period_s + _ROUNDING)
 
     def _append(self, row: Row) -> None:
@@ -77,14 +76,14 @@ class ChartHistory:
         self.generation += 1
 
     def _merged(self, earlier: Row, later: Row, weights: Sequence[int]) -> Row:
-        """One row for two; of each column the earlier one stands for so many values."""
+        """Merge two rows; ``weights`` are the numbers of values in the earlier one's columns."""
         return tuple(
             self._value(column, *values)
             for column, values in enumerate(zip(earlier, later, weights, strict=True))
         )
 
     def _rounded(self, row: Row) -> Row:
-        """Means with as many digits as samples have: every digit is sent to every page."""
+        """Round means to the digits of samples, since every digit is sent to every page."""
         return tuple(
             value if value is None or column not in self.mean else float(f"{value:.7g}")
             for column, value in enumerate(row)
@@ -99,6 +98,5 @@ class ChartHistory:
             return later
         if earlier is None or later is None:
             return earlier if later is None else later
-        return (
-            earlier - earlier / (weight + 1) + later / (weight + 1)
-        )  # the difference of two huge values would be infinite
+        # the difference of two huge values would be infinite
+        return earlier - earlier / (weight + 1) + later / (weight + 1)

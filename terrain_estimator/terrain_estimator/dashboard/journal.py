@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What changed, in words: the last events, without those of a moment."""
+"""Journal of changes in words: the last events that lasted."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 KEPT = 100
 HOLD_S = 1.0
-"""What lasts less is no event: the timeline shows it, the journal would drown in it."""
+"""[s] Least duration of an event; only the timeline shows shorter ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class _Lane:
 
 @dataclass(slots=True)
 class Journal:
-    """Events by number, of lanes that each have a state."""
+    """Numbered events of lanes that each have one state at a time."""
 
     _events: deque[Event] = field(default_factory=lambda: deque(maxlen=KEPT))
     _lanes: dict[str, _Lane] = field(default_factory=dict)
@@ -44,7 +44,10 @@ class Journal:
         return self._count
 
     def see(self, lane: str, state: str, time_s: float, level: str, text: str) -> None:
-        """The state of a lane now; it is an event once it has lasted. The first state is none where it is empty."""
+        """Note the present state of a lane; it becomes an event once it has lasted.
+
+        The first state is no event if it is empty.
+        """
         known = self._lanes.setdefault(lane, _Lane(""))
         if state == known.state:
             known.candidate = state
@@ -55,10 +58,10 @@ class Journal:
             self.write(known.since_s, level, text)
 
     def write(self, time_s: float, level: str, text: str) -> None:
-        """An event."""
+        """Add an event."""
         self._events.append(Event(self._count, time_s, level, text))
         self._count += 1
 
     def since(self, number: int) -> Iterator[Event]:
-        """The events from this number on that are still kept."""
+        """Return the events from this number on that are still kept."""
         return (event for event in self._events if event.number >= number)

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""All that the page shows, from the messages: the values of now, their history, and what changed. Constant memory, no clock, no ROS."""
+"""Content of the live page from messages: present values, their history, and changes.
+
+It needs constant memory, and has no clock and no ROS.
+"""
 
 import json
 import math
@@ -10,23 +13,26 @@ from typing import Any
 from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.history import ChartHistory, Row
 from terrain_estimator.dashboard.journal import Journal
-from terrain_estimator.dashboard.reading import TOPICS, Values
+from terrain_estimator.dashboard.values import TOPICS, Values
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.messaging.pairing import RESTART_AFTER
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import Message, stamp_ns
+from terrain_estimator.topics import Message, stamp_ns
 
 STALE_S = 2.5
-"""A value that is older by the steady clock is no value of a row."""
+"""[s] Age by the steady clock from which a value is left out of a row."""
 JUMP_S = 10.0
-"""A stamp that is further ahead is believed when several in a row are,"""
+"""[s] Step ahead from which a stamp must be confirmed by several in a row."""
 BACK_S = 1.0
-"""and one that is further back: a bag that loops may be short, and topics of one instant are not so far apart."""
+"""[s] Step back from which a stamp must be confirmed.
+
+A bag that loops may be short, and topics of one instant are not this far apart.
+"""
 LIKELY = 0.5
-"""Probability from which a change of the ground is an event."""
+"""[1] Probability from which a change of the ground is an event."""
 TIMED = ("terrain_estimate", "wheel_slip", "wheel_sinkage", "odom")
-"""Topics whose stamps are times of measurements."""
+"""Topics whose stamps are times of measurement."""
 
 _BOUNDS = ("", "_lower_95", "_lower_68", "_upper_68", "_upper_95")
 _ESTIMATED = tuple(f"{name}{bound}" for name in ("cohesion", "tan_phi") for bound in _BOUNDS)
@@ -37,7 +43,7 @@ _EVENT_LEVELS = {"OK": "ok", "WARN": "warn"}
 
 @dataclass(frozen=True, slots=True)
 class Cursor:
-    """What a viewer has: rows and events up to these numbers, of the histories that are named."""
+    """State of a viewer: the rows and events that it has, and the histories that they belong to."""
 
     of: str = ""
     recent: int = 0
@@ -46,10 +52,10 @@ class Cursor:
 
 
 class LiveModel:
-    """Takes messages, gives each viewer what it lacks."""
+    """Content of the page; each viewer gets the part that it lacks."""
 
     def __init__(self, session: str, config: ShownConfig) -> None:
-        """``session`` tells this run of the node from the one before."""
+        """Start without messages; ``session`` identifies this run of the node."""
         self._session, self._config = session, config
         self.revision = 0  # grows with every message
         self._now: dict[str, Values] = {}
@@ -59,7 +65,7 @@ class LiveModel:
         self._begin()
 
     def _begin(self) -> None:
-        """Empty histories, of columns for the wheels that are known."""
+        """Start empty histories, with columns for the known wheels."""
         wheels = [f"{name}_{k}" for name in ("slip", "sinkage") for k in range(len(self._wheels))]
         self.columns = (
             "time",
@@ -82,7 +88,11 @@ class LiveModel:
         self._generation += 1
 
     def take(self, topic: str, message: Message, now_s: float) -> None:
-        """One message of one of ``TOPICS``; ``now_s`` by the steady clock. Raises ValueError, IndexError for a malformed one."""
+        """Take a message of one of ``TOPICS``.
+
+        ``now_s`` is the time by the steady clock. A malformed message raises ValueError or
+        IndexError.
+        """
         values = TOPICS[topic][1](message)
         if topic in TIMED:
             self._advance(stamp_ns(message) * 1e-9, now_s)
@@ -96,7 +106,7 @@ class LiveModel:
             self._judge(topic, values)
 
     def _advance(self, stamp_s: float, now_s: float) -> None:
-        """A row stands for an instant, so it is complete when a later one begins."""
+        """Complete the row of the previous instant when a later stamp arrives."""
         step_s = 0.0 if math.isnan(self._stamp_s) else stamp_s - self._stamp_s
         if step_s > JUMP_S or step_s < -BACK_S:
             self._jumps += 1
@@ -105,7 +115,9 @@ class LiveModel:
             if step_s < 0.0:
                 self._begin()
                 self._journal.write(
-                    stamp_s, "warn", f"stamps went back by {-step_s:.0f} s: the history begins anew"
+                    stamp_s,
+                    "warn",
+                    f"stamps went back by {-step_s:.0f} s: the history starts again",
                 )
         self._jumps = 0
         if math.isnan(self._stamp_s):
@@ -125,7 +137,7 @@ class LiveModel:
         estimate, place, health = (
             fresh.get(topic, {}) for topic in ("terrain_estimate", "odom", "estimator_health")
         )
-        truth = self._now.get("ground_truth/terrain", {})  # said once
+        truth = self._now.get("ground_truth/terrain", {})  # published once
         values = [estimate.get(name) for name in (*_ESTIMATED, "change_probability")]
         values += [
             Outcome[estimate["outcome"]] if estimate else None,
@@ -146,7 +158,7 @@ class LiveModel:
         )
 
     def _judge(self, topic: str, values: Values) -> None:
-        """What this message says that is worth an event."""
+        """Note in the journal what is worth an event in this message."""
         time_s, see = self._stamp_s, self._journal.see
         if topic == "terrain_estimate":
             refused = not values["used"] and values["outcome"] != Outcome.STANDSTILL.name
@@ -170,7 +182,7 @@ class LiveModel:
             text = (
                 f"the ground changed (probability {probability:.0%})"
                 if changed
-                else "the ground holds again"
+                else "the ground has settled"
             )
             see("ground", "changed" if changed else "", time_s, "warn" if changed else "ok", text)
         elif topic == "estimator_health":
@@ -185,7 +197,7 @@ class LiveModel:
             text = (
                 f"the posterior was reset ({resets} times since the start)"
                 if resets
-                else "the estimator began anew"
+                else "the estimator restarted"
             )
             see("resets", str(resets or ""), time_s, "warn", text)
         elif topic == "traction_advice":
@@ -193,12 +205,15 @@ class LiveModel:
             text = (
                 f"planner: {values['status_text']}"
                 if stop
-                else "planner: the recommendation to stop is withdrawn"
+                else "planner: the stop recommendation is withdrawn"
             )
             see("stop", "stop" if stop else "", time_s, "error" if stop else "ok", text)
 
     def update(self, cursor: Cursor, now_s: float) -> str:
-        """What a viewer with this cursor lacks, as JSON; everything where its cursor is of other histories than these."""
+        """Return what a viewer with this cursor lacks, as JSON.
+
+        A cursor of other histories gets everything.
+        """
         of = f"{self._session}/{self._generation}/{self._whole.generation}"
         anew = cursor.of != of
         known = Cursor(of) if anew else cursor

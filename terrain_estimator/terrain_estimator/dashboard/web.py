@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The web server of the live page: a handful of files, and a socket for each viewer."""
+"""Web server of the live page: a handful of files, and a socket for each viewer."""
 
 import asyncio
 import errno
@@ -25,9 +25,9 @@ from terrain_estimator.pages.page import page
 
 VIEWERS = 32
 HEARTBEAT_S = 1.0
-"""A viewer hears at least so often, so that it can tell a silent rover from a dead node."""
+"""[s] Longest time between answers, to distinguish a silent rover from a dead node."""
 PING_S = 20.0
-"""A viewer that answers no ping for so long is gone."""
+"""[s] Time after which a viewer that answers no ping is dropped."""
 GOODBYE_S = 0.5
 _LONGEST_QUESTION = 1000  # bytes
 _POLICY = (
@@ -54,14 +54,14 @@ _SETTINGS: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """What is served under one path."""
+    """Content served under one path."""
 
     kind: str
     content: bytes
 
 
 def page_files() -> dict[str, File]:
-    """All files of the page by path. Raises ConfigError where the plotting library is not installed."""
+    """Return all files of the page by path; ConfigError where the plotting library is missing."""
     try:
         library = files("chartkick") / "django/static/chartkick/Chart.bundle.js"
     except ModuleNotFoundError as error:
@@ -81,15 +81,18 @@ def page_files() -> dict[str, File]:
 
 
 class Viewers:
-    """Who looks at the page. Each is answered when it asks, and gets all that is new since its last answer."""
+    """Open viewers of the page; each gets what is new since its last answer when it asks."""
 
     def __init__(self, model: LiveModel) -> None:
-        """Nobody looks yet."""
+        """Start without viewers."""
         self._model = model
         self.open: set[Live] = set()
 
     def answer(self, now_s: float) -> None:
-        """Answer all who asked and whose last answer has left; ``now_s`` by the steady clock. Never waits for anybody."""
+        """Answer all viewers that have asked and received their last answer; never wait for one.
+
+        ``now_s`` is the time by the steady clock.
+        """
         texts: dict[Cursor, str] = {}
         for viewer in list(self.open):
             if viewer.is_due(self._model.revision, now_s) and viewer.asked is not None:
@@ -100,15 +103,18 @@ class Viewers:
 
 
 class _Guarded(RequestHandler):
-    """Refuses names that are not this machine's: a foreign page whose name was bent to this address could read along (DNS rebinding)."""
+    """Handler that refuses host names other than this machine's.
+
+    A foreign page whose name resolves to this address could otherwise read along (DNS rebinding).
+    """
 
     def set_default_headers(self) -> None:
-        """See tornado."""
+        """Set the headers of every answer."""
         for name, value in _HEADERS.items():
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        """See tornado."""
+        """Refuse a foreign host name."""
         if not is_own_name(self.request.host_name):
             raise HTTPError(
                 403, reason="Unknown Host: use an address, localhost or the name of the machine"
@@ -116,54 +122,54 @@ class _Guarded(RequestHandler):
 
 
 class Page(_Guarded):
-    """One of the files."""
+    """Handler of one file."""
 
     def initialize(self, content: File) -> None:
-        """See tornado."""
+        """Keep the file's content."""
         self._content = content
 
     def get(self) -> None:
-        """See tornado."""
+        """Send the file."""
         self.set_header("Content-Type", self._content.kind)
         self.finish(self._content.content)
 
 
 class NotThere(_Guarded):
-    """Every other path."""
+    """Handler of every other path."""
 
     def prepare(self) -> None:
-        """See tornado."""
+        """Answer 404, after the check of the host name."""
         super().prepare()
         raise HTTPError(404)
 
 
 class Live(_Guarded, WebSocketHandler):
-    """One viewer. It asks with its cursor; one answer at most is on its way to it, and nothing is queued."""
+    """Handler of one viewer: it asks with its cursor, and at most one answer is under way."""
 
     def initialize(self, viewers: Viewers) -> None:
-        """See tornado."""
+        """Start without a question."""
         self._viewers = viewers
         self.asked: Cursor | None = None
         self._sending: asyncio.Future[None] | None = None
         self._revision, self._sent_s = -1, 0.0
 
     def open(self, *_: str, **__: str) -> None:
-        """See tornado."""
+        """Admit the viewer unless there are too many."""
         if len(self._viewers.open) >= VIEWERS:
-            self.close(1013, f"there are {VIEWERS} viewers already")
+            self.close(1013, f"all {VIEWERS} places for viewers are taken")
             return
         self._viewers.open.add(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """The question: what the viewer has. What is no cursor asks for everything."""
+        """Take the viewer's question, its cursor; anything else asks for everything."""
         self.asked = cursor_of(message)
 
     def on_close(self) -> None:
-        """See tornado."""
+        """Forget the viewer."""
         self._viewers.open.discard(self)
 
     def is_due(self, revision: int, now_s: float) -> bool:
-        """Whether it has asked, has got its last answer, and there is something new or nothing was said for long."""
+        """Return whether to answer: it has asked, and there is news or the heartbeat is due."""
         free = self._sending is None or self._sending.done()
         return (
             free
@@ -172,19 +178,18 @@ class Live(_Guarded, WebSocketHandler):
         )
 
     def send(self, text: str, revision: int, now_s: float) -> None:
-        """Begin to send an answer."""
+        """Start sending an answer."""
         self.asked, self._revision, self._sent_s = None, revision, now_s
         try:
             self._sending = asyncio.ensure_future(self.write_message(text))
-            self._sending.add_done_callback(
-                lambda sent: sent.cancelled() or sent.exception()
-            )  # who left needs no answer
+            # a viewer that has left needs no answer
+            self._sending.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
         except WebSocketClosedError:
             self._viewers.open.discard(self)
 
 
 def cursor_of(question: str | bytes) -> Cursor:
-    """What a viewer says that it has; the empty cursor where it is none."""
+    """Return the cursor in a viewer's question; an empty one where there is none."""
     try:
         given: dict[str, Any] = json.loads(question)
         cursor = Cursor(**given)
@@ -195,7 +200,7 @@ def cursor_of(question: str | bytes) -> Cursor:
 
 
 def is_own_name(host: str) -> bool:
-    """Whether a Host header names this machine: an address, localhost, or the machine's name."""
+    """Return whether a Host header names this machine: an address, localhost, or its name."""
     try:
         ipaddress.ip_address(host.strip("[]"))
     except ValueError:
@@ -205,10 +210,13 @@ def is_own_name(host: str) -> bool:
 
 
 class WebServer:
-    """The page on a port, for whoever looks at it."""
+    """The page on a port."""
 
     def __init__(self, model: LiveModel, address: str, port: int) -> None:
-        """Listen, within a running event loop. Raises ConfigError where the address is not this machine's or the port is taken."""
+        """Listen, within a running event loop.
+
+        Raises ConfigError where the address is not this machine's or the port is taken.
+        """
         files_served, listening = page_files(), _listening(address, port)
         self.viewers = Viewers(model)
         paths: list[Any] = [
@@ -228,7 +236,7 @@ class WebServer:
         self.url = f"http://{shown}:{listening.getsockname()[1]}/"
 
     async def serve(self, stop: threading.Event, rate_hz: float, take: Callable[[], None]) -> None:
-        """Let ``take`` bring the model up to date and answer the viewers, at this rate until ``stop`` is set; then close."""
+        """Call ``take`` and answer the viewers at this rate until ``stop`` is set; then close."""
         while not stop.is_set():
             take()
             self.viewers.answer(time.monotonic())
@@ -248,9 +256,9 @@ def _listening(address: str, port: int) -> socket.socket:
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise ConfigError(
-                f"port {port} of {address} is taken, by another dashboard perhaps: end that"
-                f" program, or take another port with -p port:={port + 1}; -p port:=0 takes a"
-                " free one"
+                f"port {port} of {address} is taken, perhaps by another dashboard: stop that"
+                f" program, or use another port with -p port:={port + 1}; -p port:=0 chooses a free"
+                " one"
             ) from error
         raise ConfigError(
             f"parameter address: cannot listen on {address!r}, port {port}:"

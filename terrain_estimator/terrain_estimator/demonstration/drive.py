@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One simulated drive on real DDS: simulator, estimator, recorder and watch as separate processes."""
+"""One simulated drive on real DDS, with every node in a process of its own."""
 
 import json
 import shutil
@@ -11,14 +11,14 @@ from typing import Any
 
 from terrain_estimator.demonstration.processes import Fleet, FleetError, Program
 
-START_TIMEOUT_S = 60.0  # importing torch from a cold disk takes its time
+START_TIMEOUT_S = 60.0  # importing torch from a cold disk is slow
 MATCH_TIMEOUT_S = 20.0
 READERS = 3  # of every input: estimator, recorder and watch
 
 
 @dataclass(frozen=True, slots=True)
 class DriveSettings:
-    """What is driven."""
+    """Settings of a drive."""
 
     duration_s: float  # of simulated time
     real_time_factor: float
@@ -31,14 +31,14 @@ class DriveSettings:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What came of it."""
+    """Result of a drive."""
 
     bag: Path
     timing: dict[str, Any]  # the watch's report: messages, rate_hz, jitter_ms_p99 by topic
 
 
 def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Recording:
-    """Drive, estimate and record into ``folder``; the watch's lines go to ``say``.
+    """Drive, estimate and record into ``folder``; pass the watch's lines to ``say``.
 
     Raises:
         FleetError: a process failed.
@@ -51,10 +51,9 @@ def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Reco
         simulator = fleet.start("rover_sim_node", "simulator", _simulator_parameters(what))
         fleet.wait_for(estimator, r"matched all inputs", START_TIMEOUT_S)
         fleet.wait_for(recorder, r"recording \d+ topics", MATCH_TIMEOUT_S)
-        # A publisher that has matched a reader may not be matched by it yet, and what it says then
-        # is lost. So the simulator
-        # waits for one reader more, the watch, which starts when the two that must not miss
-        # anything have said that they hear.
+        # A publisher that has matched a reader may not be matched by it yet, and its messages are
+        # then lost. So the simulator waits for one more reader, the watch, which starts when the
+        # two that must miss nothing report that they are ready.
         watch = fleet.start(
             "terrain_estimator",
             "watch",
@@ -68,11 +67,8 @@ def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Reco
             3.0 * what.duration_s / what.real_time_factor + START_TIMEOUT_S,
             say,
         )
-        for program in (
-            estimator,
-            watch,
-            recorder,
-        ):  # the estimator first: what it still answers is recorded
+        # the estimator first, so that its last answers are recorded
+        for program in (estimator, watch, recorder):
             code = program.stop()
             if code != 0:
                 raise FleetError(f"{program.name} ended with code {code}, see {program.log}")
@@ -80,7 +76,7 @@ def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Reco
 
 
 def clear(folder: Path) -> None:
-    """Remove what an earlier drive left."""
+    """Remove the results of an earlier drive."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("bag", "replay", "log"):
         shutil.rmtree(folder / name, ignore_errors=True)
@@ -102,7 +98,7 @@ def _simulator_parameters(what: DriveSettings) -> dict[str, object]:
 def _follow(
     fleet: Fleet, simulator: Program, watch: Program, timeout_s: float, say: Callable[[str], None]
 ) -> None:
-    """Hand on what the watch says until the simulator has driven to the end."""
+    """Pass on the watch's output until the simulator has driven to the end."""
     said = len(watch.output)
 
     def ended() -> bool:

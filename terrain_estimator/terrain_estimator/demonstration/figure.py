@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws a recorded run: the estimates with their intervals against the truth, slip and sinkage below."""
+"""Draw a recorded run: estimates with their intervals against the truth, slip and sinkage below."""
 
 import itertools
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.bags import BagReader, Message
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 
 mpl.use("Agg")  # no display: before pyplot is imported
 import matplotlib.pyplot as plt
@@ -21,21 +21,18 @@ from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 _ESTIMATE, _TRUTH = "#1f5fa8", "#c0392b"
-_AXLES = (
-    "#1b7837",
-    "#762a83",
-    "#b35806",
-)  # front, middle, rear: told apart by colour-blind readers too
+# front, middle, rear: colours that colour-blind readers can distinguish
+_AXLES = ("#1b7837", "#762a83", "#b35806")
 
 
 @dataclass(frozen=True, slots=True)
 class RunCurves:
-    """What is drawn. Times in seconds from the first estimate."""
+    """Data of the figure; times in seconds from the first estimate."""
 
     time_s: Floats  # [estimates]
     cohesion_kpa: Floats  # [estimates, 3] mean, lower, upper
     tan_phi: Floats  # [estimates, 3]
-    truth: list[tuple[float, float, float]]  # time from which it holds, c [kPa], tan phi
+    truth: list[tuple[float, float, float]]  # time of the change, c [kPa], tan phi
     wheels: list[str]
     slip_time_s: Floats
     slip: Floats  # [samples, wheels]
@@ -44,7 +41,7 @@ class RunCurves:
 
 
 def read_curves(bag: Path) -> RunCurves:
-    """Read what is drawn. Raises BagError where the bag cannot be read or has no estimates."""
+    """Read the data of the figure; BagError where the bag is unreadable or has no estimates."""
     with BagReader(bag) as reader:
         estimates, slips, sinkages, truths = (
             list(_decoded(reader, topic))
@@ -85,7 +82,7 @@ def _decoded(reader: BagReader, topic: str) -> Iterator[Message]:
 
 
 def draw(curves: RunCurves, path: Path, title: str) -> None:
-    """Draw to an image file; its suffix says which kind."""
+    """Draw to an image file; its suffix sets the format."""
     figure, ((cohesion, tan_phi), (slip, sinkage)) = plt.subplots(
         2, 2, figsize=(11.0, 6.5), sharex=True, layout="constrained"
     )
@@ -151,13 +148,16 @@ def _draw_estimate(
 
 
 def _upper_limit(values: Floats, truth: float) -> float:
-    """Enough for the truth and the interval after the first seconds; the prior's interval may run out of the picture."""
+    """Return a limit above the truth and the settled interval; the prior's interval may be cut."""
     settled = values[len(values) // 10 :, 2]
     return float(1.15 * max(truth, np.max(settled)))
 
 
 def _draw_wheels(axes: Axes, time_s: Floats, values: Floats, wheels: list[str]) -> None:
-    """Every wheel thinly, and the mean of an axle over a second; an axle is the first word of its wheels' names."""
+    """Draw every wheel thinly, and the mean of each axle over a second.
+
+    An axle is the first word of its wheels' names.
+    """
     axle_of = [name.split("_")[0] for name in wheels]
     for axle, colour in zip(dict.fromkeys(axle_of), itertools.cycle(_AXLES)):
         columns = values[:, [name == axle for name in axle_of]]
@@ -169,7 +169,7 @@ def _draw_wheels(axes: Axes, time_s: Floats, values: Floats, wheels: list[str]) 
 
 
 def _smooth(values: Floats) -> Floats:
-    """Mean over the ten samples around each; fewer at the ends. NaN where one of them is."""
+    """Return the mean of the ten samples around each, fewer at the ends; NaN where one is NaN."""
     kernel = np.ones(10)
     return np.asarray(
         np.convolve(values, kernel, "same") / np.convolve(np.ones_like(values), kernel, "same")

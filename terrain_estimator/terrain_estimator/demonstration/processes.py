@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts the executables of installed packages as processes, waits for what they say, and never leaves one behind."""
+"""Run executables of installed packages, wait for their output, and leave no process behind."""
 
 import ctypes
 import os
@@ -21,11 +21,14 @@ STOP_TIMEOUT_S = 15.0
 
 
 class FleetError(RuntimeError):
-    """A process ended early, or did not do in time what was waited for; the message ends with its last words."""
+    """A process ended early or timed out; the message ends with its last lines."""
 
 
 def executable(package: str, name: str) -> str:
-    """Path of a package's executable, as ``ros2 run`` finds it. Raises FleetError where the package is not in this environment."""
+    """Return the path of a package's executable, as ``ros2 run`` finds it.
+
+    Raises FleetError where the package is not installed.
+    """
     try:
         return str(Path(get_package_prefix(package), "lib", package, name))
     except (PackageNotFoundError, OSError) as error:  # OSError: no workspace at all is sourced
@@ -35,10 +38,10 @@ def executable(package: str, name: str) -> str:
 
 
 class Program:
-    """One process; what it writes goes to a file."""
+    """One process whose output goes to a file."""
 
     def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
-        """Start it in a session of its own, so that Ctrl-C reaches it through us only."""
+        """Start it in a session of its own, so that Ctrl-C reaches it through this process only."""
         self.name = Path(command[0]).name
         self.log = log
         with log.open("wb") as stream:
@@ -48,21 +51,22 @@ class Program:
                 stderr=subprocess.STDOUT,
                 env=environment,
                 start_new_session=True,
-                preexec_fn=_end_with_parent,  # noqa: PLW1509 - one thread, and nothing but a system call
+                # one thread, and nothing but a system call
+                preexec_fn=_end_with_parent,  # noqa: PLW1509
             )
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Return whether it has not ended."""
         return self._process.poll() is None
 
     @property
     def output(self) -> str:
-        """What it has written so far."""
+        """Return its output so far."""
         return self.log.read_text(encoding="utf-8", errors="replace")
 
     def wait(self, timeout_s: float) -> int:
-        """Wait for its end; return the exit code. Raises FleetError where time runs out."""
+        """Wait for its end and return the exit code; FleetError where time runs out."""
         try:
             return self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -71,27 +75,27 @@ class Program:
             ) from None
 
     def stop(self) -> int:
-        """Ask it to end as Ctrl-C does; return the exit code."""
+        """Interrupt it as Ctrl-C does; return the exit code."""
         self._process.send_signal(signal.SIGINT)
         return self.wait(STOP_TIMEOUT_S)
 
     def kill(self) -> None:
-        """End it without asking."""
+        """Kill it."""
         if self.running:
             os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
 
     @property
     def last_words(self) -> str:
-        """The end of what it has written."""
+        """Return the last lines of its output."""
         return "\n".join(self.output.splitlines()[-15:])
 
 
 class Fleet:
-    """Processes in one ROS domain. Leaving the context ends those that still run."""
+    """Processes in one ROS domain; leaving the context ends those that still run."""
 
     def __init__(self, log_folder: Path, domain_id: int) -> None:
-        """Logs go to ``log_folder``."""
+        """Prepare the environment; logs go to ``log_folder``."""
         log_folder.mkdir(parents=True, exist_ok=True)
         self._log_folder = log_folder
         self._environment = {
@@ -115,7 +119,7 @@ class Fleet:
         return program
 
     def wait_for(self, program: Program, pattern: str, timeout_s: float) -> None:
-        """Wait until a program has written the regular expression. Raises FleetError where one ends first, or time runs out."""
+        """Wait for ``pattern`` in a program's output; FleetError on an early end or timeout."""
         self.wait_until(
             lambda: re.search(pattern, program.output) is not None,
             f"{program.name} wrote {pattern!r}",
@@ -123,7 +127,7 @@ class Fleet:
         )
 
     def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
-        """Wait for a condition while all programs run. Raises FleetError where one ends first, or time runs out."""
+        """Wait for a condition while all programs run; FleetError on an early end or timeout."""
         end_s = time.monotonic() + timeout_s
         while not condition():
             for program in self._programs:
@@ -137,7 +141,7 @@ class Fleet:
             time.sleep(POLL_S)
 
     def __enter__(self) -> Self:
-        """Nothing runs yet."""
+        """Start with no processes."""
         return self
 
     def __exit__(
@@ -146,7 +150,7 @@ class Fleet:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Interrupt what still runs, then kill what does not listen."""
+        """Interrupt what still runs, then kill what does not react."""
         for program in self._programs:
             try:
                 if program.running:
@@ -156,7 +160,10 @@ class Fleet:
 
 
 def _end_with_parent() -> None:
-    """Let the kernel interrupt this process when its parent ends, even where that was killed (prctl, PR_SET_PDEATHSIG)."""
+    """Let the kernel interrupt this process when its parent ends, even by a kill.
+
+    Uses prctl with PR_SET_PDEATHSIG.
+    """
     _LIBC.prctl(1, signal.SIGINT)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The mapping: which column of a CSV file is which signal, in which unit, with which noise."""
+"""Mapping of the columns of a CSV file to signals, units and noise."""
 
 import dataclasses
 import itertools
@@ -26,10 +26,11 @@ BODY_SIGNALS = {
     "acceleration": "acceleration",
     "bogie_angle": "angle",
 }
-SIGNED = ("pitch", "bogie_angle")
 """Signals of the rover's body, and their quantity."""
+SIGNED = ("pitch", "bogie_angle")
+"""Signals whose positive direction has to be given."""
 WITH_DEVIATION = ("slip", "sinkage", "contact_angle", "velocity", "pitch", "acceleration")
-"""Signals whose messages carry a standard deviation, so that their noise has to be known."""
+"""Signals whose messages carry a standard deviation, so that their noise must be known."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class SignalNoise:
 
 @dataclass(frozen=True)
 class WheelColumns:
-    """The columns of one wheel; empty where there is none."""
+    """Columns of one wheel; empty where there is none."""
 
     name: str
     slip: str = ""
@@ -54,7 +55,7 @@ class WheelColumns:
 
 @dataclass(frozen=True)
 class Time:
-    """The column of the time of measurement."""
+    """Column of the time of measurement."""
 
     column: str
     unit: str = "s"
@@ -67,7 +68,7 @@ class Time:
 
 @dataclass(frozen=True)
 class WheelSignal:
-    """Unit and noise of a signal that each wheel has; its columns stand with the wheels."""
+    """Unit and noise of a signal that each wheel has; the wheels name its columns."""
 
     unit: str
     noise: SignalNoise = SignalNoise()
@@ -84,7 +85,10 @@ class Constant:
 
 @dataclass(frozen=True)
 class BodySignal:
-    """Column, unit and noise of a signal of the rover's body; no column where it was not measured."""
+    """Column, unit and noise of a signal of the rover's body.
+
+    The column is empty where it was not measured.
+    """
 
     column: str = ""
     unit: str = ""
@@ -122,7 +126,7 @@ class Mapping:
     constant_pitch: Constant = _NO_CONSTANT
 
     def __post_init__(self) -> None:
-        """Check what a single field cannot."""
+        """Check the fields against each other."""
         if self.slip_definition not in SLIP_DEFINITIONS:
             msg = (
                 f"slip_definition: {self.slip_definition!r} is unknown: give one of"
@@ -148,11 +152,11 @@ class Mapping:
                 _check_constant(f"constant_{name}", constant, measured=self.measures(name))
 
     def columns(self, signal: str) -> tuple[str, ...]:
-        """Columns of a wheel signal in the order of the wheels, empty strings where a wheel has none."""
+        """Return a wheel signal's columns in the order of the wheels, empty for none."""
         return tuple(getattr(wheel, signal) for wheel in self.wheels)
 
     def measures(self, signal: str) -> bool:
-        """Tell whether the file has a column of this signal."""
+        """Return whether the file has a column of this signal."""
         return (
             any(self.columns(signal))
             if signal in WHEEL_SIGNALS
@@ -180,8 +184,8 @@ class Mapping:
             return
         if not self.measures(name):
             msg = (
-                f"{name}: no wheel has a column of it: add {name}: COLUMN to the wheels, or leave"
-                " the section out"
+                f"{name}: no wheel has a column for it: add {name}: COLUMN to the wheels, or leave"
+                " out the section"
             )
             raise ConfigError(msg)
         _check_signal(name, WHEEL_SIGNALS[name], signal)
@@ -204,23 +208,22 @@ class Mapping:
 
 
 def read_mapping(path: Path) -> Mapping:
-    """Read a mapping file. Raises ConfigError, which names file, key and value."""
+    """Read a mapping file; a ConfigError names file, key and value."""
     mapping = load(Mapping, path)
     known: dict[str, tuple[str, str]] = {}
-    for column, signal, quantity in _named(
-        mapping
-    ):  # wheels may share one, as where a sensor is on an axle
+    # wheels may share a column, as with one sensor on an axle
+    for column, signal, quantity in _named(mapping):
         first, of_first = known.setdefault(column, (signal, quantity))
         if of_first != quantity:
             raise ConfigError(
-                f"{path}: column {column!r} is named for {first} and for {signal}: it can be one of"
-                " them"
+                f"{path}: column {column!r} is named for {first} and for {signal}: it can be only"
+                " one of them"
             )
     return mapping
 
 
 def _named(mapping: Mapping) -> Iterator[tuple[str, str, str]]:
-    """Every column that is named, for which signal, and that one's quantity."""
+    """Yield every column that is named, with its signal and quantity."""
     yield mapping.time.column, "time", "time"
     of_body = (
         (getattr(mapping, signal).column, signal, quantity)
@@ -238,8 +241,8 @@ def _check_signal(name: str, quantity: str, signal: WheelSignal | BodySignal) ->
     _check_unit(name, signal.unit, quantity)
     if name in WITH_DEVIATION and signal.noise == SignalNoise():
         msg = (
-            f"{name}: its noise is missing: add noise: {{relative: ..., absolute: ...}}, one of"
-            " them above 0"
+            f"{name}: its noise is missing: add noise: {{relative: ..., absolute: ...}}, at least"
+            " one of them above 0"
         )
         raise ConfigError(msg)
 
@@ -247,12 +250,12 @@ def _check_signal(name: str, quantity: str, signal: WheelSignal | BodySignal) ->
 def _check_constant(name: str, constant: Constant, *, measured: bool) -> None:
     _check_unit(name, constant.unit, "angle")
     if measured:
-        msg = f"{name}: there are columns of it too: leave one of the two out"
+        msg = f"{name}: it is both a constant and a column: leave out one of the two"
         raise ConfigError(msg)
     if constant.noise == SignalNoise():
         msg = (
-            f"{name}: its noise is missing: add noise: {{absolute: ...}} above 0, how well the"
-            " value is known"
+            f"{name}: its noise is missing: add noise: {{absolute: ...}} above 0, the uncertainty"
+            " of the value"
         )
         raise ConfigError(msg)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Samples as the estimator's input messages in a bag."""
+"""Write samples as the estimator's input messages to a bag."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -11,22 +11,21 @@ import numpy as np
 from terrain_estimator.bags import BagTopic, BagWriter, Message
 from terrain_estimator.importing.mapping import Mapping
 from terrain_estimator.importing.samples import MeasuredValue, TableSample
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 
-UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: there is no such measurement
+UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: not measured
 PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y
 PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
 
-BOGIE = (  # name of its joint: what the estimator looks for unless its parameter bogie_joint says otherwise
-    "bogie"
-)
+BOGIE = "bogie"
+"""Name of the bogie's joint, the default of the estimator's parameter bogie_joint."""
 
 
 @dataclass(slots=True)
 class SampleWriter:
-    """Writes each sample as the messages of one instant.
+    """Write each sample as the messages of one instant.
 
-    wheel_slip, wheel_sinkage and odom are always there, with NaN for what was not measured;
+    wheel_slip, wheel_sinkage and odom are always written, with NaN for what was not measured;
     joint_states and imu only where one of their signals is mapped.
     """
 
@@ -36,7 +35,7 @@ class SampleWriter:
     _sequence: int = 0
 
     def write_all(self, samples: Iterable[TableSample]) -> int:
-        """Write all samples; return how many."""
+        """Write all samples; return their number."""
         builders: dict[str, Callable[[TableSample], Message]] = {
             "wheel_slip": self._slip,
             "wheel_sinkage": self._sinkage,
@@ -125,7 +124,10 @@ class SampleWriter:
 
     @staticmethod
     def _orient(orientation: Message, pitch: MeasuredValue) -> float:
-        """Set a quaternion (REP-103: rotation about y is nose down); return its variance. All zeros where there is no pitch."""
+        """Set a quaternion and return its variance; all zeros where there is no pitch.
+
+        REP-103's rotation about y is positive nose down.
+        """
         if math.isnan(pitch.value):
             orientation.w = 0.0
             return 0.0
@@ -142,5 +144,5 @@ def _deviations(entries: list[MeasuredValue]) -> np.ndarray[tuple[int], np.dtype
 
 
 def _variance(entry: MeasuredValue) -> float:
-    """Return the variance, 0 (in ROS: unknown) where there is no measurement."""
+    """Return the variance; 0, which means unknown in ROS, where there is no measurement."""
     return 0.0 if math.isnan(entry.deviation) else entry.deviation**2

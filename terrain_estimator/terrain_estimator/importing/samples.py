@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rows of a CSV file as samples in SI units. Nothing is kept: a long run takes no more memory than a short one."""
+"""Rows of a CSV file as samples in SI units, in constant memory."""
 
 import csv
 import math
@@ -11,7 +11,7 @@ from pathlib import Path
 from terrain_estimator.importing.mapping import Mapping, SignalNoise
 from terrain_estimator.importing.units import factor
 
-LATEST_NS = (2**31 - 1) * 1_000_000_000  # what builtin_interfaces/Time holds
+LATEST_NS = (2**31 - 1) * 1_000_000_000  # limit of builtin_interfaces/Time
 
 
 class CsvError(ValueError):
@@ -48,7 +48,7 @@ class TableSample:
 def read_samples(path: Path, mapping: Mapping) -> Iterator[TableSample]:
     """Yield the rows of a file.
 
-    An empty cell is a value that was not measured, except in the column of time.
+    An empty cell means that the value was not measured, except in the column of time.
 
     Raises:
         CsvError: no rows, a missing column, a cell that is no finite number, time that does not
@@ -81,7 +81,7 @@ def slip_from_max_normalised(slip: MeasuredValue) -> MeasuredValue:
 
 
 class _Rows:
-    """Turns rows into samples; knows where it is, for error messages."""
+    """Converter of rows to samples; error messages name its current row."""
 
     def __init__(self, path: Path, mapping: Mapping, header: list[str]) -> None:
         self._path, self._mapping = path, mapping
@@ -89,7 +89,7 @@ class _Rows:
         self._row: list[str] = []
         self._number = 1
         if not any(self._names):
-            msg = f"{path} is empty: the first row has to name the columns"
+            msg = f"{path} is empty: the first row must name the columns"
             raise CsvError(msg)
         needed = list(mapping.all_columns())
         if missing := [name for name in needed if name not in self._names]:
@@ -99,7 +99,7 @@ class _Rows:
             )
             raise CsvError(msg)
         if twice := [name for name in needed if self._names.count(name) > 1]:
-            msg = f"{path}, row 1: column {twice[0]!r} is there twice: rename one of them"
+            msg = f"{path}, row 1: column {twice[0]!r} appears twice: rename one of them"
             raise CsvError(msg)
         self._place = {name: self._names.index(name) for name in needed}
 
@@ -118,12 +118,12 @@ class _Rows:
             if stamp <= before:
                 raise self._error(
                     self._mapping.time.column,
-                    "is not later than the row before: sort the rows, remove repeated ones",
+                    "is not later than in the row before: sort the rows and remove repeated ones",
                 )
             before = stamp
             yield self._sample(stamp)
         if before < 0:
-            msg = f"{self._path} has no rows of data below row 1"
+            msg = f"{self._path} has no data below row 1"
             raise CsvError(msg)
 
     def _sample(self, stamp_ns: int) -> TableSample:
@@ -180,7 +180,7 @@ class _Rows:
         if abs(slip.value) > 1.0:
             raise self._error(
                 column,
-                "is outside -1 to 1, where max_normalised slip lies: correct slip.unit or"
+                "is outside -1 to 1, the range of max_normalised slip: correct slip.unit or"
                 " slip_definition",
             )
         return slip_from_max_normalised(slip)

@@ -21,14 +21,17 @@ UNITS: dict[str, dict[str, float]] = {
     "velocity": {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1.0 / 3.6},
     "acceleration": {"m/s^2": 1.0, "mm/s^2": 0.001, "g": STANDARD_GRAVITY},
 }
-"""Size of each unit in SI units, by quantity. The unit 1/s of a wheel rate is revolutions a second."""
+"""Size of each unit in SI, by quantity.
+
+The unit 1/s of a wheel rate is revolutions per second.
+"""
 
 
 def factor(quantity: str, unit: str) -> float:
-    """Size of a unit in SI.
+    """Return the size of a unit in SI.
 
     Raises:
-        ValueError: the quantity has no such unit; the message lists those that it has.
+        ValueError: the quantity has no such unit; the message lists its units.
     """
     known = UNITS[quantity]
     if unit not in known:

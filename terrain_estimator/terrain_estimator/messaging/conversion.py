@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Turns one set of messages into an observation: named wheels to axles, REP-103 frames to the core's conventions.
+"""Convert one set of messages into an observation.
 
-Messages are duck-typed: rclpy's classes and those of rosbags have the same attribute names, so that
-live and replay run this very code. Sums are plain Python sums: their order, and so every bit of the
-result, is fixed.
+Named wheels become axles, and REP-103 frames become the conventions of the estimator.
+
+Messages are duck-typed: the classes of rclpy and of rosbags have the same attribute names, so
+that the live node and replay run the same code. Sums are plain Python sums: their order, and so
+every bit of the result, is fixed.
 """
 
 import math
@@ -17,7 +19,7 @@ from terrain_estimator.config import ConversionConfig, CoreConfig
 from terrain_estimator.estimator.screening import NOISE_BOUND
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import Message
+from terrain_estimator.topics import Message
 from terramechanics.vehicle.rover import Rover
 
 PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance: rotation about y
@@ -29,7 +31,10 @@ Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """The observation, or why there is none; ``notes`` name single wheels and sensors that were left out."""
+    """An observation, or the reason why there is none.
+
+    ``notes`` name single wheels and sensors that were left out.
+    """
 
     stamp_ns: int
     observation: Observation | None
@@ -40,14 +45,14 @@ class Conversion:
 
 @dataclass(slots=True)
 class _Notes:
-    """Collects what was left out while one set is converted."""
+    """Wheels and sensors left out while one set is converted."""
 
     texts: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class _Bounds:
-    """Closed range of what a wheel can measure, without noise."""
+    """Closed range of the values that a wheel can have, without noise."""
 
     low: float
     high: float
@@ -72,10 +77,13 @@ class WrongWheelsError(ValueError):
 
 
 class Converter:
-    """Converts sets (wheel_slip, wheel_sinkage, odom, joint_states or None, imu or None) for one rover."""
+    """Convert sets of messages for one rover.
+
+    A set is (wheel_slip, wheel_sinkage, odom, joint_states or None, imu or None).
+    """
 
     def __init__(self, rover: Rover, config: ConversionConfig, core: CoreConfig) -> None:
-        """``core`` says which sensors are used and the range of slip."""
+        """Prepare for one rover; ``core`` selects the sensors and the range of slip."""
         self._rover, self._config, self._core = rover, config, core
         self._axles: dict[str, int] = dict(zip(rover.wheel_names, rover.wheel_axle, strict=True))
         absolute = 0.01 * 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
@@ -84,17 +92,24 @@ class Converter:
         self._sinkage_bounds = _Bounds(0.0, rover.wheel_radius)
         self._bogie_joints = {name.strip() for name in config.bogie_joint.split(",")}
         self._joints_read = self._bogie_joints.union(self._axles)
-        self._groups: dict[
-            str, tuple[list[str], Groups]
-        ] = {}  # by topic: the last names and their groups
+        # by topic: the last names and their groups
+        self._groups: dict[str, tuple[list[str], Groups]] = {}
 
     def concerns(self, topic: str, message: Message) -> bool:
-        """Whether there is something to convert in a message: a mast or an arm may have its joints on joint_states, too."""
+        """Return whether a message concerns this rover's wheels or bogie.
+
+        The joints of a mast or an arm may arrive on joint_states, too.
+        """
         return topic != "joint_states" or not self._joints_read.isdisjoint(message.name)
 
     def convert(self, stamp_ns: int, messages: tuple[Message, ...]) -> Conversion:
-        """One observation from one set; refusals are WRONG_FRAME and WRONG_WHEELS, with the names in ``detail``."""
-        slip, sinkage, odom, _, imu = (*messages, None)[:5]  # without an imu where it is not used
+        """Convert one set to one observation.
+
+        Refusals are WRONG_FRAME and WRONG_WHEELS, with the names in ``detail``.
+        """
+        slip, sinkage, odom, _, imu = (*messages, None)[
+            :5
+        ]  # the set has no imu where it is not used
         if not self._core.use_imu:
             imu = None
         wrong = self._wrong_frame(slip, sinkage, odom, imu)
@@ -108,7 +123,7 @@ class Converter:
         return Conversion(stamp_ns, observation, notes=tuple(notes.texts))
 
     def _wrong_frame(self, slip: Message, sinkage: Message, odom: Message, imu: Message) -> str:
-        """Name of the first message whose frame is not the body's; empty where all are right."""
+        """Name the first message whose frame is not the body's; empty where all are right."""
         expected = self._config.body_frame
         if not expected:
             return ""
@@ -170,7 +185,7 @@ class Converter:
         )
 
     def _axle_means(self, signal: _Signal, notes: _Notes) -> tuple[list[float], list[float]]:
-        """Mean over the wheels of each axle, and the standard deviation of that mean."""
+        """Return the mean over the wheels of each axle, and the standard deviation of that mean."""
         topic, names = signal.topic, signal.names
         groups = self._match(topic, names)
         values, deviations = signal.values.tolist(), signal.deviations.tolist()
@@ -192,7 +207,10 @@ class Converter:
         return means, sds
 
     def _match(self, topic: str, names: list[str]) -> Groups:
-        """Positions of each axle's wheels in a message. The rover's wheels must be there, each once, no others."""
+        """Return the positions of each axle's wheels in a message.
+
+        The message must have the rover's wheels, each once, and no others.
+        """
         cached = self._groups.get(topic)
         if cached is not None and cached[0] == names:
             return cached[1]
@@ -205,7 +223,7 @@ class Converter:
         return self._remember(topic, names)
 
     def _remember(self, topic: str, names: list[str]) -> Groups:
-        """Positions of each axle's wheels among ``names``, kept for the next message."""
+        """Find each axle's wheels among ``names``; keep the positions for the next message."""
         axle_of = [self._axles.get(name) for name in names]
         groups = tuple(
             tuple(at for at, axle in enumerate(axle_of) if axle == wanted)
@@ -217,7 +235,10 @@ class Converter:
     def _joints(
         self, joints: Message, notes: _Notes
     ) -> tuple[list[float], list[float], list[float]]:
-        """Wheel rate [rad/s], torque of one wheel [N m] and its standard deviation, per axle; NaN where not measured."""
+        """Return wheel rate [rad/s], torque of one wheel [N m] and its deviation, per axle.
+
+        NaN where a value is not measured.
+        """
         unknown = [math.nan] * self._rover.axles
         if joints is None:
             return unknown, unknown, unknown
@@ -246,7 +267,10 @@ class Converter:
     def _joint_means(
         self, groups: Groups, what: str, named: tuple[Sequence[str], list[float]], notes: _Notes
     ) -> list[float]:
-        """Mean over the wheels of each axle; an empty array means not measured (as in sensor_msgs)."""
+        """Return the mean over the wheels of each axle.
+
+        An empty array means "not measured", as in sensor_msgs.
+        """
         names, values = named
         if len(values) != len(names):
             if values:
@@ -260,7 +284,7 @@ class Converter:
         return [_finite_mean([values[at] for at in group]) for group in groups]
 
     def _bogie_angle(self, joints: Message) -> float:
-        """Mean angle [rad] of the bogies' joints, nose up; NaN where it is not measured."""
+        """Return the bogies' mean joint angle [rad], nose up; NaN where it is not measured."""
         if joints is None:
             return math.nan
         angles = [
@@ -282,7 +306,10 @@ class Converter:
         )
 
     def _pitch(self, odom: Message, imu: Message) -> tuple[float, float]:
-        """Nose-up pitch [rad] and its standard deviation: of the imu where it has an orientation, else of odom."""
+        """Return the nose-up pitch [rad] and its standard deviation.
+
+        The imu gives it where it has an orientation, else odom.
+        """
         if imu is not None and imu.orientation_covariance[0] != -1.0:
             orientation, variance = (
                 imu.orientation,
@@ -293,7 +320,7 @@ class Converter:
         return nose_up_pitch(orientation), _deviation(variance, self._config.default_pitch_sd)
 
     def _acceleration(self, imu: Message) -> tuple[float, float]:
-        """Specific force along body x [m/s^2] and its standard deviation; NaN where not measured."""
+        """Return specific force along body x [m/s^2] and its deviation; NaN where not measured."""
         if imu is None or imu.linear_acceleration_covariance[0] == -1.0:
             return math.nan, math.nan
         deviation = _deviation(
@@ -305,10 +332,12 @@ class Converter:
 
 
 def nose_up_pitch(orientation: Message) -> float:
-    """Pitch [rad], positive nose up, of an orientation quaternion in REP-103 axes (x forward, y left, z up).
+    """Return the pitch [rad], positive nose up, of an orientation quaternion.
 
-    REP-103's rotation about y is positive nose DOWN, hence the sign. NaN for a quaternion that is
-    none (all zeros).
+    The quaternion is in REP-103 axes: x forward, y left, z up.
+
+    REP-103's rotation about y is positive nose DOWN, hence the sign. An invalid quaternion (all
+    zeros) gives NaN.
     """
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     norm = x * x + y * y + z * z + w * w
@@ -319,7 +348,10 @@ def nose_up_pitch(orientation: Message) -> float:
 
 
 def _deviation(variance: float, default: float) -> float:
-    """Standard deviation of a ROS covariance entry: 0 means unknown (the default is taken), below 0 is NaN."""
+    """Return the standard deviation of a ROS covariance entry.
+
+    0 means unknown and gives the default; a negative entry gives NaN.
+    """
     value = float(variance)
     if value == 0.0:
         return default
@@ -329,10 +361,11 @@ def _deviation(variance: float, default: float) -> float:
 def _usable(
     group: tuple[int, ...], values: list[float], deviations: list[float], bounds: _Bounds
 ) -> list[int]:
-    """The wheels of an axle that count: finite ones; of those, where some are possible, not the impossible ones.
+    """Return the positions of an axle's wheels that enter the mean.
 
-    Impossible is what noise does not explain: an average would hide it. Where no wheel is left, all
-    are returned, so that the screening sees why.
+    They are finite, and possible where any is. A value is impossible where noise does not explain
+    it; an average would hide it. Where no wheel is left, all are returned, so that the screening
+    reports the reason.
     """
     finite = [at for at in group if math.isfinite(values[at])]
     possible = []
@@ -344,7 +377,10 @@ def _usable(
 
 
 def _mean_deviation(deviations: list[float]) -> float:
-    """Standard deviation of the mean of independent values; a bad one is handed on, so that screening refuses it."""
+    """Return the standard deviation of the mean of independent values.
+
+    A bad deviation is passed on, so that the screening refuses it.
+    """
     if min(deviations) <= 0.0:
         return min(deviations)
     return math.hypot(*deviations) / len(deviations)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is judged of a running node, and from which value on it is a warning or an error: the one table of thresholds.
+"""Checks of a running node, with the limits for warnings and errors in one table.
 
-A check takes a number and gives a finding; docs/diagnostics.md is written from the checks,
-/diagnostics and estimator_health from the findings.
+A check takes a number and returns a result. docs/diagnostics.md is written from the checks,
+/diagnostics and estimator_health from the results.
 """
 
 import math
@@ -13,7 +13,10 @@ from enum import IntEnum
 
 
 class Level(IntEnum):
-    """Level of health; the values are those of msg_defs/EstimatorHealth and of diagnostic_msgs/DiagnosticStatus."""
+    """Level of health.
+
+    The values are those of msg_defs/EstimatorHealth and diagnostic_msgs/DiagnosticStatus.
+    """
 
     OK = 0
     WARN = 1
@@ -23,7 +26,10 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One quantity and its limits: a level holds where the quantity is above the level's limit; infinity where it never does."""
+    """One quantity and its limits.
+
+    A level applies where the quantity is above the level's limit; infinity switches a level off.
+    """
 
     name: str
     quantity: str
@@ -34,12 +40,12 @@ class Check:
     stale: float = math.inf
 
     def judge(self, value: float, subject: str = "", text: str = "") -> "CheckResult":
-        """The finding for one value; NaN is a value that nothing is known of, and no fault.
+        """Judge one value; NaN stands for an unknown value and is no fault.
 
         Args:
             value: in ``unit``.
-            subject: what it is of, where there are several: a topic, for instance.
-            text: it in words; by default the quantity and the value.
+            subject: topic or other object that the value belongs to, where there are several.
+            text: the result in words; by default the quantity and the value.
         """
         limits = ((Level.STALE, self.stale), (Level.ERROR, self.error), (Level.WARN, self.warn))
         level = next((level for level, limit in limits if value > limit), Level.OK)
@@ -51,7 +57,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """One value, judged."""
+    """Level of one value."""
 
     check: Check
     subject: str
@@ -61,12 +67,12 @@ class CheckResult:
 
     @property
     def name(self) -> str:
-        """Of the check and what it is of."""
+        """Name of the check, with its subject."""
         return f"{self.check.name} {self.subject}".rstrip()
 
     @property
     def message(self) -> str:
-        """In words, with advice where something is wrong."""
+        """Result in words, with advice where something is wrong."""
         return (
             f"{self.text} ({self.check.advice})" if self.level and self.check.advice else self.text
         )
@@ -74,18 +80,18 @@ class CheckResult:
 
 STATE = Check(
     "lifecycle",
-    "state of the node: 0 active, 1 not active, 2 its configuration failed",
+    "state of the node: 0 active, 1 inactive, 2 configuration failed",
     "",
-    "activate it, or see its log",
+    "activate it, or read its log",
     0.0,
     1.0,
 )
 CLOCK = Check(
     "clock",
-    "time with use_sim_time in which /clock does not go on, looked at once a second",
+    "time without progress of /clock under use_sim_time, checked once a second",
     "s",
-    "start the simulator or the player with a clock, or leave use_sim_time out; one that is paused"
-    " stands still, too",
+    "start the simulator or a player that publishes /clock, or set use_sim_time to false; /clock"
+    " also stops while a simulation is paused",
     1.5,
     5.0,
 )
@@ -100,41 +106,48 @@ REQUIRED = Check(
     "required input",
     "time without a message, by the steady clock",
     "s",
-    "check its publisher and the topic's name",
+    "check its publisher and the topic name",
     stale=1.0,
 )
 OPTIONAL = Check(
     "optional input",
     "time without a message after the first, by the steady clock",
-    "s",
+    "its rows are missing: check its publisher",
     "its rows are missing: check its publisher",
     1.0,
 )
 LOSSES = Check(
     "losses",
-    "messages lost, out of order or, on a required topic where an instant lacked one, without"
-    " partner since the last report",
+    "messages since the last report that were lost, out of order or, on a required topic where"
+    " an instant was incomplete, without a partner",
     "",
     "check stamps, load and network",
     0.0,
 )
-REFUSED = Check("refused", "share of the observations since the last report", "1", "", 0.0, 0.99)
+REFUSED = Check(
+    "refused", "share of observations refused since the last report", "1", "", 0.0, 0.99
+)
 NUMERICS = Check(
     "numerics",
     "observations since the last report that failed numerically",
     "",
-    "reset the estimator, report the recording",
+    "reset the estimator; report the recording",
     error=0.0,
 )
 FAILURES = Check(
-    "callbacks", "callbacks that raised since the last report", "", "see the log", error=0.0
+    "callbacks",
+    "callbacks that raised an exception since the last report",
+    "",
+    "read the log",
+    error=0.0,
 )
 INNOVATION = Check(
     "innovation",
-    "mean squared innovation over its predicted variance (NIS) since the last report, over at least"
-    " five: about 1 when honest",
+    "mean of the squared innovation over its predicted variance (NIS) since the last report, over"
+    " at least five; near 1 when consistent",
     "1",
-    "the measurements scatter more than their deviations say, or the model is another rover's",
+    "the measurements scatter more than their standard deviations, or the model belongs to"
+    " another rover",
     3.0,
     10.0,
 )
@@ -142,14 +155,14 @@ CONDITION = Check(
     "condition",
     "condition number of the scaled covariance",
     "1",
-    "drive so that c and tan phi act differently",
+    "drive so that c and tan phi have different effects, for example on a slope",
     1e4,
     1e8,
 )
 LATENCY = Check(
     "latency",
-    "longest way from a message's reception to the estimate that it completes, since the last"
-    " report; waiting in the queue counts",
+    "longest time from a message's reception to the estimate that it completes, since the last"
+    " report, including time in the queue",
     "s",
     "the machine is too busy: beyond 5 s messages are lost",
     0.2,
@@ -157,22 +170,22 @@ LATENCY = Check(
 )
 SAVING = Check(
     "saved state",
-    "time for which the disk has owed a state: writing it fails, or does not end",
+    "time for which a state has waited to be saved: writing fails or hangs",
     "s",
-    "see to the disk",
+    "check the disk",
     1.0,
     10.0,
 )
 UNRECORDED = Check(
     "recording",
-    "topics of the recorder that have no publisher now, or a type that is not installed",
+    "recorded topics without a publisher or with a type that is not installed",
     "",
-    "start their publishers, source the workspace that has the type, or leave them out",
+    "start their publishers, source the workspace with the type, or leave the topics out",
     0.0,
 )
 DISK = Check(
     "disk",
-    "time by which the recording's last fsync is late: a power cut costs so much more than"
+    "delay of the last fsync of the recording: a power cut costs this much in addition to"
     " fsync_interval",
     "s",
     "use a faster disk",
@@ -200,7 +213,7 @@ CHECKS = (
 
 
 def worst(findings: Iterable[CheckResult]) -> tuple[Level, str]:
-    """The highest level, and all findings of that level in words; empty where nothing is wrong."""
+    """Return the highest level, and its results in words; empty where nothing is wrong."""
     every = list(findings)
     level = max((finding.level for finding in every), default=Level.OK)
     return level, (
@@ -209,7 +222,7 @@ def worst(findings: Iterable[CheckResult]) -> tuple[Level, str]:
 
 
 def table() -> str:
-    """The checks as a table of Markdown."""
+    """Return the checks as a Markdown table."""
     lines = [
         "| check | quantity | unit | WARN above | ERROR above | STALE above | what to do |",
         "|---|---|---|---|---|---|---|",

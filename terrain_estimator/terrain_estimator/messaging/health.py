@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator's state of health: counts since the start, statistics of the last period, and a level in words."""
+"""State of health of the estimator.
+
+A report holds counts since the start, statistics of the last period, and a level in words.
+"""
 
 import math
 import statistics
@@ -24,12 +27,12 @@ from terrain_estimator.messaging.diagnostics import (
 )
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import REQUIRED_INPUTS
+from terrain_estimator.topics import REQUIRED_INPUTS
 from terrain_estimator.update import Update
 
 REFERENCE = REQUIRED_INPUTS[0]
 FEWEST_INNOVATIONS = 5
-"""Below so many a mean of squares says nothing."""
+"""Fewer innovations than this give no meaningful mean of squares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +49,7 @@ class InputHealth:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """One report."""
+    """One report of the estimator's health."""
 
     sequence: int
     level: Level
@@ -64,15 +67,18 @@ class Health:
 
 
 class HealthMonitor:
-    """Collects updates between two reports. Memory is bounded by the updates of one period."""
+    """Collector of updates between two reports; memory is bounded by the updates of one period."""
 
     def __init__(self, reported_failures: int = 0) -> None:
-        """Start with nothing counted but the failures that were reported before, where a node is configured again."""
+        """Start with zero counts.
+
+        ``reported_failures`` carries over the failures that were reported before a node was
+        configured again.
+        """
         self.outcomes: Counter[Outcome] = Counter()
         self.resets = 0
-        self.failures = self.reported_failures = (
-            reported_failures  # callbacks that raised, and as of the last report
-        )
+        # callbacks that raised, in total and up to the last report
+        self.failures = self.reported_failures = reported_failures
         self._sequence = 0
         self._condition_number = math.nan
         self._start_period()
@@ -94,7 +100,7 @@ class HealthMonitor:
             self._innovations.append(innovation)
 
     def report(self, counters: Mapping[str, Counters], ages_s: Mapping[str, float]) -> Health:
-        """The health since the last report; starts a new period."""
+        """Return the health since the last report, and start a new period."""
         inputs = tuple(
             InputHealth(
                 topic,
@@ -154,20 +160,19 @@ class HealthMonitor:
             yield LOSSES.judge(count, entry.topic, f"{entry.topic}: {words or 'none lost'}")
 
     def _unpaired(self, entry: InputHealth) -> int:
-        """New messages without a partner."""
+        """Return the number of new messages without a partner."""
         before = self._previous.get(entry.topic)
         return entry.unpaired - (before.unpaired if before else 0)
 
     def _losses(self, entry: InputHealth, *, incomplete: bool) -> tuple[int, str]:
-        """New losses of one input in words; ``incomplete`` where an instant lacked messages.
+        """Return the new losses of one input, also in words.
 
-        Unpaired is normal on an optional topic, and where no instant lacks anything: that topic is
-        faster than the reference.
+        ``incomplete``: an instant lacked messages. Otherwise a message without a partner is normal,
+        since its topic is faster than the reference; on an optional topic it always is.
         """
         before = self._previous.get(entry.topic)
-        lost = max(
-            0, entry.lost - (before.lost if before else 0)
-        )  # fewer where one that was missing then came late
+        # negative where a missing message arrived late
+        lost = max(0, entry.lost - (before.lost if before else 0))
         backwards = entry.out_of_order - (before.out_of_order if before else 0)
         unpaired = self._unpaired(entry) if incomplete and entry.topic in REQUIRED_INPUTS else 0
         counts = (("lost", lost), ("out of order", backwards), ("without partner", unpaired))
@@ -203,12 +208,14 @@ class HealthMonitor:
 
 
 def normalized_innovation(update: Update) -> float:
-    """Squared innovation over its predicted variance, per degree of freedom; NaN where nothing was predicted."""
+    """Return the squared innovation over its predicted variance, per degree of freedom.
+
+    NaN where nothing was predicted.
+    """
     decision, prediction = update.decision, update.prediction
     if math.isfinite(decision.mahalanobis_squared) and decision.degrees_of_freedom > 0:
         return decision.mahalanobis_squared / decision.degrees_of_freedom
     if not prediction.innovation_variance > 0.0:
         return math.nan
-    return (
-        prediction.innovation * prediction.innovation / prediction.innovation_variance
-    )  # not **, which raises on overflow
+    # not **, which raises on overflow
+    return prediction.innovation * prediction.innovation / prediction.innovation_variance

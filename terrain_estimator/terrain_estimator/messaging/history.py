@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A run in bounded memory: what its updates said, summed up over spans of equally many observations."""
+"""History of a run in bounded memory: sums over spans of equally many observations."""
 
 import math
 from collections import Counter
@@ -16,7 +16,7 @@ from terrain_estimator.update import Estimate, Update
 
 @dataclass(slots=True)
 class Errors:
-    """Sums over predictions of the velocity that came with a measurement."""
+    """Sums over velocity predictions that could be compared with a measurement."""
 
     count: int = 0
     squared: float = 0.0  # [m^2/s^2] innovations
@@ -25,7 +25,7 @@ class Errors:
     inside_95: int = 0
 
     def add(self, innovation: float, variance: float) -> None:
-        """Count one; a NaN says that nothing was predicted or measured."""
+        """Count one; NaN means that nothing was predicted or measured."""
         if not (math.isfinite(innovation) and variance > 0.0):
             return
         squared = innovation * innovation
@@ -46,18 +46,18 @@ class Errors:
 
     @property
     def rms(self) -> float:
-        """[m/s] Root mean square innovation; NaN without one."""
+        """[m/s] Root mean square innovation; NaN without any."""
         return math.sqrt(self.squared / self.count) if self.count else math.nan
 
     @property
     def predicted_rms(self) -> float:
-        """[m/s] What it should be by the predicted variances; NaN without one."""
+        """[m/s] Root mean square innovation that the predicted variances imply; NaN without any."""
         return math.sqrt(self.variance / self.count) if self.count else math.nan
 
 
 @dataclass(slots=True)
 class UpdateSpan:
-    """Consecutive observations: the estimate after the last of them, the rest summed up over all."""
+    """Consecutive observations: the estimate after the last of them, sums over all others."""
 
     stamp_ns: int
     estimate: Estimate
@@ -68,7 +68,7 @@ class UpdateSpan:
     nis_count: int = 0
 
     def add(self, update: Update) -> None:
-        """Go on with one more observation."""
+        """Add one more observation."""
         self.stamp_ns, self.estimate = update.stamp_ns, update.estimate
         self.change_probability = _larger(
             self.change_probability, update.estimate.change_probability
@@ -98,7 +98,7 @@ class UpdateSpan:
 
     @property
     def nis(self) -> float:
-        """[1] Mean normalised innovation squared, about 1 when honest; NaN without one."""
+        """[1] Mean normalised innovation squared, near 1 when consistent; NaN without any."""
         return self.nis_sum / self.nis_count if self.nis_count else math.nan
 
 
@@ -115,15 +115,18 @@ SpanT = TypeVar("SpanT", bound=_Addable)
 
 
 class Spans(Generic[SpanT]):
-    """Spans, oldest first. When they are too many, each two become one, and later ones hold twice as much."""
+    """Spans, oldest first.
+
+    When they are too many, neighbours are merged in pairs, and later spans hold twice as much.
+    """
 
     def __init__(self, capacity: int = 400) -> None:
-        """``capacity`` is even."""
+        """Set the largest number of spans, which must be even."""
         self._capacity, self._length = capacity, 1
         self.spans: list[SpanT] = []
 
     def room(self, make: Callable[[], SpanT]) -> SpanT:
-        """The span that takes what comes next: the last, or one that ``make`` made where that is full."""
+        """Return the span for the next observation: the last one, or a new one from ``make``."""
         if not self.spans or self.spans[-1].count == self._length:
             if len(self.spans) == self._capacity:
                 self.spans = [
@@ -136,12 +139,12 @@ class Spans(Generic[SpanT]):
 
 
 class RunHistory(Spans[UpdateSpan]):
-    """What a run's updates said."""
+    """Sums over the updates of a run."""
 
     first_ns = 0
 
     def add(self, update: Update) -> None:
-        """Take the next update."""
+        """Add the next update."""
         if not self.spans:
             self.first_ns = update.stamp_ns
         self.room(lambda: UpdateSpan(update.stamp_ns, update.estimate)).add(update)
@@ -149,7 +152,7 @@ class RunHistory(Spans[UpdateSpan]):
 
 @dataclass(slots=True)
 class WheelSpan:
-    """Consecutive messages about wheels, summed up by the wheel's name."""
+    """Consecutive messages about wheels, summed by wheel name."""
 
     stamp_ns: int = 0  # of the last
     count: int = 0  # messages
@@ -157,7 +160,7 @@ class WheelSpan:
     counts: Counter[str] = field(default_factory=Counter)  # finite values
 
     def add(self, stamp_ns: int, measured: Sequence[tuple[str, float]]) -> None:
-        """Go on with one more message; a wheel whose value is NaN was not measured."""
+        """Add one more message; NaN means that the wheel was not measured."""
         self.stamp_ns, self.count = stamp_ns, self.count + 1
         for wheel, value in measured:
             if math.isfinite(value):
@@ -172,24 +175,24 @@ class WheelSpan:
         return WheelSpan(later.stamp_ns, self.count + later.count, sums, self.counts + later.counts)
 
     def mean(self, wheel: str) -> float:
-        """Of the messages that know it; NaN where none does."""
+        """Return the mean of a wheel's finite values; NaN where there are none."""
         return self.sums[wheel] / self.counts[wheel] if wheel in self.sums else math.nan
 
 
 class WheelHistory(Spans[WheelSpan]):
-    """One quantity of the wheels of a rover."""
+    """History of one quantity of a rover's wheels."""
 
     def __init__(self, wheels: Sequence[str] = (), capacity: int = 120) -> None:
-        """``wheels`` are the names of those that are kept, ``capacity`` is even."""
+        """Choose the ``wheels`` to keep, by name; ``capacity`` must be even."""
         super().__init__(capacity)
         self.wheels = tuple(wheels)
 
     def add(self, stamp_ns: int, wheels: Sequence[str], values: Sequence[float]) -> None:
-        """Take the next message; it may know other wheels, in any order."""
+        """Add the next message; it may name other wheels, in any order."""
         known = [pair for pair in zip(wheels, values, strict=False) if pair[0] in self.wheels]
         self.room(WheelSpan).add(stamp_ns, known)
 
 
 def _larger(one: float, other: float) -> float:
-    """The larger of two, NaN where neither is known."""
+    """Return the larger of two numbers; NaN where both are."""
     return other if math.isnan(one) else one if math.isnan(other) else max(one, other)

@@ -1,24 +1,22 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Builds the outgoing messages, the same for the live node and for replay.
+"""Build the outgoing messages, for the live node and for replay alike.
 
-The classes of the messages come through a factory ``make(type_name, **fields)``. Arrays are handed
-to it as lists or NumPy arrays; it turns them into what its classes want.
+The message classes come through a factory ``make(type_name, **fields)``. Arrays are passed to it
+as lists or NumPy arrays; it converts them to what its classes need.
 """
 
 import math
 from dataclasses import dataclass
 from enum import IntEnum
 
+from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.health import Health
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import DECISION, ESTIMATE, HEALTH, PREDICTION, Make, Message
+from terrain_estimator.topics import DECISION, ESTIMATE, HEALTH, PREDICTION, Make, Message
 from terrain_estimator.update import Decision, Estimate, Update
 
-INTERVAL_95 = 1.959963984540054
-"""[standard deviations] half width of a 95 % interval of a Gaussian."""
-
-_MASS_WORTH_SAYING = 0.025  # more mass below zero than that, and zero cuts the 95 % interval
+_MASS_WORTH_REPORTING = 0.025  # from here on zero cuts the 95 % interval
 
 
 class Status(IntEnum):
@@ -33,7 +31,7 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Meta:
-    """What is the same in all messages of a run."""
+    """Fields that all messages of a run share."""
 
     model_id: str
     model_sha256: str
@@ -43,7 +41,7 @@ class Meta:
 
 
 def status_of(update: Update, rows: tuple[str, ...]) -> Status:
-    """Status of the estimate after one observation; ``rows`` are all that the model can use."""
+    """Return the status after one observation; ``rows`` are all that the model can use."""
     decision, estimate = update.decision, update.estimate
     if decision.outcome is Outcome.STANDSTILL:
         return Status.STANDING_STILL
@@ -57,7 +55,7 @@ def status_of(update: Update, rows: tuple[str, ...]) -> Status:
 def status_text(
     update: Update, status: Status, rows: tuple[str, ...], notes: tuple[str, ...]
 ) -> str:
-    """The status in words: what is not identified, what is missing, and why."""
+    """Describe the status: what is not identified, what is missing, and why."""
     decision, estimate = update.decision, update.estimate
     parts = [status.name.lower().replace("_", " ")]
     if not all(estimate.identified):
@@ -70,7 +68,7 @@ def status_text(
     missing = [row for row in rows if row not in decision.rows_used]
     if missing and decision.outcome.used:
         parts.append(f"rows missing: {', '.join(missing)}")
-    if estimate.mass_below_zero > _MASS_WORTH_SAYING:
+    if estimate.mass_below_zero > _MASS_WORTH_REPORTING:
         parts.append(
             f"{estimate.mass_below_zero:.0%} of the posterior is below zero, the interval stops"
             " there"
@@ -81,7 +79,7 @@ def status_text(
 
 
 def update_header(update: Update, make: Make, meta: Meta) -> Message:
-    """The header of everything that follows from one observation: its stamp, the body's frame."""
+    """Return the header of all messages of one observation: its stamp, and the body's frame."""
     sec, nanosec = divmod(update.stamp_ns, 1_000_000_000)
     return make(
         "std_msgs/msg/Header",
@@ -93,7 +91,10 @@ def update_header(update: Update, make: Make, meta: Meta) -> Message:
 def estimate_message(
     update: Update, make: Make, meta: Meta, header: Message, notes: tuple[str, ...] = ()
 ) -> Message:
-    """msg_defs/TerrainEstimate of one update. ``notes`` say which wheels or sensors the conversion left out."""
+    """Build msg_defs/TerrainEstimate from one update.
+
+    ``notes`` name the wheels and sensors that the conversion left out.
+    """
     estimate = update.estimate
     status = status_of(update, meta.rows)
     return make(
@@ -121,7 +122,7 @@ def estimate_message(
 
 
 def _estimate_fields(estimate: Estimate) -> dict[str, object]:
-    """Cohesion and tan phi, as flat scalars and as the covariance."""
+    """Return cohesion and tan phi, as flat scalars and as the covariance."""
     (cohesion, tan_phi), covariance = estimate.mean.tolist(), estimate.covariance.ravel()
     lower, upper = estimate.lower_95.tolist(), estimate.upper_95.tolist()
     return {
@@ -141,13 +142,13 @@ def _estimate_fields(estimate: Estimate) -> dict[str, object]:
 
 
 def prediction_message(update: Update, make: Make, meta: Meta, header: Message) -> Message:
-    """msg_defs/MotionPrediction of one update; its numbers are NaN where it is not valid."""
+    """Build msg_defs/MotionPrediction from one update, with NaN where it is not valid."""
     prediction = update.prediction
     valid = bool(prediction.valid)
     velocity, variance = (
         (prediction.velocity, prediction.variance) if valid else (math.nan, math.nan)
     )
-    half_width = INTERVAL_95 * math.sqrt(variance) if valid else math.nan
+    half_width = HALF_WIDTH_95 * math.sqrt(variance) if valid else math.nan
     return make(
         PREDICTION,
         header=header,
@@ -166,7 +167,7 @@ def prediction_message(update: Update, make: Make, meta: Meta, header: Message) 
 
 
 def health_message(health: Health, make: Make, meta: Meta, header: Message) -> Message:
-    """msg_defs/EstimatorHealth; ``header`` carries the node's clock."""
+    """Build msg_defs/EstimatorHealth; ``header`` carries the node's clock."""
     inputs = health.inputs
     return make(
         HEALTH,

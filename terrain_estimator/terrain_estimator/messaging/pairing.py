@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs the messages of several topics by their stamps. Nothing is dropped without being counted.
+"""Pair the messages of several topics by their stamps; every dropped message is counted.
 
 The sets depend on the stamps alone, not on the order in which the topics' messages arrive, as long
 as one topic is not ahead of the others by more than the time-out (the messages of ONE topic arrive
@@ -11,18 +11,20 @@ replayed at full speed gives the same sets as live.
 from collections import deque
 from dataclasses import dataclass, field
 
-from terrain_estimator.messaging.sequences import Sequence
-from terrain_estimator.ros_types import Message
+from terrain_estimator.messaging.sequence_numbers import Sequence
+from terrain_estimator.topics import Message
 
 CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
-RESTART_AFTER = (
-    10  # so many messages in a row before the last stamp: the publisher's clock was set back
-)
+# messages in a row before the last stamp after which the publisher's clock counts as set back
+RESTART_AFTER = 10
 
 
 @dataclass(frozen=True, slots=True)
 class InputTopic:
-    """One input. The first topic of a synchronizer is the reference: its stamps are those of the sets."""
+    """One input topic.
+
+    The first topic of a synchronizer is the reference: the sets have its stamps.
+    """
 
     name: str
     required: bool
@@ -30,7 +32,7 @@ class InputTopic:
 
 @dataclass(slots=True)
 class Counters:
-    """What happened to the messages of one topic since the start."""
+    """Counts of the messages of one topic since the start."""
 
     received: int = 0
     paired: int = 0
@@ -41,7 +43,7 @@ class Counters:
 
 @dataclass(frozen=True, slots=True)
 class MessageSet:
-    """The messages of one instant, in the order of the topics; None where an optional one is missing."""
+    """Messages of one instant, in the order of the topics; None for a missing optional one."""
 
     stamp_ns: int
     messages: tuple[Message, ...]
@@ -49,7 +51,7 @@ class MessageSet:
 
 @dataclass(slots=True)
 class _Input:
-    """The waiting messages of one topic, by increasing stamp."""
+    """Waiting messages of one topic, by increasing stamp."""
 
     topic: InputTopic
     counters: Counters = field(default_factory=Counters)
@@ -61,7 +63,7 @@ class _Input:
 
 
 class Synchronizer:
-    """Pairs the messages of ``topics`` whose stamps agree within ``tolerance_ns``, the nearest first.
+    """Pair the messages of ``topics`` whose stamps agree within ``tolerance_ns``, nearest first.
 
     A set is released as soon as every topic has its message, or cannot have one any more: its
     stamps have passed the set's, or those of two topics have passed it by ``timeout_ns`` (two, so
@@ -72,7 +74,7 @@ class Synchronizer:
     def __init__(
         self, topics: tuple[InputTopic, ...], tolerance_ns: int = 0, timeout_ns: int = 500_000_000
     ) -> None:
-        """``topics[0]`` is the reference and must be required. Raises ValueError where it is not."""
+        """Start without messages; ValueError unless ``topics[0]``, the reference, is required."""
         if not topics or not topics[0].required:
             raise ValueError(
                 f"the first of the topics {[topic.name for topic in topics]} is the reference: it"
@@ -80,20 +82,18 @@ class Synchronizer:
             )
         self._inputs = [_Input(topic) for topic in topics]
         self._reference, self._others = self._inputs[0], self._inputs[1:]
-        self._tolerance_ns, self._timeout_ns = (
-            tolerance_ns,
-            max(timeout_ns, 1),
-        )  # what is of one instant is not later than it
+        self._tolerance_ns = tolerance_ns
+        self._timeout_ns = max(timeout_ns, 1)  # messages of one instant are not late
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """The live counters, by topic."""
+        """Live counters by topic."""
         return {entry.topic.name: entry.counters for entry in self._inputs}
 
     def add(
         self, index: int, stamp_ns: int, message: Message, sequence: int | None = None
     ) -> list[MessageSet]:
-        """Take one message of ``topics[index]``; return the sets that it completes, usually none or one."""
+        """Add a message of ``topics[index]``; return the sets that it completes."""
         entry = self._inputs[index]
         entry.counters.received += 1
         if stamp_ns <= entry.latest_ns and not self._restarted(entry, stamp_ns):
@@ -111,9 +111,10 @@ class Synchronizer:
         return self._release()
 
     def flush(self) -> list[MessageSet]:
-        """At the end of the input, or before a pause: release what is complete, count the rest as unpaired.
+        """Release the complete sets and count the rest as unpaired.
 
-        What is published in a pause is not lost: the sequence numbers begin anew.
+        For the end of the input, or before a pause. Messages published during a pause do not count
+        as lost: the sequence numbers begin again.
         """
         sets = self._release(ended=True)
         for entry in self._inputs:
@@ -123,12 +124,15 @@ class Synchronizer:
         return sets
 
     def reset(self) -> None:
-        """Forget the waiting messages and the stamps (a bag loops, a clock was set back); the counters stay."""
+        """Forget the waiting messages and the stamps, but keep the counters.
+
+        Needed when a bag loops or a clock was set back.
+        """
         for entry in self._inputs:
             _forget(entry)
 
     def _restarted(self, entry: _Input, stamp_ns: int) -> bool:
-        """Whether this topic's clock was set back for good: then its stamps are taken again.
+        """Return whether this topic's clock was set back for good; if so, accept its stamps.
 
         Without this, one stamp from the far future would silence a topic for ever.
         """
@@ -144,7 +148,10 @@ class Synchronizer:
         return True
 
     def _follow(self, stamp_ns: int) -> None:
-        """The sets' clock was set back: topics that are still in the time before it must not wait for that to come again."""
+        """Forget other topics that are still ahead after the reference's clock was set back.
+
+        They must not wait for the earlier time to come again.
+        """
         for other in self._others:
             if other.latest_ns > stamp_ns + self._timeout_ns:
                 _forget(other)
@@ -186,7 +193,10 @@ class Synchronizer:
         return MessageSet(stamp_ns, tuple(messages))
 
     def _nearest(self, entry: _Input, stamp_ns: int) -> int | None:
-        """Position of the message nearest to ``stamp_ns`` within the tolerance; too old ones are dropped and counted."""
+        """Return the position of the message nearest to ``stamp_ns`` within the tolerance.
+
+        Messages that are too old are dropped and counted.
+        """
         waiting, tolerance_ns = entry.waiting, self._tolerance_ns
         while waiting and waiting[0][0] < stamp_ns - tolerance_ns:
             waiting.popleft()

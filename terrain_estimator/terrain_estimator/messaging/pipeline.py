@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""From messages to updates: pairing, conversion, estimator. The node and replay run this one object."""
+"""Messages to updates: pairing, conversion, estimator.
+
+The node and replay both run this object.
+"""
 
 import dataclasses
 import hashlib
@@ -25,7 +28,7 @@ from terrain_estimator.messaging.messages import (
 from terrain_estimator.messaging.pairing import Counters, InputTopic, MessageSet, Synchronizer
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
-from terrain_estimator.ros_types import (
+from terrain_estimator.topics import (
     BODY_FRAME,
     REQUIRED_INPUTS,
     Make,
@@ -37,18 +40,18 @@ from terrain_estimator.update import Update
 from terramechanics.vehicle.rover import Rover, load_rover
 
 WARM_UP_STEPS = 35
-"""Observations that go through every path of the model: three blocks and a half."""
+"""Observations that exercise every path of the model: three and a half blocks."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What follows from one set of messages."""
+    """Result of one set of messages."""
 
     update: Update
     notes: tuple[str, ...]  # wheels and sensors that the conversion left out
 
     def messages(self, make: Make, meta: Meta) -> dict[str, Message]:
-        """The outgoing messages, by topic."""
+        """Return the outgoing messages by topic."""
         header = update_header(self.update, make, meta)
         return {
             "terrain_estimate": estimate_message(self.update, make, meta, header, self.notes),
@@ -57,7 +60,10 @@ class Answer:
 
 
 class Pipeline:
-    """Takes the input messages one by one and answers each complete set. No clock, no I/O: stamps decide."""
+    """Process input messages one by one and answer each complete set.
+
+    It has no clock and no I/O: the result depends on stamps alone.
+    """
 
     def __init__(self, model: LoadedModel, config: EstimatorConfig) -> None:
         """Build the parts from the configuration."""
@@ -72,7 +78,7 @@ class Pipeline:
         self._converter = Converter(rover, config.conversion, config.core)
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)
-        self._restored = False  # and nothing was answered since
+        self._restored = False  # whether a state was restored and nothing answered since
         self._resets = 0  # by a user, or by the clock
         self.meta = Meta(
             model_id=model.model_id,
@@ -84,28 +90,32 @@ class Pipeline:
 
     @property
     def counters(self) -> Mapping[str, Counters]:
-        """What happened to the messages of each input."""
+        """Counts of the messages of each input."""
         return self._synchronizer.counters
 
     @property
     def resets(self) -> int:
-        """Times that the posterior became the prior: by a user, by the clock, or because nothing had fitted for long."""
+        """Number of returns to the prior: by a user, by the clock, or after a long misfit."""
         return self._resets + self._estimator.reopened
 
     def add(self, topic: str, message: Message) -> list[Answer]:
-        """Take one message of an input topic; answer the sets that it completes, usually none or one."""
+        """Process one input message; answer the sets that it completes, usually none or one."""
         return [self.answer(self.convert(complete)) for complete in self.pair(topic, message)]
 
     def flush(self) -> list[Answer]:
-        """At the end of the input: answer the sets that still waited for an optional message."""
+        """Answer the sets that still waited for an optional message, at the end of the input."""
         return [self.answer(self.convert(complete)) for complete in self.rest()]
 
     def rest(self) -> list[MessageSet]:
-        """At the end of the input, in place of ``flush``: the sets that it would answer."""
+        """Return the sets that :meth:`flush` would answer, at the end of the input."""
         return self._synchronizer.flush()
 
     def pair(self, topic: str, message: Message) -> list[MessageSet]:
-        """First step of ``add``: the sets that a message completes. What does not concern the rover takes no partner from what does."""
+        """Return the sets that a message completes: the first step of :meth:`add`.
+
+        Messages that do not concern the rover are skipped, so that they take no partner from those
+        that do.
+        """
         if not self._converter.concerns(topic, message):
             return []
         return self._synchronizer.add(
@@ -113,11 +123,11 @@ class Pipeline:
         )
 
     def convert(self, complete: MessageSet) -> Conversion:
-        """Second step of ``add``: the observation of a set, or why there is none."""
+        """Convert a set to an observation or a refusal: the second step of :meth:`add`."""
         return self._converter.convert(complete.stamp_ns, complete.messages)
 
     def answer(self, conversion: Conversion) -> Answer:
-        """Third step of ``add``: what the estimator says to it."""
+        """Update the estimator: the third step of :meth:`add`."""
         note = self._follow_the_clock(conversion.stamp_ns)
         if conversion.observation is None:
             update = self._estimator.reject(
@@ -130,20 +140,23 @@ class Pipeline:
         )
 
     def save(self) -> dict[str, NDArray[Any]]:
-        """The estimator's state; messages that wait for their partners are not part of it."""
+        """Return the estimator's state, without messages that wait for their partners."""
         return self._estimator.save()
 
     def restore(self, arrays: Arrays) -> None:
-        """Go on from a saved state. Raises StateFileError, and changes nothing then.
+        """Continue from a saved state; after a StateFileError nothing has changed.
 
-        Its last stamp is that of another run: the first set that follows may have any, since clocks
-        that nothing keeps begin anew.
+        The first set that follows may have any stamp, since the saved one belongs to another run
+        and a clock without a battery begins again.
         """
         self._estimator.restore(arrays)
         self._restored = True
 
     def _follow_the_clock(self, stamp_ns: int) -> str:
-        """Reset where the clock was set back, and say so: pairing lets earlier stamps through only once that is certain."""
+        """Reset where the clock was set back, and return a warning; empty otherwise.
+
+        Pairing passes on earlier stamps only once the clock was certainly set back.
+        """
         restored, self._restored = self._restored, False
         last_ns = self._estimator.last_stamp_ns
         if last_ns is None or stamp_ns >= last_ns:
@@ -153,7 +166,7 @@ class Pipeline:
             self._estimator.unlink()
             return (
                 f"stamps begin {back_s:.1f} s before those of the saved state, as on a computer"
-                " that keeps no time: what is known stays"
+                " without a battery-backed clock: the restored estimate is kept"
             )
         self._forget()
         return (
@@ -162,7 +175,7 @@ class Pipeline:
         )
 
     def reset(self) -> None:
-        """Forget the ground and the waiting messages; counters and sequence numbers go on."""
+        """Forget the ground and the waiting messages; keep counters and sequence numbers."""
         self._synchronizer.reset()
         self._forget()
 
@@ -172,15 +185,19 @@ class Pipeline:
 
 
 def configuration_sha256(model: LoadedModel, config: EstimatorConfig) -> str:
-    """Fingerprint of all parameters, the contents of a rover file among them. Raises as :func:`rover_of`."""
+    """Return the fingerprint of all parameters, including the contents of a rover file.
+
+    Raises what :func:`rover_of` raises.
+    """
     contents = json.dumps(dataclasses.asdict(rover_of(model, config.rover)), sort_keys=True)
     return config.sha256(hashlib.sha256(contents.encode()).hexdigest() if config.rover else "")
 
 
 def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
-    """Run an estimator that is thrown away: torch compiles a scripted method at its first calls, which takes 0.1 s each.
+    """Run a throwaway estimator, since torch compiles scripted methods at their first calls.
 
-    Live and replay do the same, so that both are in the same state at the first observation.
+    Each compilation takes 0.1 s. Live and replay both do this, so that both are in the same state
+    at the first observation.
     """
     estimator = Estimator(model, config.core)
     axles = np.ones(model.rover.axles)
@@ -217,7 +234,10 @@ def warm_up(model: LoadedModel, config: EstimatorConfig) -> None:
 
 
 def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
-    """Of a model's rows those that the configuration leaves it: one that is switched off is not missing."""
+    """Return the model's rows that the configuration leaves in use.
+
+    A row that is switched off does not count as missing.
+    """
     used = {
         "torque": config.use_torque,
         "acceleration": config.use_imu,
@@ -229,7 +249,9 @@ def usable_rows(rows: tuple[str, ...], config: CoreConfig) -> tuple[str, ...]:
 
 
 def rover_of(model: LoadedModel, name: str) -> Rover:
-    """The rover of that name or file, the model's where the name is empty. Names of rover and wheels may differ from the model's rover.
+    """Return the rover of that name or file; the model's where the name is empty.
+
+    Only the names of rover and wheels may differ from the model's rover.
 
     Raises:
         ConfigError: the rover file is wrong.

@@ -1,15 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Slip of every wheel from its rate and the rover's velocity, with the deviation that follows from theirs.
+"""Slip of every wheel from its rate and the rover's velocity, with its standard deviation.
 
 i = 1 - v / (r w) (:func:`terramechanics.vehicle.equilibrium.slip_at`), so to first order sd(i)^2 =
-n (sd(v) / (r w))^2 + (1 - i)^2 (n (sd(r) / r)^2 + (sd(w) / w)^2), n the wheels of the same axle
-that turn.
+n (sd(v) / (r w))^2 + (1 - i)^2 (n (sd(r) / r)^2 + (sd(w) / w)^2), where n is the number of turning
+wheels of the same axle.
 
-All wheels have the errors of v and of the rover file's r in common. Who takes wheels for
-independent, as the estimator does, divides them by sqrt(n) in the mean of an axle; with n they are
-in that mean what they are: exactly for equal rates, and never too small (the root mean square of 1
-/ (r w) is no smaller than its mean).
+All wheels share the errors of v and of the rover file's r. The estimator treats wheels as
+independent and so divides these errors by sqrt(n) in the mean of an axle; the factor n cancels
+that: exactly for equal rates, and never too small (the root mean square of 1 / (r w) is no smaller
+than its mean).
 """
 
 import math
@@ -22,7 +22,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Floats
-from terrain_estimator.ros_types import BODY_FRAME, Make, Message, stamp_ns
+from terrain_estimator.topics import BODY_FRAME, Make, Message, stamp_ns
 from terramechanics.vehicle.equilibrium import slip_at
 from terramechanics.vehicle.rover import Rover
 
@@ -31,11 +31,11 @@ VELOCITY_TYPES = {
     ODOMETRY: "nav_msgs/msg/Odometry",
     "twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
 }
-"""Messages that a velocity can come in; both have it in twist.twist.linear.x."""
+"""Message types of a velocity; both hold it in twist.twist.linear.x."""
 JOINTS, VELOCITY = "joint_states", "velocity"
 TWICE = (
     "velocity comes from the estimator's own input odom: its noise would enter slip and velocity"
-    " alike, which the estimator takes for independent. Give velocity another source"
+    " alike, which the estimator treats as independent. Give velocity another source"
     " (docs/bring_your_own_rover.md)"
 )
 
@@ -46,10 +46,10 @@ class SlipSourceError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Slips:
-    """Slip [wheels] in the order of the rover file and its deviation; NaN for a wheel that stands, or whose slip no number holds.
+    """Slip [wheels] in the order of the rover file, and its deviation.
 
-    The deviation is that with which the mean over an axle has the right one, when its wheels are
-    taken for independent.
+    NaN for a wheel that stands, and where the slip overflows. The deviations give the right one for
+    the mean over an axle whose wheels are treated as independent.
     """
 
     slip: Floats
@@ -57,10 +57,10 @@ class Slips:
 
 
 class SlipSource:
-    """Pairs wheel rates with velocities; the stamp of a slip is that of its wheel rates."""
+    """Pair wheel rates with velocities; a slip has the stamp of its wheel rates."""
 
     def __init__(self, rover: Rover, config: SlipSourceConfig) -> None:
-        """Raises ConfigError where the kind of velocity is unknown."""
+        """Start without messages; ConfigError where the kind of velocity is unknown."""
         if config.velocity_type not in VELOCITY_TYPES:
             raise ConfigError(
                 f"parameter velocity_type: {config.velocity_type!r} is unknown, give one of"
@@ -70,13 +70,13 @@ class SlipSource:
         topics = (InputTopic(JOINTS, required=True), InputTopic(VELOCITY, required=True))
         self._synchronizer = Synchronizer(topics, round(config.tolerance_s * 1e9))
         self._sequence = 0
-        self._turned = False  # whether rates of our wheels came
+        self._turned = False  # whether rates of the rover's wheels have arrived
 
     def pair(self, topic: str, message: Message) -> list[MessageSet]:
-        """Take a message of JOINTS or VELOCITY; the pairs that it completes, usually none or one.
+        """Add a message of JOINTS or VELOCITY; return the pairs that it completes.
 
-        Joints of others, a mast or an arm, are passed over; until the wheels' come they are taken,
-        so that the pair is refused by name.
+        Other joints, such as a mast's or an arm's, are skipped. Until the wheels' rates arrive they
+        are accepted, so that the refusal of the pair names the missing wheels.
         """
         if topic == JOINTS:
             ours = not set(self._rover.wheel_names).isdisjoint(message.name)
@@ -86,7 +86,7 @@ class SlipSource:
         return self._synchronizer.add((JOINTS, VELOCITY).index(topic), stamp_ns(message), message)
 
     def slip_message(self, pair: MessageSet, make: Make) -> Message:
-        """The wheel_slip message of a pair. Raises SlipSourceError."""
+        """Return the wheel_slip message of a pair; SlipSourceError where it cannot be used."""
         joints, velocity = pair.messages
         self._check_frame(velocity)
         slips = self._slips(joints, velocity)
@@ -105,7 +105,7 @@ class SlipSource:
         )
 
     def _check_frame(self, velocity: Message) -> None:
-        """Of another frame, a camera's for instance, linear.x is no velocity along body x."""
+        """Refuse a velocity in another frame; a camera's linear.x is not along body x."""
         odometry = self._config.velocity_type == ODOMETRY
         field, frame = (
             ("child_frame_id", velocity.child_frame_id)
@@ -142,7 +142,7 @@ class SlipSource:
 def slips_of(
     rover: Rover, rates: Floats, speed: float, speed_sd: float, config: SlipSourceConfig
 ) -> Slips:
-    """Slip of the rover's wheels with ``rates`` [wheels] [rad/s] at ``speed`` [m/s] along body x."""
+    """Return the slips at wheel rates ``rates`` [wheels] [rad/s] and body-x ``speed`` [m/s]."""
     turns = (
         np.isfinite(rates)
         & (rates != 0.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator as a managed node: wiring only. Messages in, the pipeline, messages out."""
+"""Run the estimator as a managed node: messages in, the pipeline, messages out."""
 
 import dataclasses
 import gc
@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import rclpy
 import torch
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
@@ -22,7 +21,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from rover_parameters.records import ConfigError
+from rover_parameters.command_line import run
 from terrain_estimator.config import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state
 from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
@@ -30,15 +29,19 @@ from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.nodes.common.command_line import begin
-from terrain_estimator.nodes.common.factory import make, message_class
-from terrain_estimator.nodes.common.keeping import StateKeeper, beside, check_place, done, go_on
-from terrain_estimator.nodes.common.managed import ManagedNode, drain, spin
-from terrain_estimator.nodes.common.plain import refuse
-from terrain_estimator.nodes.common.quality import listen
-from terrain_estimator.nodes.common.silence import why_silent
-from terrain_estimator.nodes.common.watchdog import unheard_publishers
-from terrain_estimator.ros_types import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
+from terrain_estimator.nodes.common.inactivity import explain_silence
+from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
+from terrain_estimator.nodes.common.message_types import make, message_class
+from terrain_estimator.nodes.common.publishers import incompatible_publishers
+from terrain_estimator.nodes.common.qos import subscribe
+from terrain_estimator.nodes.common.state_file import (
+    StateFileWriter,
+    check_state_path,
+    completed,
+    in_thread,
+    restore,
+)
+from terrain_estimator.topics import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz
 QOS = QoSProfile(depth=DEPTH)  # reliable, volatile, keep last
@@ -46,65 +49,64 @@ HEALTH_PERIOD_S = 1.0
 
 
 class EstimatorNode(ManagedNode):
-    """Subscribes to the inputs, publishes an estimate and a prediction for each complete set, and its health at 1 Hz."""
+    """Publish an estimate and a prediction for each complete set of inputs, and health at 1 Hz."""
 
     config: EstimatorNodeConfig
 
     def __init__(self, stop: threading.Event, **options: Any) -> None:
-        """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is unknown or wrong."""
+        """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is wrong."""
         super().__init__("estimator", EstimatorNodeConfig, stop, INPUT_TYPES, **options)
         self._pipeline: Pipeline | None = None
-        self._keeper: StateKeeper | None = None
+        self._state_file: StateFileWriter | None = None
         self._health = HealthMonitor()
-        self._heard_s: dict[str, float] = {}
+        self._received_s: dict[str, float] = {}
         self._matched: set[str] = set()
         self._outputs = {
             topic: self.create_publisher(message_class(name), topic, QOS)
             for topic, name in OUTPUT_TYPES.items()
         }
         self._health_output = self.create_publisher(message_class(HEALTH), "estimator_health", QOS)
-        self._listening: list[Subscription] = []
-        self._ticking: list[Timer] = []
+        self._input_subscriptions: list[Subscription] = []
+        self._active_timers: list[Timer] = []
         self._judged: tuple[CheckResult, ...] = ()
-        self._alone = threading.Lock()  # with the pipeline: services run beside the other callbacks where an executor has threads
-        meanwhile = (
-            ReentrantCallbackGroup()
-        )  # else nothing would be served while a service waits for the disk
+        # guards the pipeline: an executor with threads runs services beside the other callbacks
+        self._pipeline_lock = threading.Lock()
+        # other callbacks run while a service waits for the disk
+        reentrant = ReentrantCallbackGroup()
         for name, action in (
             ("reset", self._reset),
             ("save_state", self._save),
             ("load_state", self._load),
         ):
             self.create_service(
-                Trigger, f"~/{name}", self._answering(action), callback_group=meanwhile
+                Trigger, f"~/{name}", self._trigger_service(action), callback_group=reentrant
             )
 
     def configure(self) -> None:
-        """Load the model, warm it up, and go on from the saved state where there is one."""
+        """Load the model, warm it up, and restore the saved state where there is one."""
         model = load_model(self.config.estimator.model)
         pipeline = Pipeline(model, self.config.estimator)
         path = self._state_path
         if path is not None:
-            check_place(path)
-        keeper = StateKeeper(path, self.get_logger().error) if path else None
-        if path is not None and path.exists() and not go_on(pipeline, path, self.get_logger()):
-            pipeline = Pipeline(
-                model, self.config.estimator
-            )  # of the refused one it is not known what it took
+            check_state_path(path)
+        state_file = StateFileWriter(path, self.get_logger().error) if path else None
+        if path is not None and path.exists() and not restore(pipeline, path, self.get_logger()):
+            # a state that is refused may have been restored in part
+            pipeline = Pipeline(model, self.config.estimator)
         self._pipeline, self._health = pipeline, HealthMonitor(self._health.reported_failures)
-        self._keeper = keeper
+        self._state_file = state_file
         gc.collect()
         gc.freeze()  # a full collection over torch's modules would stall an update
 
     def activate(self) -> None:
-        """Subscribe and begin to report."""
+        """Subscribe, and start the timers of health and autosave."""
         pipeline = self._configured
-        self._heard_s.clear()
-        self._ticking.append(
+        self._received_s.clear()
+        self._active_timers.append(
             self.create_timer(HEALTH_PERIOD_S, self.guard(self._publish_health), clock=self.steady)
         )
-        if self._keeper:
-            self._ticking.append(
+        if self._state_file:
+            self._active_timers.append(
                 self.create_timer(
                     self.config.autosave_period_s, self.guard(self._autosave), clock=self.steady
                 )
@@ -117,39 +119,39 @@ class EstimatorNode(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Answer what came, sets that still wait for an optional message too, and take no more; what is known of the ground stays."""
-        self.guard(drain)(self._listening)
-        self.guard(self._answer_the_rest)()
+        """Process what has arrived, incomplete sets too, and unsubscribe; the posterior stays."""
+        self.guard(drain)(self._input_subscriptions)
+        self.guard(self._flush)()
         self.guard(self._autosave)()
-        for subscription in self._listening:
+        for subscription in self._input_subscriptions:
             self.destroy_subscription(subscription)
-        for timer in self._ticking:
+        for timer in self._active_timers:
             self.destroy_timer(timer)
-        self._listening, self._ticking, self._judged = [], [], ()
+        self._input_subscriptions, self._active_timers, self._judged = [], [], ()
         self._matched.clear()
 
     def cleanup(self) -> None:
-        """Forget model and ground; the state that was given last is written first."""
-        if self._keeper:
-            self._keeper.end()
-            self._keeper = None
+        """Write the last state, then release the model and the posterior."""
+        if self._state_file:
+            self._state_file.close()
+            self._state_file = None
         self._pipeline = None
         gc.unfreeze()
         gc.collect()
 
     def findings(self) -> Iterator[CheckResult]:
-        """Inputs and updates as of the last report of health, publishers that are not heard, and the saved state."""
+        """Return the checks of the last health report, of publishers and of the saved state."""
         yield from map(self._explained, self._judged)
-        for each in self._listening:
-            yield unheard_publishers(self, each.topic, INPUT_TYPES[each.topic], QOS)
-        if self._keeper:
-            yield self._keeper.judge()
+        for each in self._input_subscriptions:
+            yield incompatible_publishers(self, each.topic, INPUT_TYPES[each.topic], QOS)
+        if self._state_file:
+            yield self._state_file.judge()
 
     def _explained(self, finding: CheckResult) -> CheckResult:
-        """With the reason, where a required input was never heard."""
+        """Add the reason to a required input that never arrived."""
         if finding.check is not REQUIRED or not finding.level or math.isfinite(finding.value):
             return finding
-        reason = why_silent(self, finding.subject, INPUT_TYPES[finding.subject], QOS)
+        reason = explain_silence(self, finding.subject, INPUT_TYPES[finding.subject], QOS)
         return dataclasses.replace(finding, text=f"{finding.text}: {reason}")
 
     @property
@@ -162,27 +164,25 @@ class EstimatorNode(ManagedNode):
     def _state_path(self) -> Path | None:
         return Path(self.config.state_file).expanduser() if self.config.state_file else None
 
-    def _answer_the_rest(self) -> None:
-        with self._alone:
+    def _flush(self) -> None:
+        with self._pipeline_lock:
             answers = self._configured.flush()
         for answer in answers:
             self._publish(answer, 0.0)
 
     def _subscribe(self, topic: str) -> None:
-        """Subscribe to one input; say once when all inputs have a publisher."""
+        """Subscribe to one input; log when all inputs have a publisher."""
         pipeline = self._configured
 
         def receive(message: Message, info: dict[str, int]) -> None:
-            received_ns = (
-                info["received_timestamp"] or time.time_ns()
-            )  # by the wall clock; 0 where the middleware does not tell
-            self._heard_s[topic] = time.monotonic()
-            with self._alone:
+            # by the wall clock; the middleware may give 0
+            received_ns = info["received_timestamp"] or time.time_ns()
+            self._received_s[topic] = time.monotonic()
+            with self._pipeline_lock:
                 answers = pipeline.add(topic, message)
             for answer in answers:
-                self._publish(
-                    answer, max(0.0, (time.time_ns() - received_ns) * 1e-9)
-                )  # that clock may be set back
+                # the wall clock may be set back
+                self._publish(answer, max(0.0, (time.time_ns() - received_ns) * 1e-9))
 
         def match(info: QoSSubscriptionMatchedInfo) -> None:
             if info.current_count == 0:
@@ -193,8 +193,8 @@ class EstimatorNode(ManagedNode):
                     self.get_logger().info(f"matched all inputs: {', '.join(pipeline.inputs)}")
 
         events = SubscriptionEventCallbacks(matched=match)
-        self._listening.append(
-            listen(
+        self._input_subscriptions.append(
+            subscribe(
                 self, INPUT_TYPES[topic], topic, self.guard(receive), QOS, event_callbacks=events
             )
         )
@@ -208,7 +208,7 @@ class EstimatorNode(ManagedNode):
 
     def _publish_health(self) -> None:
         pipeline, now = self._configured, time.monotonic()
-        ages = {topic: now - heard for topic, heard in self._heard_s.items()}
+        ages = {topic: now - received for topic, received in self._received_s.items()}
         self._health.failures, self._health.resets = self.failures, pipeline.resets
         report = self._health.report(pipeline.counters, ages)
         self._judged = report.findings
@@ -220,42 +220,42 @@ class EstimatorNode(ManagedNode):
         self._health_output.publish(health_message(report, make, pipeline.meta, header))
 
     def _autosave(self) -> None:
-        if self._keeper:
-            self._keeper.give(self._packed())
+        if self._state_file:
+            self._state_file.write(self._packed())
 
     def _packed(self) -> bytes:
-        with self._alone:
+        with self._pipeline_lock:
             return pack_state(self._configured.save(), self._configured.meta.model_sha256)
 
     async def _reset(self) -> str:
-        with self._alone:
+        with self._pipeline_lock:
             self._configured.reset()
         return "the posterior is the prior again"
 
     async def _save(self) -> str:
-        keeper = self._kept
-        await done(keeper.give(self._packed()))
-        return f"the state is in {keeper.path}"
+        state_file = self._named_state_file
+        await completed(state_file.write(self._packed()))
+        return f"the state is in {state_file.path}"
 
     async def _load(self) -> str:
-        path, model = self._kept.path, self._configured.meta.model_sha256
-        arrays = await done(beside(partial(read_state, path, model)))
-        with self._alone:
+        path, model = self._named_state_file.path, self._configured.meta.model_sha256
+        arrays = await completed(in_thread(partial(read_state, path, model)))
+        with self._pipeline_lock:
             self._configured.restore(arrays)
         return f"going on from the state in {path}"
 
     @property
-    def _kept(self) -> StateKeeper:
+    def _named_state_file(self) -> StateFileWriter:
         if self._state_path is None:
             raise StateFileError("no file is named: start the node with the parameter state.file")
-        if self._keeper is None:
+        if self._state_file is None:
             raise StateFileError("the node is not configured")
-        return self._keeper
+        return self._state_file
 
-    def _answering(
+    def _trigger_service(
         self, action: Callable[[], Awaitable[str]]
     ) -> Callable[[Trigger.Request, Trigger.Response], Coroutine[Any, Any, Trigger.Response]]:
-        """A service that says what it did, or why not."""
+        """Return a service callback that answers with the result of an action, or its error."""
 
         async def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
@@ -270,21 +270,14 @@ class EstimatorNode(ManagedNode):
 
 
 def main() -> int:
-    """Estimate until SIGINT or SIGTERM.
-
-    Returns:
-        0 after a signal, a shutdown or ``--help``, 2 where arguments or parameters are wrong.
-    """
+    """Estimate until SIGINT, SIGTERM or a shutdown; return 0, or 2 for wrong parameters."""
     torch.set_num_threads(1)
-    try:
-        stop = begin("estimator", "model:=FILE", EstimatorNodeConfig)
-        node = EstimatorNode(stop)
-        spin(node, stop, auto_start=node.config.auto_start)
-        node.destroy_node()
-    except ConfigError as error:
-        return refuse("estimator", error)
-    finally:
-        rclpy.try_shutdown()
+    return run("estimator", "model:=FILE", EstimatorNodeConfig, _serve)
+
+
+def _serve(stop: threading.Event) -> int:
+    node = EstimatorNode(stop)
+    node.serve(auto_start=node.config.auto_start)
     return 0
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The planner as a node: wiring only. Measurements and estimates in, advice out."""
+"""Run the planner as a node: measurements and estimates in, advice out."""
 
 import sys
 
@@ -9,20 +9,21 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
+from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
 from terrain_estimator.config import PlannerConfig
 from terrain_estimator.messaging.pipeline import rover_of
 from terrain_estimator.model.model_file import ModelFileError, load_model
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.nodes.common.factory import make, message_class
-from terrain_estimator.nodes.common.plain import LOG_PERIOD_S, guarded, run
-from terrain_estimator.nodes.common.quality import listen
-from terrain_estimator.nodes.common.silence import Pairs, Patience
+from terrain_estimator.nodes.common.inactivity import InactivityMonitor, PairingMonitor
+from terrain_estimator.nodes.common.message_types import make, message_class
+from terrain_estimator.nodes.common.qos import subscribe
+from terrain_estimator.nodes.common.running import LOG_PERIOD_S, guarded, serve
 from terrain_estimator.planning.inputs import PlannerInputs
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Planner
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.ros_types import (
+from terrain_estimator.topics import (
     ADVICE,
     ESTIMATE,
     INPUT_TYPES,
@@ -36,7 +37,7 @@ QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 
 
 class PlannerNode(Node):
-    """Publishes advice whenever the stamps of the estimates have moved on by a period."""
+    """Publish advice once a period of the estimates' stamps."""
 
     def __init__(self) -> None:
         """Read parameters and model, solve the statics, then subscribe.
@@ -65,7 +66,8 @@ class PlannerNode(Node):
         listened = LISTENED | (
             {"joint_states": INPUT_TYPES["joint_states"]} if config.use_torque else {}
         )
-        self._patience, self._pairs = Patience(self, listened, QOS), Pairs(self, REQUIRED_INPUTS)
+        self._inactivity = InactivityMonitor(self, listened, QOS)
+        self._pairing = PairingMonitor(self, REQUIRED_INPUTS)
         for topic in self._inputs.topics:
             self._subscribe(topic)
         self.create_subscription(
@@ -80,19 +82,19 @@ class PlannerNode(Node):
 
     def _subscribe(self, topic: str) -> None:
         def receive(message: Message) -> None:
-            self._patience.heard(topic)
+            self._inactivity.received(topic)
             observations = self._inputs.add(topic, message)
-            self._pairs.heard(topic, paired=bool(observations))
+            self._pairing.received(topic, paired=bool(observations))
             for observation in observations:
                 if observation is not None:
                     self._planner.observe(observation)
 
-        listen(self, INPUT_TYPES[topic], topic, guarded(self, receive), QOS)
+        subscribe(self, INPUT_TYPES[topic], topic, guarded(self, receive), QOS)
 
     def _take_estimate(self, message: Message) -> None:
-        """Advise once a period; stamps that went back (a bag loops, the simulation starts anew) start a new period."""
-        self._compare(message)
-        self._patience.heard("terrain_estimate")
+        """Advise once a period; stamps that step back, as in a looping bag, start a new period."""
+        self._compare_models(message)
+        self._inactivity.received("terrain_estimate")
         try:
             self._planner.believe(belief_of_message(message, self._soils))
         except ValueError as error:
@@ -107,8 +109,8 @@ class PlannerNode(Node):
             self._output.publish(advice_message(advice, make, self._sequence, message))
             self._sequence, self._advised_ns = self._sequence + 1, now
 
-    def _compare(self, message: Message) -> None:
-        """Say once of another model: over the same soils nothing else tells that it is of another rover."""
+    def _compare_models(self, message: Message) -> None:
+        """Warn once of an estimate by another model, which may be that of another rover."""
         if message.model_sha256 != self._model.sha256 and not self._warned:
             self._warned = True
             self.get_logger().warning(
@@ -124,9 +126,11 @@ class PlannerNode(Node):
 
 
 def main() -> int:
-    """Advise until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where arguments, parameters or the model are wrong."""
+    """Advise until SIGINT or SIGTERM; return 0, or 2 for wrong parameters or a wrong model."""
     torch.set_num_threads(1)
-    return run("planner", "stop_probability:=0.1", PlannerConfig, PlannerNode)
+    return run(
+        "planner", "stop_probability:=0.1", PlannerConfig, lambda stop: serve(PlannerNode(), stop)
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Records topics to a bag: raw subscriptions in, MCAP out. Survives kill -9 with every message that reached it."""
+"""Record topics to a bag: raw subscriptions in, MCAP out.
+
+A kill -9 loses no message that has reached the node.
+"""
 
 import sys
 import threading
@@ -18,22 +21,20 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_support import check_for_type_support
-from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
+from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagTopic, BagWriter
 from terrain_estimator.config import RecorderConfig
 from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, CheckResult
 from terrain_estimator.nodes.common.bag_thread import BagThread
-from terrain_estimator.nodes.common.command_line import begin
-from terrain_estimator.nodes.common.factory import message_class
-from terrain_estimator.nodes.common.managed import ManagedNode, drain, spin
-from terrain_estimator.nodes.common.offers import of_other_types, offered
-from terrain_estimator.nodes.common.plain import refuse
-from terrain_estimator.ros_types import HEALTH
+from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
+from terrain_estimator.nodes.common.message_types import message_class
+from terrain_estimator.nodes.common.publishers import bag_qos, type_conflicts
+from terrain_estimator.topics import HEALTH
 
-QUEUE = 1000  # messages; 9 topics at 10 Hz fill it in minutes, so a slow disk costs nothing
+QUEUE = 1000  # messages: minutes of a topic at 10 Hz, so a slow disk loses nothing
 POLL_S = 0.1
 
 
@@ -50,30 +51,30 @@ class Source:
 
 
 class RecorderNode(ManagedNode):
-    """Subscribes to topics as their publishers appear, with the quality of service that they offer.
+    """Subscribe to topics as their publishers appear, with the quality of service that they offer.
 
-    Log time is the node's clock at reception: simulated time where ``use_sim_time`` is set (then it
-    subscribes once /clock runs), so that a player's clock agrees with the stamps. Publish time is
-    what the publisher's DDS reports. Configured it has a bag, active it writes to it, cleaned up
-    the bag is finished.
+    The log time is the node's clock at reception: with ``use_sim_time`` simulated time, and the node
+    subscribes once /clock runs, so that a player's clock agrees with the stamps. The publish time is
+    that of the publisher's DDS. "Configure" opens a bag, "activate" records to it, "clean up"
+    finishes it.
     """
 
     config: RecorderConfig
 
     def __init__(self, stop: threading.Event, **options: Any) -> None:
-        """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is unknown or wrong."""
+        """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is wrong."""
         super().__init__("recorder", RecorderConfig, stop, **options)
         self._log = self.get_logger()
         self._topics = self._resolve(self.config.topics)
         self._thread: BagThread | None = None
-        self._looking: Timer | None = None
+        self._discovery: Timer | None = None
         self._sources: dict[str, Source] = {}
         self._adding: dict[str, Future[BagTopic]] = {}
         self._identities: set[tuple[str, ...]] = set()
-        self._complaints: set[str] = set()
+        self._warnings: set[str] = set()
         self._waiting: list[str] = []
         self._refused: dict[str, str] = {}  # topics that cannot be recorded, and why
-        self._failures_said = 0
+        self._reported_failures = 0
         self._log_time_ns = 0
         self.received = 0
         self.disk_failed = False
@@ -81,21 +82,21 @@ class RecorderNode(ManagedNode):
     def configure(self) -> None:
         """Open the bag."""
         self._thread, self._log_time_ns, self.disk_failed = BagThread(self.config), 0, False
-        self._sources, self._adding, self._identities, self._complaints = {}, {}, set(), set()
+        self._sources, self._adding, self._identities, self._warnings = {}, {}, set(), set()
         self._waiting, self._refused = list(self._topics), {}
 
     def activate(self) -> None:
-        """Look for publishers, and record them."""
+        """Look for publishers at intervals, and record them."""
         self._log.info(
             f"waiting for the publishers of {len(self._waiting)} topics, bag {self._bag.bag.folder}"
         )
-        self._looking = self.create_timer(POLL_S, self.guard(self._look_around), clock=self.steady)
+        self._discovery = self.create_timer(POLL_S, self.guard(self._discover), clock=self.steady)
 
     def deactivate(self) -> None:
-        """Record what came, and no more; the bag stays open."""
-        if self._looking:
-            self.destroy_timer(self._looking)
-            self._looking = None
+        """Record what has arrived, and unsubscribe; the bag stays open."""
+        if self._discovery:
+            self.destroy_timer(self._discovery)
+            self._discovery = None
         listening = [source for source in self._sources.values() if not source.gone]
         self.guard(drain)([source.subscription for source in listening])
         for source in listening:
@@ -103,7 +104,7 @@ class RecorderNode(ManagedNode):
             source.gone = True
 
     def cleanup(self) -> None:
-        """Finish the bag; a disk that is full or broken leaves what was written before, one that hangs what it takes of it."""
+        """Finish the bag; a disk that is full, broken or hangs leaves it unfinished."""
         thread, self._thread = self._bag, None
         writer = thread.bag
         try:
@@ -123,14 +124,18 @@ class RecorderNode(ManagedNode):
         )
 
     def findings(self) -> Iterator[CheckResult]:
-        """Messages that were left out, topics that are not recorded, and a disk that is behind."""
-        failures, self._failures_said = self.failures - self._failures_said, self.failures
+        """Return the checks of lost messages, of topics that are not recorded, and of the disk."""
+        failures, self._reported_failures = self.failures - self._reported_failures, self.failures
         yield FAILURES.judge(failures, text=f"{failures} callbacks failed")
         if self._thread:
             yield DISK.judge(self._thread.late_s)
         silent = (
-            [name for name in self._topics if name not in self._refused and self._is_silent(name)]
-            if self._looking
+            [
+                name
+                for name in self._topics
+                if name not in self._refused and self._has_no_publisher(name)
+            ]
+            if self._discovery
             else []
         )
         words = [f"without a publisher: {', '.join(silent)}"] if silent else []
@@ -140,8 +145,8 @@ class RecorderNode(ManagedNode):
             text="; ".join(words) or "every topic that is recorded has a publisher",
         )
 
-    def _is_silent(self, name: str) -> bool:
-        """Whether nobody publishes a topic now."""
+    def _has_no_publisher(self, name: str) -> bool:
+        """Return whether a topic has no publisher now."""
         source = self._sources.get(name)
         return not (
             self.count_publishers(name)
@@ -156,7 +161,7 @@ class RecorderNode(ManagedNode):
         return self._thread
 
     def _fail(self, thread: BagThread, error: OSError) -> None:
-        """The disk fails: leave the bag as it is, and end."""
+        """Leave the bag as it is, and end the node, since the disk fails."""
         self.disk_failed = True
         thread.abandon()
         self._log.fatal(f"the disk fails, what was written before is kept: {error}")
@@ -173,7 +178,7 @@ class RecorderNode(ManagedNode):
             raise ConfigError("parameter topics: no topic is named, so there is nothing to record")
         return list(resolved)
 
-    def _look_around(self) -> None:
+    def _discover(self) -> None:
         if (
             isinstance(clock := self.get_clock(), ROSClock)
             and clock.ros_time_is_active
@@ -181,16 +186,16 @@ class RecorderNode(ManagedNode):
         ):
             return
         for name in self._topics:
-            self.guard(self._look_at)(name)  # what one topic raises is no matter of the others
+            self.guard(self._follow_topic)(name)  # an error of one topic does not stop the others
 
-    def _look_at(self, name: str) -> None:
+    def _follow_topic(self, name: str) -> None:
         try:
             self._follow(name, self.get_publishers_info_by_topic(name))
         except OSError as error:
             self._fail(self._bag, error)
 
     def _follow(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
-        """Subscribe to a topic that has appeared, again where its publishers now offer something else; note the match."""
+        """Subscribe to a topic that has appeared, and anew where its publishers offer another QoS."""
         source = self._sources.get(name)
         type_name = (
             source.topic.count.type_name
@@ -216,9 +221,9 @@ class RecorderNode(ManagedNode):
                     name, ours, source, reliable=reliable, transient_local=transient_local
                 )
         for words in (
-            of_other_types(publishers, type_name, source.topic.count.type_hash) if source else ()
+            type_conflicts(publishers, type_name, source.topic.count.type_hash) if source else ()
         ):
-            self._complain(f"{name}: {words}")
+            self._warn_once(f"{name}: {words}")
         if source and not source.matched and source.subscription.get_publisher_count():
             source.matched = True
             self._report_match(name, source)
@@ -239,7 +244,7 @@ class RecorderNode(ManagedNode):
             topic = old.topic if old else self._topic(name, type_name, publishers)
         except (ValueError, ImportError, AttributeError, NoTypeSupportImportedException) as error:
             self._refused[name] = str(error)
-            self._complain(f"cannot record {name}: {error}")
+            self._warn_once(f"cannot record {name}: {error}")
             return None
         self._refused.pop(name, None)
         if topic is None:
@@ -292,19 +297,22 @@ class RecorderNode(ManagedNode):
     def _topic(
         self, name: str, type_name: str, publishers: list[TopicEndpointInfo]
     ) -> BagTopic | None:
-        """None while the disk hangs: then the bag has it at a later look."""
+        """Add a topic to the bag; return None while the disk hangs, then ask again."""
         if name not in self._adding:
-            qos = tuple(offered(end) for end in publishers)
+            qos = tuple(bag_qos(end) for end in publishers)
             self._adding[name] = self._bag.give(
                 partial(self._bag.bag.add_topic, name, type_name, qos=qos)
             )
         return self._adding.pop(name).result() if self._adding[name].done() else None
 
     def _next_log_time_ns(self) -> int:
-        """By the clock, never before the last message's: readers go by it, and would mix what came before and after a step back."""
+        """Return the time of the clock, or that of the last message where the clock has stepped back.
+
+        Readers sort by log time, and would mix the messages before and after the step.
+        """
         now_ns = self.get_clock().now().nanoseconds
         if now_ns < self._log_time_ns:
-            self._complain(
+            self._warn_once(
                 "the clock went back: log times stay at the last one until the clock has passed it;"
                 " order and stamps are as they came"
             )
@@ -312,11 +320,11 @@ class RecorderNode(ManagedNode):
         return self._log_time_ns
 
     def _note_identity(self, bag: BagWriter, topic: str, data: bytes, kind: type[Any]) -> None:
-        """Say once in the bag's metadata which model and which configuration an estimator runs with."""
+        """Write the model and the configuration of an estimator once to the bag's metadata."""
         try:
             health = deserialize_message(data, kind)
-        except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class; another version of the message must not end a recording
-            self._complain(
+        except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class
+            self._warn_once(
                 f"cannot read {topic}, so the bag does not say which model estimated: {error}"
             )
             return
@@ -340,24 +348,21 @@ class RecorderNode(ManagedNode):
         if not self._waiting:
             self._log.info(f"recording {matched} topics to {self._bag.bag.folder}")
 
-    def _complain(self, text: str) -> None:
-        """Warn once."""
-        if text not in self._complaints:
-            self._complaints.add(text)
+    def _warn_once(self, text: str) -> None:
+        """Log a warning once in a recording."""
+        if text not in self._warnings:
+            self._warnings.add(text)
             self._log.warning(text)
 
 
 def main() -> int:
-    """Record until SIGINT or SIGTERM. Returns 0 then and after ``--help``, 1 where the disk fails, 2 where arguments are wrong."""
-    try:
-        stop = begin("recorder", "output:=bags/run", RecorderConfig)
-        node = RecorderNode(stop)
-        spin(node, stop, auto_start=node.config.auto_start)
-        node.destroy_node()
-    except ConfigError as error:
-        return refuse("recorder", error)
-    finally:
-        try_shutdown()
+    """Record until SIGINT or SIGTERM; return 0, 1 where the disk failed, 2 for wrong parameters."""
+    return run("recorder", "output:=bags/run", RecorderConfig, _serve)
+
+
+def _serve(stop: threading.Event) -> int:
+    node = RecorderNode(stop)
+    node.serve(auto_start=node.config.auto_start)
     return int(node.disk_failed)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The source of wheel_slip as a node: wiring only."""
+"""Compute wheel slip as a node: wheel rates and velocity in, wheel_slip out."""
 
 import sys
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ import torch
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from rover_parameters.command_line import run
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.messaging.diagnostics import REFUSED, CheckResult
 from terrain_estimator.messaging.pairing import MessageSet
@@ -21,19 +22,19 @@ from terrain_estimator.messaging.slip_source import (
     SlipSourceError,
 )
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.nodes.common.factory import make, message_class
-from terrain_estimator.nodes.common.plain import guarded, run
-from terrain_estimator.nodes.common.quality import listen
-from terrain_estimator.nodes.common.reporting import Reporter
-from terrain_estimator.nodes.common.silence import Pairs, Patience
-from terrain_estimator.ros_types import INPUT_TYPES, Message
+from terrain_estimator.nodes.common.diagnostics import DiagnosticsPublisher
+from terrain_estimator.nodes.common.inactivity import InactivityMonitor, PairingMonitor
+from terrain_estimator.nodes.common.message_types import make, message_class
+from terrain_estimator.nodes.common.qos import subscribe
+from terrain_estimator.nodes.common.running import guarded, serve
+from terrain_estimator.topics import INPUT_TYPES, Message
 from terramechanics.vehicle.rover import load_rover
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 
 
 class SlipSourceNode(Node):
-    """Publishes the slip of all wheels for every pair of wheel rates and velocity."""
+    """Publish the slip of all wheels for every pair of wheel rates and velocity."""
 
     def __init__(self) -> None:
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
@@ -45,12 +46,11 @@ class SlipSourceNode(Node):
             message_class(INPUT_TYPES["wheel_slip"]), "wheel_slip", QOS
         )
         topics = {JOINTS: INPUT_TYPES[JOINTS], VELOCITY: VELOCITY_TYPES[config.velocity_type]}
-        self._patience, self._pairs = Patience(self, topics, QOS), Pairs(self, topics)
-        self._used, self._refused = (
-            0,
-            list[str](),
-        )  # pairs since the last report, and why the others were refused
-        self._reporter = Reporter(self, self._findings)
+        self._inactivity = InactivityMonitor(self, topics, QOS)
+        self._pairing = PairingMonitor(self, topics)
+        # since the last report: pairs that were used, and why the others were refused
+        self._used, self._refused = 0, list[str]()
+        self._diagnostics = DiagnosticsPublisher(self, self._findings)
         for topic, kind in topics.items():
             self._subscribe(topic, kind)
         if self.resolve_topic_name(VELOCITY) == self.resolve_topic_name("odom"):
@@ -59,13 +59,13 @@ class SlipSourceNode(Node):
 
     def _subscribe(self, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
-            self._patience.heard(topic)
+            self._inactivity.received(topic)
             pairs = self._source.pair(topic, message)
-            self._pairs.heard(topic, paired=bool(pairs))
+            self._pairing.received(topic, paired=bool(pairs))
             for pair in pairs:
                 self._publish(pair)
 
-        listen(self, kind, topic, guarded(self, receive), QOS)
+        subscribe(self, kind, topic, guarded(self, receive), QOS)
 
     def _publish(self, pair: MessageSet) -> None:
         try:
@@ -84,9 +84,11 @@ class SlipSourceNode(Node):
 
 
 def main() -> int:
-    """Publish until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where arguments or parameters are wrong."""
+    """Publish until SIGINT or SIGTERM; return 0, or 2 for wrong parameters."""
     torch.set_num_threads(1)
-    return run("slip_source", "rover:=FILE", SlipSourceConfig, SlipSourceNode)
+    return run(
+        "slip_source", "rover:=FILE", SlipSourceConfig, lambda stop: serve(SlipSourceNode(), stop)
+    )
 
 
 if __name__ == "__main__":

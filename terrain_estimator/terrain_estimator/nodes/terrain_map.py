@@ -1,21 +1,22 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The map as a node: the estimates along the track, latched for whoever comes late."""
+"""Publish the map as a node: the estimates along the track, latched for late subscribers."""
 
 import sys
 
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
+from rover_parameters.command_line import run
 from terrain_estimator.config import MapConfig
+from terrain_estimator.messaging.map_track import MapTrack, cloud_message
 from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
-from terrain_estimator.messaging.track import MapTrack, cloud_message
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.nodes.common.factory import make, message_class
-from terrain_estimator.nodes.common.plain import guarded, run
-from terrain_estimator.nodes.common.quality import listen
-from terrain_estimator.nodes.common.silence import Pairs, Patience
-from terrain_estimator.ros_types import ESTIMATE, INPUT_TYPES, Message, stamp_ns
+from terrain_estimator.nodes.common.inactivity import InactivityMonitor, PairingMonitor
+from terrain_estimator.nodes.common.message_types import make, message_class
+from terrain_estimator.nodes.common.qos import subscribe
+from terrain_estimator.nodes.common.running import guarded, serve
+from terrain_estimator.topics import ESTIMATE, INPUT_TYPES, Message, stamp_ns
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -23,7 +24,7 @@ TOPICS = {"terrain_estimate": ESTIMATE, "odom": INPUT_TYPES["odom"]}
 
 
 class MapNode(Node):
-    """Publishes the whole cloud whenever it has changed and a period has passed, by the stamps."""
+    """Publish the whole cloud once a period of the stamps, where it has changed."""
 
     def __init__(self) -> None:
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
@@ -36,20 +37,21 @@ class MapNode(Node):
         self._output = self.create_publisher(
             message_class("sensor_msgs/msg/PointCloud2"), "terrain_map", LATCHED
         )
-        self._patience, self._pairs = Patience(self, TOPICS, QOS), Pairs(self, TOPICS)
+        self._inactivity = InactivityMonitor(self, TOPICS, QOS)
+        self._pairing = PairingMonitor(self, TOPICS)
         for index, (topic, kind) in enumerate(TOPICS.items()):
             self._subscribe(index, topic, kind)
         self.get_logger().info("ready")
 
     def _subscribe(self, index: int, topic: str, kind: str) -> None:
         def receive(message: Message) -> None:
-            self._patience.heard(topic)
+            self._inactivity.received(topic)
             pairs = self._synchronizer.add(index, stamp_ns(message), message)
-            self._pairs.heard(topic, paired=bool(pairs))
+            self._pairing.received(topic, paired=bool(pairs))
             for pair in pairs:
                 self._take(*pair.messages)
 
-        listen(self, kind, topic, guarded(self, receive), QOS)
+        subscribe(self, kind, topic, guarded(self, receive), QOS)
 
     def _take(self, estimate: Message, odometry: Message) -> None:
         self._changed = self._track.add(estimate, odometry) or self._changed
@@ -65,8 +67,8 @@ class MapNode(Node):
 
 
 def main() -> int:
-    """Publish until SIGINT or SIGTERM. Returns 0 after a signal or ``--help``, 2 where arguments or parameters are wrong."""
-    return run("terrain_map", "spacing:=0.2", MapConfig, MapNode)
+    """Publish until SIGINT or SIGTERM; return 0, or 2 for wrong parameters."""
+    return run("terrain_map", "spacing:=0.2", MapConfig, lambda stop: serve(MapNode(), stop))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Watches a running estimator: a line a second on stdout, and at the end the rates at which everything arrived."""
+"""Watch a running estimator: a line a second on stdout, and at the end the rates of all topics."""
 
 import json
 import math
@@ -15,14 +15,15 @@ from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCal
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
+from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
 from terrain_estimator.config import WatchConfig
-from terrain_estimator.messaging.timing import timing
+from terrain_estimator.messaging.arrival_rates import timing
 from terrain_estimator.nodes.common.declare import declare
-from terrain_estimator.nodes.common.factory import message_class
-from terrain_estimator.nodes.common.plain import guarded, run
-from terrain_estimator.nodes.common.silence import Patience
-from terrain_estimator.ros_types import (
+from terrain_estimator.nodes.common.inactivity import InactivityMonitor
+from terrain_estimator.nodes.common.message_types import message_class
+from terrain_estimator.nodes.common.running import guarded, serve
+from terrain_estimator.topics import (
     HEALTH,
     INPUT_TYPES,
     LISTENED,
@@ -38,7 +39,7 @@ QOS = QoSProfile(depth=1000)
 
 
 class Watch(Node):
-    """Keeps the last message of what it shows and the arrival times of everything, by the clock of the receiving DDS."""
+    """Keep the last messages that it shows, and all arrival times by the receiving DDS's clock."""
 
     def __init__(self, **options: Any) -> None:
         """Read the parameters and subscribe; ``options`` are rclpy's.
@@ -48,19 +49,17 @@ class Watch(Node):
         """
         super().__init__("watch", automatically_declare_parameters_from_overrides=True, **options)
         self._config = declare(self, WatchConfig)
-        if not Path(
-            self._config.report
-        ).parent.is_dir():  # it is written at the end, which may be in weeks
+        # the report is written at the end, which may be in weeks
+        if not Path(self._config.report).parent.is_dir():
             raise ConfigError(
                 f"parameter report: {self._config.report}: there is no such folder, make it first"
             )
-        self.arrivals_ns = {
-            topic: array("q") for topic in TOPICS if self._config.report
-        }  # who only watches may do so for weeks
+        # without a report nothing grows
+        self.arrivals_ns = {topic: array("q") for topic in TOPICS if self._config.report}
         self._last: dict[str, Message] = {}
         self._matched: set[str] = set()
         self._shown: Message = None
-        self._patience = Patience(self, LISTENED, QOS)
+        self._inactivity = InactivityMonitor(self, LISTENED, QOS)
         for topic in TOPICS:
             self._subscribe(topic)
         latched = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -76,7 +75,7 @@ class Watch(Node):
             guarded(self, self._show),
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
-        self._say("ready")
+        self._print("ready")
 
     def destroy_node(self) -> None:
         """Write the report first."""
@@ -107,10 +106,10 @@ class Watch(Node):
         path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
     def _subscribe(self, topic: str) -> None:
-        """Messages that are not shown are not decoded: watching must not disturb what is watched."""
+        """Subscribe; messages that are not shown stay serialised, to use little processor time."""
 
         def receive(message: Message, info: dict[str, int]) -> None:
-            self._patience.heard(topic)
+            self._inactivity.received(topic)
             if topic in self.arrivals_ns:
                 self.arrivals_ns[topic].append(info["received_timestamp"])
             if topic in SHOWN:
@@ -120,7 +119,7 @@ class Watch(Node):
             if info.current_count_change > 0 and topic not in self._matched:
                 self._matched.add(topic)
                 if self._matched == set(TOPICS):
-                    self._say("matched all topics")
+                    self._print("matched all topics")
 
         events = SubscriptionEventCallbacks(matched=match)
         kind = message_class(TOPICS[topic])
@@ -129,21 +128,21 @@ class Watch(Node):
         )
 
     def _show(self) -> None:
-        """Say what is new; nothing where no estimate came since the last line."""
+        """Print a line where a new estimate has arrived."""
         if (
             all(topic in self._last for topic in SHOWN)
             and self._last["terrain_estimate"] is not self._shown
         ):
             self._shown = self._last["terrain_estimate"]
-            self._say(live_line(self._last))
+            self._print(live_line(self._last))
 
-    def _say(self, text: str) -> None:
+    def _print(self, text: str) -> None:
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
 
 
 def live_line(last: dict[str, Message]) -> str:
-    """Time, both parameters with their 95 % intervals, the truth where there is one, mean slip and sinkage."""
+    """Format the time, both parameters with 95 % intervals and truth, mean slip and mean sinkage."""
     estimate, truth = last["terrain_estimate"], last.get(TRUTH)
     cohesion = (estimate.cohesion, estimate.cohesion_lower_95, estimate.cohesion_upper_95)
     tan_phi = (estimate.tan_phi, estimate.tan_phi_lower_95, estimate.tan_phi_upper_95)
@@ -180,8 +179,8 @@ def _mean(message: Message, name: str) -> float:
 
 
 def main() -> int:
-    """Watch until SIGINT or SIGTERM. Returns 0 after a signal, 2 where parameters are wrong."""
-    return run("watch", "period:=2.0", WatchConfig, Watch)
+    """Watch until SIGINT or SIGTERM; return 0, or 2 for wrong parameters."""
+    return run("watch", "period:=2.0", WatchConfig, lambda stop: serve(Watch(), stop))
 
 
 if __name__ == "__main__":

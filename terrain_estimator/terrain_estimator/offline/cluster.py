@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Work spread over a dask.distributed cluster: a running one by its address, or one on this machine."""
+"""Work distributed over a dask cluster: a running one by its address, or one on this machine."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -19,16 +19,16 @@ Result = TypeVar("Result")
 
 
 class Spread(Protocol):
-    """Applies a function to every item; the results come in the order of the items, whoever computed them."""
+    """A function that applies another one to every item; results come in the order of the items."""
 
     def __call__(
         self, function: Callable[[Item], Result], items: Sequence[Item]
     ) -> Iterator[Result]:
-        """The result of every item."""
+        """Yield the result of every item."""
 
 
 PATIENCE_S = 20.0
-"""[s] Until a scheduler that does not answer is an error."""
+"""[s] Time after which a scheduler that does not answer is an error."""
 
 _WORKERS = {
     "distributed.worker.profile.enabled": False,
@@ -39,34 +39,37 @@ _WORKERS = {
         "MALLOC_MMAP_THRESHOLD_": "33554432",
     },
 }
-"""Workers of this machine keep the memory that they have freed: by dask's default they hand it back at once, and tensors of some
-megabytes then cost as much time in page faults as in arithmetic. The profiler takes a fifth
-more."""
+"""Settings of the workers of this machine.
+
+They keep the memory that they have freed. By dask's default they return it at once, and tensors of
+some megabytes then cost as much time in page faults as in arithmetic. The profiler would take a
+fifth more.
+"""
 
 
 class ClusterError(ValueError):
-    """There is no scheduler at the address, no worker, or it was lost on the way; the message says what to do."""
+    """There is no scheduler or worker, or it was lost; the message gives the remedy."""
 
 
 class Held(Generic[Kept]):
-    """Results that stay on the workers which computed them; a worker that is lost takes none along: they are computed anew."""
+    """Results that stay on the workers that computed them; lost ones are computed again."""
 
     def __init__(self, client: "Client", kept: "Sequence[Future[Kept]]") -> None:
-        """Of futures on the client's cluster."""
+        """Hold futures on the client's cluster."""
         self._client, self._kept = client, kept
 
     def fetch(self) -> Iterator[Kept]:
-        """Copies of all in order."""
+        """Return copies of all results in order."""
         return map(_result, self._kept)
 
     def chosen(self, numbers: Sequence[int]) -> "Held[Kept]":
-        """Those alone."""
+        """Return only these results."""
         return Held(self._client, [self._kept[number] for number in numbers])
 
     def __call__(
         self, function: Callable[[Kept, Item], Result], items: Sequence[Item]
     ) -> list[Result]:
-        """``function`` of every kept result and its item, computed where that lies; in order."""
+        """Return ``function`` of every held result and its item, computed on its worker."""
         futures = self._client.map(
             _alone_with, [function] * len(items), self._kept, items, pure=False
         )
@@ -74,40 +77,39 @@ class Held(Generic[Kept]):
 
 
 class Cluster:
-    """A Spread over the workers of a client."""
+    """A :class:`Spread` over the workers of a client."""
 
     def __init__(self, client: "Client") -> None:
-        """Of a client that stays open."""
+        """Use a client, which must stay open."""
         self._client = client
 
     def __call__(
         self, function: Callable[[Item], Result], items: Sequence[Item]
     ) -> Iterator[Result]:
-        """See Spread."""
+        """Yield the result of every item, in the order of the items."""
         for future in self._submitted(function, items):
             yield _result(future)
             future.release()
 
     def hold(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Held[Result]:
-        """The same, but the results stay where they are."""
+        """Compute the results of all items, and leave them on the workers."""
         return Held(self._client, self._submitted(function, items))
 
     def _submitted(
         self, function: Callable[[Item], Result], items: Sequence[Item]
     ) -> "list[Future[Result]]":
-        # pure=False: the same item asked for twice is computed twice, nothing is kept under a key
-        # of its contents
+        # pure=False: a repeated item is computed again, nothing is cached under its contents
         return self._client.map(_alone, [function] * len(items), items, pure=False)
 
 
 @contextmanager
 def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
-    """A way to spread work over the cluster of the ``scheduler`` (host:port), or for "" over processes of this machine.
+    """Spread work over the cluster of the ``scheduler`` (host:port), or over this machine for "".
 
-    On this machine there are ``workers`` processes of one thread, by default one for each CPU.
+    On this machine there are ``workers`` processes with one thread, by default one for each CPU.
     Raises ClusterError where no scheduler answers or it has no worker.
     """
-    # distributed takes a second to import, and most commands do without
+    # distributed takes a second to import, and most commands do not need it
     from dask import config  # noqa: PLC0415
     from distributed import Client, LocalCluster  # noqa: PLC0415
 
@@ -117,15 +119,15 @@ def cluster(scheduler: str, workers: int | None = None) -> Iterator[Cluster]:
         except (OSError, ValueError) as error:
             raise ClusterError(
                 f"--scheduler {scheduler}: {error}; start one with `dask scheduler`, and workers"
-                " that import this package"
+                " that can import this package"
             ) from error
         with client:
             try:
                 client.wait_for_workers(1, timeout=PATIENCE_S)
             except TimeoutError as error:
                 raise ClusterError(
-                    f"--scheduler {scheduler}: it has no worker; start some with `dask worker"
-                    f" {scheduler}`"
+                    f"--scheduler {scheduler}: it has no worker; start some with"
+                    f" `dask worker {scheduler}`"
                 ) from error
             yield Cluster(client)
         return
@@ -147,14 +149,14 @@ def _result(future: "Future[Result]") -> Result:
         return future.result()
     except KilledWorker as error:
         raise ClusterError(
-            f"{error} Memory is what workers run out of most often: take fewer, or give them more"
+            f"{error} Memory is the usual cause: use fewer workers, or give them more"
         ) from error
     except CancelledError as error:
         raise ClusterError(f"the scheduler was lost: {error}") from error
 
 
 def _alone(function: Callable[[Item], Result], item: Item) -> Result:
-    """One item with one thread of torch, so that sums are added in the same order everywhere."""
+    """Apply a function with one thread of torch, so that sums have the same order everywhere."""
     torch.set_num_threads(1)
     return function(item)
 

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the runs of a discovery from bags, by the estimator's own pairing and conversion; here, or each on a worker that keeps it."""
+"""Read the runs of a discovery from bags, with the estimator's own pairing and conversion.
+
+The bags are read here, or each on a worker that keeps its run.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,19 +28,22 @@ from terrain_estimator.discovery.runs import Refusals, run_of
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Observation
+from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.cluster import Cluster, Held, Item, Result, cluster
-from terrain_estimator.offline.reading import BagOptions
-from terrain_estimator.offline.topics import TopicError, check_inputs
-from terrain_estimator.ros_types import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
+from terrain_estimator.offline.topic_mapping import TopicError, check_inputs
+from terrain_estimator.topics import INPUT_TYPES, REQUIRED_INPUTS, stamp_ns
 from terramechanics.vehicle.rover import Rover
 
 FEW = 16
-"""Bags up to which this process works alone where no cluster is asked for: with ten of 30 s two workers gained nothing."""
+"""Number of bags up to which this process works alone, unless a cluster is named.
+
+With ten bags of 30 s two workers gained nothing.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """The runs that can be used, who computes what they contribute, and why others are left out."""
+    """Runs that can be used, the computation of their contributions, and reasons for the others."""
 
     blocks: list[Blocks]
     contributions: Contributions
@@ -48,14 +54,14 @@ Progress = Callable[[float, str], None]
 
 
 class Workplace:
-    """Where bags are read and looked into: this process, or a cluster whose workers keep what they have read."""
+    """Place where bags are read and searched: this process, or workers that keep what they read."""
 
     def __init__(self, on: Cluster | None) -> None:
-        """On a cluster, or here."""
+        """Use a cluster, or this process for None."""
         self._cluster = on
 
     def spread(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """A function of every item, in order."""
+        """Yield a function of every item, in order."""
         return (self._cluster or map)(function, items)
 
     def read(
@@ -67,7 +73,7 @@ class Workplace:
         *,
         held_out: bool = False,
     ) -> Runs:
-        """The runs of these bags in their order; for ``held_out`` ones those that can be halved."""
+        """Read the runs of these bags in order; held-out runs must be long enough to halve."""
         read = partial(read_blocks, nominal, reading=reading, held_out=held_out)
         files = [bag.absolute() for bag in bags]  # a worker may have another working directory
         if self._cluster is None:
@@ -80,9 +86,10 @@ class Workplace:
 
 @contextmanager
 def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
-    """A place for so many bags: the cluster of a ``scheduler``, else so many ``workers`` of this machine, 0 for as many as are worth it.
+    """Choose the place for a number of bags.
 
-    Raises ClusterError where the scheduler does not answer.
+    It is the cluster of a ``scheduler``, else ``workers`` processes of this machine; 0 chooses a
+    number that pays. Raises ClusterError where the scheduler does not answer.
     """
     if not scheduler and (workers == 1 or (not workers and bags <= FEW)):
         yield Workplace(None)
@@ -94,7 +101,7 @@ def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
 def _sorted_out(
     found: Iterable[Blocks | str], bags: Sequence[Path], say: Progress
 ) -> tuple[list[Blocks], list[int], list[str]]:
-    """Runs, their numbers, and why the others are left out."""
+    """Sort out the runs: usable ones, their numbers, and the reasons for the others."""
     blocks, numbers, left_out = [], [], []
     for number, (each, bag) in enumerate(zip(found, bags, strict=True)):
         say(number / len(bags), f"reading {bag}")
@@ -109,7 +116,10 @@ def _sorted_out(
 def read_blocks(
     nominal: Nominal, bag: Path, *, reading: BagOptions | None = None, held_out: bool = False
 ) -> Blocks | str:
-    """The blocks of a run, or why it cannot be used; by the estimator's own topics and parameters where there is no ``reading``."""
+    """Return the blocks of a run, or the reason why it cannot be used.
+
+    Without ``reading`` the estimator's own topics and parameters apply.
+    """
     try:
         blocks = cut(read_run(bag, nominal.rover, reading or BagOptions()), nominal.contact)
         return long_enough(blocks) if held_out else blocks
@@ -118,12 +128,12 @@ def read_blocks(
 
 
 def read_run(bag: Path, rover: Rover, reading: BagOptions) -> RecordedRun:
-    """The run that ``bag`` holds.
+    """Read the run of a bag.
 
     Raises:
         BagError: it cannot be read.
         TopicError: a required topic is missing.
-        RunError: no observation can be used, and why.
+        RunError: no observation can be used; the message gives the reason.
     """
     names = reading.names
     with BagReader(bag) as reader:
@@ -142,7 +152,7 @@ def read_run(bag: Path, rover: Rover, reading: BagOptions) -> RecordedRun:
 def _observations(
     reader: BagReader, rover: Rover, reading: BagOptions, refusals: Refusals
 ) -> Iterator[Observation]:
-    """Raises RunError where no messages are of one instant."""
+    """Yield the observations of a bag; RunError where no messages belong to one instant."""
     used = reading.config.core
     converter = Converter(rover, reading.config.conversion, used)
     none = True
@@ -160,7 +170,7 @@ def _observations(
     if none:
         raise RunError(
             f"no {', '.join(REQUIRED_INPUTS)} have stamps within the parameter pairing_tolerance,"
-            f" {reading.config.pairing.tolerance_s:g} s: give the one that the estimator has (-p or"
+            f" {reading.config.pairing.tolerance_s:g} s: give the estimator's value (-p or"
             " --params-file)"
         )
 
@@ -174,9 +184,8 @@ def _paired(reader: BagReader, reading: BagOptions, converter: Converter) -> Ite
     index = {reading.names[name]: (number, name) for number, name in enumerate(INPUT_TYPES)}
     for raw in reader.messages(index):
         (number, name), message = index[raw.topic], reader.decode(raw)
-        if converter.concerns(
-            name, message
-        ):  # else a mast or an arm would take the partners of the wheels
+        # otherwise a mast or an arm would take the partners of the wheels
+        if converter.concerns(name, message):
             yield from synchronizer.add(
                 number, stamp_ns(message), message, getattr(message, "sequence", None)
             )

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what find_missing_effect found: finding.json for programs, report.html for people, and from what they were made."""
+"""Write the results of find_missing_effect.
+
+These are finding.json for programs and report.html for people, each with its provenance.
+"""
 
 import dataclasses
 import hashlib
@@ -12,16 +15,19 @@ from pathlib import Path
 from typing import Any
 
 from rover_parameters.parameters import effective
-from terrain_estimator.offline.origin import bag_sha256, versions
-from terrain_estimator.offline.reading import BagOptions
+from terrain_estimator.offline.bag_options import BagOptions
+from terrain_estimator.offline.provenance import bag_sha256, versions
 from terrain_estimator.pages.finding import finding_page
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
 
 def known(value: Any) -> Any:  # noqa: ANN401 (whatever JSON holds)
-    """The same with null for a number that is not finite: one figure that does not exist must not cost all others."""
+    """Replace numbers that are not finite by None.
+
+    One missing figure must not cost all others.
+    """
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
@@ -32,7 +38,10 @@ def known(value: Any) -> Any:  # noqa: ANN401 (whatever JSON holds)
 
 
 def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
-    """Write finding.json and report.html to ``folder``, which is made; the same content gives the same bytes. Returns their paths."""
+    """Write finding.json and report.html to ``folder``, which is created; return their paths.
+
+    The same content gives the same bytes.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
         "finding.json": json.dumps(known(content), indent=1, allow_nan=False) + "\n",
@@ -44,7 +53,7 @@ def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
 
 
 def asked(rover: str, soil: str, seed: int, reading: BagOptions) -> dict[str, Any]:
-    """What the command line said beside the runs; nothing that the answer does not depend on."""
+    """Return the arguments that the answer depends on, apart from the runs."""
     usual = BagOptions()
     topics = {
         name: reading.names[name]
@@ -59,7 +68,7 @@ def asked(rover: str, soil: str, seed: int, reading: BagOptions) -> dict[str, An
 
 
 def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]:
-    """Versions, and SHA-256 of everything that went in."""
+    """Return versions, and SHA-256 of all inputs."""
     thresholds = (files("terrain_estimator.discovery.evidence") / "thresholds.json").read_bytes()
     return {
         "versions": versions(),
@@ -73,7 +82,7 @@ def provenance(rover: Rover, soil: Soil, bags: Sequence[Path]) -> dict[str, Any]
 
 
 def _of_record(record: Rover | Soil) -> str:
-    """Of the values in force, not of the text of their file."""
+    """Return the SHA-256 of the values in force, not of the text of their file."""
     return hashlib.sha256(
         json.dumps(dataclasses.asdict(record), sort_keys=True).encode()
     ).hexdigest()

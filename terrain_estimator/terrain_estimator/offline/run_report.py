@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the report of a replay: one HTML file about all its runs."""
+"""Write the report of a replay: one HTML file about all its runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,18 +11,18 @@ from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.messages import Status, status_text
 from terrain_estimator.messaging.pipeline import configuration_sha256, rover_of
 from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.origin import bag_sha256, versions
-from terrain_estimator.offline.replaying import Replay
+from terrain_estimator.offline.provenance import bag_sha256, versions
+from terrain_estimator.offline.replay import Replay
 from terrain_estimator.offline.summary import remarks
 from terrain_estimator.pages.citations import citations
 from terrain_estimator.pages.run import Origin, ReplayedRun, ShownTruth, run_page
-from terrain_estimator.ros_types import stamp_ns
+from terrain_estimator.topics import stamp_ns
 
 
 def write_report(
     path: Path, replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig
 ) -> None:
-    """Write the page about runs whose history was kept. Raises OSError."""
+    """Write the page about runs whose history was kept; OSError where that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(
         run_page([_run(each, model) for each in replays], _origin(model, config)), encoding="utf-8"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a replay found, as a table for people and as JSON for programs."""
+"""Results of a replay as a table for people and as JSON for programs."""
 
 import dataclasses
 import json
@@ -18,13 +18,13 @@ from rover_parameters.parameters import effective
 from terrain_estimator.config import EstimatorConfig
 from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import LoadedModel
-from terrain_estimator.offline.replaying import Replay
+from terrain_estimator.offline.replay import Replay
 from terrain_estimator.outcome import Outcome
 
 WIDTH = 150
-"""[characters] of the table where stdout is no terminal."""
+"""[characters] Width of the table where stdout is no terminal."""
 NARROW = 120
-"""[characters] of a terminal: on less an interval takes lines of its own."""
+"""[characters] Width of a terminal below which intervals get lines of their own."""
 _HEAD = (
     "bag",
     "time",
@@ -35,15 +35,15 @@ _HEAD = (
     "status",
     "x real~time",
 )
-"""With the places where a word and a line may be broken."""
+"""Head of the table; "|" and "~" mark where a word or a line may be broken."""
 SUSPICIOUS_SHARE = 0.1
-"""[1] of the observations: more that contradict the estimate come from a wrong model rather than from the ground."""
+"""[1] Share of GATED observations from which the model, not the ground, is suspected."""
 
 
 def summary(
     replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig
 ) -> dict[str, Any]:
-    """Everything about the runs: plain types, no NaN (null instead), so that any JSON reader takes it."""
+    """Return everything about the runs as plain types, with null for NaN, for any JSON reader."""
     return {
         "model_id": model.model_id,
         "model_sha256": model.sha256,
@@ -79,7 +79,7 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
 
 
 def estimate_summary(replay: Replay) -> dict[str, Any]:
-    """The last estimate beside the truth, where the bag has it."""
+    """Return the last estimate with the truth, where the bag has it."""
     if replay.last is None:
         return {}
     estimate, truth = replay.last.update.estimate, replay.truth
@@ -99,7 +99,7 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
 
 
 def print_table(replays: Sequence[Replay]) -> None:
-    """One line a bag, then what a user should know about it."""
+    """Print one line for each bag, then remarks about it."""
     console = Console(
         highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH
     )
@@ -136,7 +136,7 @@ def print_table(replays: Sequence[Replay]) -> None:
 
 
 def write_summary(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON, atomically: a reader never sees half of it."""
+    """Write JSON atomically: a reader never sees half of it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.new")
     temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
@@ -154,10 +154,10 @@ def _interval(value: dict[str, Any] | None, scale: float, *, narrow: bool) -> st
 
 
 def remarks(replay: Replay) -> list[str]:
-    """What a user should know about a run, line by line."""
+    """Return remarks on a run for the user, one for each line."""
     lines = list(replay.notes)
     if replay.missing_s:
-        lines.append(f"{replay.bag}: {replay.missing_s:.1f} s are missing at the end")
+        lines.append(f"{replay.bag}: the last {replay.missing_s:.1f} s are missing")
     lines += [
         f"{replay.name}: {count} x {outcome.name}: {outcome.advice}"
         for outcome, count in sorted(replay.outcomes.items())
@@ -165,8 +165,8 @@ def remarks(replay: Replay) -> list[str]:
     ]
     if (gated := replay.outcomes[Outcome.GATED]) > SUSPICIOUS_SHARE * replay.estimates:
         lines.append(
-            f"{replay.name}: {gated / replay.estimates:.0%} are GATED: is the model (--model) that"
-            " of this rover and soil?"
+            f"{replay.name}: {gated / replay.estimates:.0%} are GATED: check that the model"
+            " (--model) is for this rover and soil"
         )
     for topic, counters in replay.inputs.items():
         troubles = {

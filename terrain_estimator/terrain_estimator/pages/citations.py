@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The literature that an estimate rests on, by what its model uses."""
+"""Literature behind an estimate, selected by the parts of its model."""
 
 from collections.abc import Iterator, Sequence
 
@@ -46,7 +46,7 @@ MITCHELL = (
 def citations(
     rows: Sequence[str], parameters: Sequence[str], effects: Sequence[str]
 ) -> Iterator[str]:
-    """What to cite for a model with these regression rows, posterior parameters and named effects."""
+    """Yield the citations of a model with these regression rows, parameters and named effects."""
     yield from (BANERJEE, WONG, BOGGS, ALSPACH, ADAMS, RUNNALLS)
     if any(row.startswith("torque") for row in rows):
         yield IAGNEMMA

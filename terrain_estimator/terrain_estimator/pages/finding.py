@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of find_missing_effect: one page from what finding.json holds. What is not there is said to be absent."""
+"""Report of find_missing_effect: one page from the content of finding.json.
+
+Missing parts are reported as absent.
+"""
 
 import dataclasses
 import json
@@ -10,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from terrain_estimator.pages import finding_words as say
-from terrain_estimator.pages.numbers import NORMAL_95
+from terrain_estimator.pages.number_format import NORMAL_95
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import (
     AFTER,
@@ -25,16 +28,16 @@ from terrain_estimator.pages.pictures import (
 )
 
 LISTED = 1e-3
-"""Probability from which a candidate has a line of its own."""
+"""[1] Probability from which a candidate has a line of its own."""
 MOST = 12
-"""Disagreements that are listed; more repeat the same."""
+"""Number of disagreements that are listed; more are repetitive."""
 ALIKE_NATS = 3.0
-"""[nat] below which two effects count as not told apart: odds of twenty to one."""
+"""[nat] Evidence below which two effects cannot be separated: odds of twenty to one."""
 _CLEAR_NATS = 3000.0
-"""[nat] from which a cell of the matrix gets no darker."""
+"""[nat] Evidence from which the colour of a cell no longer changes."""
 
 EVERYWHERE = "everywhere"
-"""Name of the region that holds all others."""
+"""Name of the region that includes all others."""
 STYLES = {"before": (BEFORE, "s"), "after": (AFTER, "o")}
 _STRENGTHS = (
     ("cohesion_pa", "Cohesion c", "c [kPa]", 1e-3),
@@ -51,14 +54,17 @@ Finding = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Unsealed:
-    """What was hidden in simulated runs, known only after the verdict."""
+    """The hidden truth of simulated runs, revealed only after the verdict."""
 
     sentence: str
     strengths: Mapping[str, Mapping[str, float]]  # cohesion_pa and tan_phi by the name of the run
 
 
 def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
-    """The page about one finding (the content of finding.json); ``unsealed`` is what was hidden, where somebody knows it."""
+    """Return the page about one finding (the content of finding.json).
+
+    ``unsealed`` is the hidden truth, where it is known.
+    """
     listed, rest = candidates(finding)
     return page(
         "finding.html",
@@ -81,16 +87,16 @@ def finding_page(finding: Finding, unsealed: Unsealed | None = None) -> str:
 
 
 _PARAMETERS_WORDS = (
-    "Where something is missing, cohesion and friction angle bend to explain it. These are the"
-    " estimates of every run without what was found and with it."
+    "If an effect is missing, cohesion and friction angle shift to compensate for it. These are the"
+    " estimates of every run without and with what was found."
 )
 
 
 def effects_title(finding: Finding) -> str:
-    """What stands above the sizes."""
+    """Return the title above the sizes of effects."""
     named = finding["verdict"] in {"named", "confusable"}
     return (
-        "Sizes of the effects that are named" if named else "The closest, which do not explain it"
+        "Sizes of the named effects" if named else "Closest effects, which do not explain the data"
     )
 
 
@@ -105,7 +111,7 @@ def _asked(finding: Finding) -> dict[str, Any]:
 
 
 def candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
-    """Candidates worth a line, the most probable first, and the names of the others."""
+    """Return candidates worth a line, the most probable first, and the names of the others."""
     ranked = sorted(finding["probabilities"].items(), key=lambda pair: -pair[1])
     listed = [
         {
@@ -121,7 +127,7 @@ def candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _where(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What disagrees, in sentences; a picture for each unit, as lengths of different ones do not compare."""
+    """Return the disagreements in sentences, with one picture for each unit."""
     shown = [
         {**each, "number": k, "sentence": say.disagreement(each)}
         for k, each in enumerate(entries[:MOST], start=1)
@@ -155,7 +161,7 @@ def _where_picture(unit: str, entries: Sequence[Mapping[str, Any]]) -> Picture:
 
 
 def _place(entry: Mapping[str, Any]) -> str:
-    """The signal; where a row disagrees whatever the signals are, the region says it."""
+    """Return the signal, or the region where the disagreement depends on no signal."""
     return str(entry["region"] if entry["signal"] in {"none", "wheel"} else entry["signal"])
 
 
@@ -203,7 +209,10 @@ def _rollout(rollout: Mapping[str, Any]) -> Picture:
 
 
 def _halves(strengths: Sequence[Mapping[str, Any]]) -> list[Picture]:
-    """c and tan phi of the halves of held-out runs; the second of a pair is None where nothing was added."""
+    """Return pictures of c and tan phi in the halves of held-out runs.
+
+    The second of a pair is None where no effect was added.
+    """
     labels = [f"{each['run']}, {('first', 'second')[each['half']]} half" for each in strengths]
     return [
         points(
@@ -246,7 +255,7 @@ def _gap_table(gap: Mapping[str, Any]) -> Table:
 
 
 def _scores_picture(kind: str, rows: Sequence[Mapping[str, Any]]) -> Picture:
-    """Errors in units of the noise floor, so that rows of different units share a picture."""
+    """Draw errors in units of the noise floor, so that rows of different units share a picture."""
     words = [
         word for k, word in enumerate(STYLES) if any(each["error"][k] is not None for each in rows)
     ]
@@ -290,7 +299,10 @@ def _pairs(score: Mapping[str, Any]) -> Iterator[float | None]:
 
 
 def _parameters(finding: Finding, unsealed: Unsealed | None) -> list[Picture]:
-    """c and tan phi of every run that was searched: before, after where something is named, and the truth where somebody knows it."""
+    """Draw c and tan phi of every searched run before and, where an effect is named, after.
+
+    The truth is added where it is known.
+    """
     found, words = (
         finding["parameters"],
         tuple(STYLES) if finding["verdict"] in {"named", "confusable"} else ("before",),
@@ -317,7 +329,7 @@ def _parameters(finding: Finding, unsealed: Unsealed | None) -> list[Picture]:
 
 
 def _apart(matrix: Mapping[str, Any]) -> dict[str, Any]:
-    """The matrix, with what stands on its diagonal (an effect over nothing) as a column of its own."""
+    """Return the isolability matrix, with its diagonal (an effect over nothing) as a column."""
     names = matrix.get("names") or []
     rows = [
         {
@@ -344,9 +356,9 @@ def _cell(nats: float) -> dict[str, Any]:
 
 def _next(finding: Finding) -> dict[str, Any]:
     otherwise = (
-        "Nothing has to be told apart."
+        "There are no effects to separate."
         if finding["verdict"] in {"none", "named"}
-        else "No drive was compared."
+        else "No drives were compared."
     )
     drives = finding.get("next_drives") or ()
     rows = tuple(
@@ -366,7 +378,7 @@ def _next(finding: Finding) -> dict[str, Any]:
 
 
 def _provenance(told: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What, and its version or SHA-256."""
+    """Return names with their version or SHA-256."""
     pairs = [(f"{name}, version", value) for name, value in (told.get("versions") or {}).items()]
     pairs += [(f"{name}, SHA-256", value) for name, value in (told.get("sha256") or {}).items()]
     return pairs + [

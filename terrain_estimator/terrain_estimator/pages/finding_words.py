@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The words of a report about a finding; they can be read without any other page."""
+"""Words of a report about a finding, which can be read without any other page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ from typing import Any
 
 from markupsafe import Markup
 
-from terrain_estimator.pages.numbers import chance, interval, probability, words
+from terrain_estimator.pages.number_format import chance, interval, probability, words
 from terramechanics.effects import EFFECTS
 
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """The answer on top of the page."""
+    """Answer at the top of the page."""
 
     name: str
     sign: str
@@ -26,7 +26,7 @@ _SIGNS = {"none": "✓", "named": "●", "confusable": "≈", "unknown": "?"}
 
 
 def verdict(finding: Mapping[str, Any]) -> Headline:
-    """The verdict; a name that is none of the four is an error."""
+    """Return the verdict; KeyError for an unknown one."""
     name = finding["verdict"]
     headline, sentence = {
         "none": _none,
@@ -34,11 +34,38 @@ def verdict(finding: Mapping[str, Any]) -> Headline:
         "confusable": _confusable,
         "unknown": _unknown,
     }[name](finding)
+    if leader := doubt(name, finding["probabilities"]):
+        before, likely = _DOUBTS[leader]
+        headline = before + headline.removeprefix("The model lacks ")
+        most = Markup("The most probable answer is that {} ({}). ")
+        sentence = most.format(likely, probability(finding["probabilities"][leader])) + sentence
     return Headline(name, _SIGNS[name], headline, sentence)
 
 
+_DOUBTS = {
+    "none": ("It is uncertain whether the model lacks ", "nothing is missing"),
+    "unknown": ("Something is missing, perhaps ", "an effect that was not considered is missing"),
+}
+"""Beginning of the headline, and the most probable answer, where that names no effect."""
+
+
+def doubt(verdict: str, probabilities: Mapping[str, float]) -> str:
+    """Return the answer that is more probable than every effect which a verdict names.
+
+    That is "none" or "unknown"; empty where an effect leads, or none is named.
+    """
+    leader = max(probabilities, key=probabilities.__getitem__)
+    return leader if verdict in {"named", "confusable"} and leader in _DOUBTS else ""
+
+
+def doubt_note(verdict: str, probabilities: Mapping[str, float]) -> str:
+    """Return :func:`doubt` as an addition to a line of text."""
+    leader = doubt(verdict, probabilities)
+    return f" (most probable: {leader}, {probabilities[leader]:.0%})" if leader else ""
+
+
 def what_it_is(name: str) -> str:
-    """The physics of a candidate in a sentence; of several together one after the other."""
+    """Describe the physics of a candidate; several effects get one sentence each."""
     special = {
         "none": "Nothing is missing.",
         "unknown": "Something is missing that is not among the considered effects.",
@@ -107,7 +134,7 @@ def _unknown(finding: Mapping[str, Any]) -> tuple[str, Markup]:
 
 
 def alternatives(finding: Mapping[str, Any]) -> list[list[Mapping[str, Any]]]:
-    """The effects of each hypothesis that a finding leaves open; several in one where they act together."""
+    """Return the effects of each hypothesis that remains; several in one act together."""
     rest = list(finding["effects"])
     others = [label.count(" + ") + 1 for label in finding["confusable_with"]]
     return [
@@ -122,7 +149,7 @@ def _size(effect: Mapping[str, Any]) -> Markup:
 
 
 def disagreement(entry: Mapping[str, Any]) -> str:
-    """Where a row and the model disagree."""
+    """Describe a disagreement between a row and the model."""
     if entry.get("sentence"):
         return f"{entry['sentence'][0].upper()}{entry['sentence'][1:]}."
     region = f", {entry['region']}" if entry["region"] else ""
@@ -133,7 +160,7 @@ def disagreement(entry: Mapping[str, Any]) -> str:
 
 
 def proof_sentence(gap: Mapping[str, Any], proof: Mapping[str, Any]) -> Markup:
-    """The result on the held-out runs; empty where there is none."""
+    """Describe the result on the held-out runs; empty where there is none."""
     if not proof:
         return Markup("")
     sentence = Markup("Proof: {}.").format(proof["sentence"])
@@ -151,5 +178,5 @@ def _percent(share: float) -> Markup:
 
 
 def separation(text: str) -> Sequence[str]:
-    """The sentences of ``separate_by``, one by one."""
+    """Return the sentences of ``separate_by``."""
     return [f"{part[0].upper()}{part[1:]}." for part in text.split(". ") if part]

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fills the templates."""
+"""Templates of pages, filled in."""
 
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from terrain_estimator.pages import numbers
+from terrain_estimator.pages.number_format import chance, interval, number, probability, words
 
 
 @cache
@@ -19,15 +19,15 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "number": numbers.number,
-        "interval": numbers.interval,
-        "probability": numbers.probability,
-        "chance": numbers.chance,
-        "words": numbers.words,
+        "number": number,
+        "interval": interval,
+        "probability": probability,
+        "chance": chance,
+        "words": words,
     }
     return environment
 
 
 def page(template: str, **values: object) -> str:
-    """The text of the HTML page that ``template`` makes of ``values``; a value that is not given is an error."""
+    """Return the HTML page of ``template`` with ``values``; a missing value is an error."""
     return _environment().get_template(template).render(values)

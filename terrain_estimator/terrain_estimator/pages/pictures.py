@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures as inline SVG: drawn by matplotlib, coloured by the page's style, so that they follow light and dark.
+"""Pictures as inline SVG in the variables of the page's style, for light and dark.
 
-Every picture has a sentence for those who do not see it, and the table of its numbers.
+Every picture has a description for screen readers, and a table of its numbers.
 """
 
 import io
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 WIDTH_INCH = 4.6
-"""About a phone's width at the size of its text; wider screens enlarge it by half at most."""
+"""[inch] About a phone's width at its text size; wider screens enlarge it by half at most."""
 _ROW_INCH = 0.27
 _MARGIN_INCH = 0.75
 _COLOURS = {
@@ -28,12 +28,12 @@ _COLOURS = {
     "#040404": "after",
     "#050505": "accent",
 }
-"""Stand-ins that are drawn with, and the variables of style.css that take their place."""
+"""Placeholder colours of the drawing, and the variables of style.css that replace them."""
 INK, QUIET, BEFORE, AFTER, ACCENT = _COLOURS
 LOOK: dict[Any, Any] = {
-    "svg.hashsalt": "page",  # the same picture has the same bytes
-    "svg.fonttype": "none",  # text stays text: found by a search, read aloud, in the reader's font
-    "text.parse_math": False,  # names of runs are no formulas
+    "svg.hashsalt": "page",  # equal pictures have equal bytes
+    "svg.fonttype": "none",  # text stays text: searchable, readable aloud, in the reader's font
+    "text.parse_math": False,  # names of runs are not formulas
     "font.size": 9.5,
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -51,7 +51,7 @@ LOOK: dict[Any, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Numbers behind a picture; a cell is text or a number, None where it is not known."""
+    """Numbers behind a picture; a cell is text or a number, None for an unknown one."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str | float | None, ...], ...]
@@ -63,19 +63,19 @@ class Picture:
 
     name: str  # identifier on the page
     title: str
-    words: str  # what a reader sees in it
+    words: str  # description for screen readers
     svg: Markup
     table: Table
 
 
 @dataclass(frozen=True, slots=True)
 class PlotSeries:
-    """Values, one for each label or place, with half widths of their intervals; None where there is none."""
+    """Values for labels or places, with half widths of their intervals; None for a missing one."""
 
     name: str
     values: Sequence[float | None]
     colour: str
-    marker: str  # its own beside every colour
+    marker: str  # a different one for each colour
     halves: Sequence[float | None] = ()
     dash: str = "-"
 
@@ -83,7 +83,7 @@ class PlotSeries:
 def bars(
     name: str, title: str, labels: Sequence[str], values: Sequence[float], axis: str
 ) -> Picture:
-    """A horizontal bar for each label, the first on top."""
+    """Draw a horizontal bar for each label, the first on top."""
     with mpl.rc_context(LOOK):
         figure, axes = _rows(labels, axis)
         axes.barh(range(len(labels)), values, color=ACCENT, height=0.6)
@@ -106,7 +106,10 @@ def points(
     axis: str,
     goal: float | None = None,
 ) -> Picture:
-    """Points with intervals, one row for each label, the series of a row one below the other; a dashed line stands at ``goal``."""
+    """Draw points with intervals, one row for each label; a dashed line marks ``goal``.
+
+    The series of a row are drawn one below the other.
+    """
     with mpl.rc_context(LOOK):
         figure, axes = _rows(labels, axis)
         for number, each in enumerate(series):
@@ -151,7 +154,7 @@ def lines(
     series: Sequence[PlotSeries],
     axes_words: tuple[str, str],
 ) -> Picture:
-    """Curves over ``across``, with a marker every now and then; ``axes_words`` stand below and beside them."""
+    """Draw curves over ``across`` with occasional markers; ``axes_words`` are the axis labels."""
     with mpl.rc_context(LOOK):
         figure = Figure(figsize=(WIDTH_INCH, 0.6 * WIDTH_INCH), layout="constrained")
         axes = figure.subplots()
@@ -197,7 +200,7 @@ def _cells(series: PlotSeries, k: int) -> tuple[float | None, ...]:
 
 
 def _rows(labels: Sequence[str], axis: str) -> tuple[Figure, Axes]:
-    """A figure with one row for each label, the first on top."""
+    """Return a figure with one row for each label, the first on top."""
     figure = Figure(
         figsize=(WIDTH_INCH, _MARGIN_INCH + _ROW_INCH * len(labels)), layout="constrained"
     )
@@ -213,7 +216,10 @@ def _rows(labels: Sequence[str], axis: str) -> tuple[Figure, Axes]:
 
 
 def inline(figure: Figure, name: str) -> Markup:
-    """The figure as an element of the page: no prologue, no size of its own, names that no other picture has."""
+    """Return the figure as an element of the page.
+
+    It has no prologue, no size of its own, and identifiers that no other picture has.
+    """
     stream = io.StringIO()
     figure.savefig(
         stream,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of replay: one page about one or several runs, from what their replay kept of them."""
+"""Report of replay: one page about one or several runs, from the history that replay kept."""
 
 import math
 from bisect import bisect_right
@@ -20,32 +20,32 @@ from terrain_estimator.messaging.history import (
 )
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.pages.courses import Course, bands, curves, occurrences
-from terrain_estimator.pages.numbers import interval, number, words
+from terrain_estimator.pages.number_format import interval, number, words
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import AFTER, BEFORE, INK, Picture, PlotSeries, Table
+from terrain_estimator.pages.time_pictures import Course, bands, curves, occurrences
 from terrain_estimator.update import Estimate
 
 MARKS = 20
-"""Changes of the true ground that are drawn; more would hide the curve."""
+"""Largest number of ground changes that are drawn; more would hide the curve."""
 COARSE = 50
-"""Most points of the curve of errors."""
+"""Largest number of points in the curve of errors."""
 _QUANTITIES = (
     ("Cohesion c", "c [kPa]", "kPa", 1e-3),
     ("Friction angle, as tan phi", "tan phi [1]", "", 1.0),
 )
-"""Title, axis, unit, and factor to it, in the order of an estimate."""
+"""Title, axis, unit, and factor to that unit, in the order of an estimate."""
 _SHORT = ("c", "tan phi")
 _PAIR_COLOURS = (AFTER, BEFORE, INK)
 
 
 @dataclass(frozen=True, slots=True)
 class ShownTruth:
-    """The ground of a simulated run from one moment on."""
+    """Ground of a simulated run from one moment on."""
 
     stamp_ns: int
     values: tuple[float, float]  # c [Pa], tan phi
-    ground: str  # its name, with the effects that were switched on
+    ground: str  # its name, with the effects that act
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class ReplayedRun:
     name: str
     bag: str
     bag_sha256: str
-    state_sha256: str  # of the saved state that it started from; empty: it started from the prior
+    state_sha256: str  # of the saved state at the start; empty: the run started from the prior
     span_s: float
     status: str
     status_text: str
@@ -69,16 +69,16 @@ class ReplayedRun:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What the estimates of all runs rest on beside the bags."""
+    """Basis of the estimates of all runs, apart from the bags."""
 
     rover: str
-    identity: Sequence[tuple[str, str]]  # what, and its version or SHA-256
+    identity: Sequence[tuple[str, str]]  # names with their version or SHA-256
     parameters: Sequence[tuple[str, str, str, str]]  # name, value, default and meaning
     citations: Sequence[str]
 
 
 def run_page(runs: Sequence[ReplayedRun], origin: Origin) -> str:
-    """The page about these runs."""
+    """Return the page about these runs."""
     title = f"Run report: {runs[0].name}" if len(runs) == 1 else f"Run report: {len(runs)} runs"
     changed = [name for name, value, default, _ in origin.parameters if value != default]
     shown = [_shown(f"run-{k}", run) for k, run in enumerate(runs, start=1)]
@@ -97,7 +97,7 @@ def _shown(key: str, run: ReplayedRun) -> dict[str, Any]:
     if not spans:
         return told | {
             "sign": "?",
-            "headline": "No estimate came of this bag",
+            "headline": "No estimate from this bag",
             "sentence": "",
             "pictures": [],
         }
@@ -175,7 +175,7 @@ def _sd(estimate: Estimate, k: int) -> float:
 
 
 def _truths(run: ReplayedRun) -> list[tuple[float, float]]:
-    """c [Pa] and tan phi that were true at the end of each span; NaN where nothing tells."""
+    """Return the true c [Pa] and tan phi at the end of each span; NaN where they are unknown."""
     stamps = [truth.stamp_ns for truth in run.truths]
     places = [bisect_right(stamps, span.stamp_ns) for span in run.history.spans]
     return [run.truths[place - 1].values if place else (math.nan, math.nan) for place in places]
@@ -186,7 +186,7 @@ def _ground(truths: Sequence[ShownTruth]) -> str:
 
 
 def _times(run: ReplayedRun, spans: Sequence[UpdateSpan] | Sequence[WheelSpan] = ()) -> list[float]:
-    """[s] The ends of the spans, from the first observation."""
+    """Return the ends [s] of the spans, from the first observation."""
     return [(span.stamp_ns - run.history.first_ns) * 1e-9 for span in spans or run.history.spans]
 
 
@@ -262,16 +262,14 @@ def _soils(estimate: Estimate) -> Table | None:
         zip(estimate.soils, estimate.soil_probability, strict=True), key=lambda pair: -pair[1]
     )
     return (
-        Table(("soil that the model knows", "probability [1]"), tuple(ranked))
-        if len(ranked) > 1
-        else None
+        Table(("soil in the model", "probability [1]"), tuple(ranked)) if len(ranked) > 1 else None
     )
 
 
 def _wheels(
     name: str, title: str, run: ReplayedRun, history: WheelHistory, axis: str, scale: float
 ) -> Picture:
-    """Means over short times, as on the live page: a colour for each pair of wheels, dashes for the second of a pair."""
+    """Draw means over short times: a colour for each pair of wheels, dashes for its second."""
     spans = history.spans
     series = [
         PlotSeries(
@@ -303,7 +301,7 @@ def _prediction(key: str, run: ReplayedRun) -> Picture:
 
 
 def _coarse(spans: Sequence[UpdateSpan]) -> list[UpdateSpan]:
-    """The same in fewer spans, so that a mean square is one of many errors."""
+    """Merge spans, so that a mean square is one of many errors."""
     length = math.ceil(len(spans) / COARSE)
     return [sum(spans[k + 1 : k + length], start=spans[k]) for k in range(0, len(spans), length)]
 
@@ -323,13 +321,13 @@ def _errors(whole: UpdateSpan) -> Table:
         for count in (errors.inside_68, errors.inside_95)
     ]
     rows = (
-        ("predictions that met a measurement", errors.count),
+        ("predictions compared with a measurement", errors.count),
         ("root mean square error [mm/s]", _millimetres(errors.rms)),
-        ("the same as predicted [mm/s]", _millimetres(errors.predicted_rms)),
+        ("root mean square error, as predicted [mm/s]", _millimetres(errors.predicted_rms)),
         ("share inside the 68 % interval [1]", share[0]),
         ("share inside the 95 % interval [1]", share[1]),
         (
-            "normalised innovation squared, about 1 when honest [1]",
+            "normalised innovation squared, near 1 when consistent [1]",
             whole.nis if math.isfinite(whole.nis) else None,
         ),
     )
@@ -360,7 +358,7 @@ def _when(key: str, run: ReplayedRun) -> Picture:
     counts = {
         outcome.name: [span.outcomes[outcome] for span in run.history.spans] for outcome in happened
     }
-    return occurrences(f"{key}-outcomes", "What became of the observations", _times(run), counts)
+    return occurrences(f"{key}-outcomes", "Outcomes of the observations", _times(run), counts)
 
 
 def _outcomes(whole: UpdateSpan) -> list[dict[str, Any]]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report about tables of one wheel: one page from what finding.json holds, in the look of that of drives."""
+"""Report about tables of one wheel: one page from the content of finding.json."""
 
 import json
 from collections.abc import Mapping
@@ -12,14 +12,14 @@ from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import Picture, PlotSeries, Table, points
 
 _PROVEN = {
-    True: "The effect that is named helps to predict settings that were not fitted",
-    False: "The closest effect does not help to predict settings that were not fitted",
-    None: "These settings are too few to prove anything",
+    True: "The named effect improves the prediction of settings that were not fitted",
+    False: "The closest effect does not improve the prediction of settings that were not fitted",
+    None: "These settings are too few for a proof",
 }
 
 
 def wheel_page(finding: Finding) -> str:
-    """The page about one finding of ``--wheel-table`` (the content of finding.json)."""
+    """Return the page about one finding of ``--wheel-table`` (the content of finding.json)."""
     listed, rest = candidates(finding)
     library = [
         name
@@ -56,18 +56,18 @@ def _proof(gap: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sentence(gap: Mapping[str, Any]) -> str:
-    floor = "of a model that is true: 1"
+    floor = "a true model: 1"
     if gap["after"] is None:
         return (
             f"No effect was added; the error on held-out measurements is {gap['before']:.2g}"
             f" deviations of repeatability ({floor})."
         )
     words = f"from {gap['before']:.2g} to {gap['after']:.2g} deviations of repeatability ({floor})"
-    return f"{_PROVEN[gap['proven']]}: their error goes {words}."
+    return f"{_PROVEN[gap['proven']]}: their error changes {words}."
 
 
 def _picture(rows: Mapping[str, Any]) -> Picture:
-    """Errors in units of repeatability, so that rows of different units share a picture."""
+    """Draw errors in units of repeatability, so that rows of different units share a picture."""
     words = [word for word in STYLES if any(each[word] is not None for each in rows.values())]
     series = [
         PlotSeries(

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a planner needs to know about the ground: margins with their uncertainty, a speed limit, and when to stop."""
+"""Advice to planners: traction margins with uncertainty, a speed limit, when to stop."""

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is believed about a ground, as weighted samples of soil, cohesion and friction: for functions that are not linear."""
+"""Belief about the ground as weighted samples of soil, cohesion and friction.
+
+Samples serve functions that are not linear.
+"""
 
 import math
 from dataclasses import dataclass
@@ -12,12 +15,12 @@ from scipy.stats import qmc
 from terrain_estimator.observation import Floats
 
 SAMPLES = 256
-"""Of each soil; quasi-random, so that two pieces of advice on the same estimate are the same."""
+"""Samples of each soil; quasi-random and fixed, so that the same estimate gives the same advice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """Posterior of the ground under the rover, as terrain_estimate has it."""
+    """Posterior of the ground under the rover, as in terrain_estimate."""
 
     mean: Floats  # [2] c [Pa], tan phi
     covariance: Floats  # [2, 2]
@@ -28,14 +31,17 @@ class Belief:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """Grounds with their weights: for each soil ``strength`` [n, 2], ``weight`` [n] and standard normal numbers ``spare`` [n]."""
+    """Weighted samples of the ground.
+
+    For each soil ``strength`` [n, 2], ``weight`` [n] and standard normal numbers ``spare`` [n].
+    """
 
     strength: tuple[Floats, ...]
     weight: tuple[Floats, ...]  # they sum to 1 over all soils
     spare: tuple[Floats, ...]
 
     def reweighted(self, log_likelihood: tuple[Floats, ...]) -> "Samples":
-        """The same after an observation."""
+        """Return the samples, reweighted by the likelihood of an observation."""
         possible = [
             np.where(weight > 0.0, part, -np.inf)
             for weight, part in zip(self.weight, log_likelihood, strict=True)
@@ -49,7 +55,7 @@ class Samples:
         return Samples(self.strength, tuple(part / total for part in raw), self.spare)
 
     def or_else(self, other: "Samples", probability: float) -> "Samples":
-        """This belief, or with ``probability`` [1] the other."""
+        """Return a mixture: the other samples with ``probability`` [1], these otherwise."""
         soils = range(len(self.weight))
         return Samples(
             tuple(np.concatenate([self.strength[s], other.strength[s]]) for s in soils),
@@ -64,7 +70,7 @@ class Samples:
 
 
 def _normal_numbers() -> Floats:
-    """[SAMPLES, 3] quasi-random."""
+    """Return quasi-random standard normal numbers [SAMPLES, 3]."""
     points = qmc.Sobol(3, scramble=True, seed=0).random_base2(int(math.log2(SAMPLES)))
     numbers: Floats = ndtri(points)
     return numbers
@@ -74,7 +80,7 @@ _NUMBERS = _normal_numbers()
 
 
 def draw(mean: Floats, covariance: Floats, soil_probability: tuple[float, ...]) -> Samples:
-    """Samples of a Gaussian in (c, tan phi), cut off at zero, the same for every soil."""
+    """Draw samples of a Gaussian in (c, tan phi), cut off at zero; the same for every soil."""
     deviation = np.sqrt(np.diagonal(covariance))
     slope = covariance[0, 1] / deviation[0] if deviation[0] > 0.0 else 0.0
     rest = math.sqrt(max(covariance[1, 1] - slope**2, 0.0))
@@ -93,7 +99,7 @@ def draw(mean: Floats, covariance: Floats, soil_probability: tuple[float, ...]) 
 def quantiles(
     values: Floats, weight: Floats, probabilities: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Weighted quantiles of ``values`` [n]."""
+    """Return weighted quantiles of ``values`` [n]."""
     order = np.argsort(values)
     below = np.cumsum(weight[order]) - 0.5 * weight[order]
     return tuple(float(np.interp(p, below / weight.sum(), values[order])) for p in probabilities)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the torque of the front wheels says about the ground that they are on, before the rest of the rover gets there.
+"""Ground under the front wheels from their torque, before the rest of the rover gets there.
 
 For a ground of given (c, tan phi) the normal stress is scaled so that the wheel carries its load at
-the measured sinkage and slip; so a wrong stiffness does no harm. Its torque then follows, M = r (c
-INT E + s tan phi INT sigma E), and is compared.
+the measured sinkage and slip; so a wrong stiffness does no harm. Its torque is then M = r (c INT E
++ s tan phi INT sigma E), which is compared with the measured one.
 """
 
 import math
@@ -22,12 +22,15 @@ from terramechanics.vehicle.suspension import Pose, level_pose, wheel_loads
 
 _NODES = quadrature(6)
 STIFFNESS_DEVIATION = 0.25
-"""[1] Of the logarithm of the normal stress: 5 % in the exponent alone are 20 % at a sinkage of two centimetres."""
+"""[1] Deviation of the logarithm of the normal stress.
+
+5 % in the exponent alone make 20 % at a sinkage of two centimetres.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FrontReading:
-    """What the rover measured, averaged over a short time; [axles] front to rear."""
+    """Measurements of the rover, averaged over a short time; [axles] front to rear."""
 
     slip: Floats  # [1]
     sinkage: Floats  # [m]
@@ -38,12 +41,12 @@ class FrontReading:
 
     @property
     def moving(self) -> bool:
-        """Whether it is of a rover whose wheels turned: only then there is a slip."""
+        """Return whether wheels turned, so that slip is defined."""
         return bool(np.isfinite(self.slip).any())
 
     @property
     def front_lacks(self) -> str:
-        """What of that which the front wheels' ground follows from was not measured; empty: nothing."""
+        """Measurements missing to judge the front wheels' ground; empty where none is."""
         needed = {
             "wheel torque": self.torque,
             "slip of the front wheels": self.slip[:1],
@@ -55,7 +58,7 @@ class FrontReading:
 
 
 def front_load(rover: Rover, reading: FrontReading) -> float:
-    """Normal force [N] of one front wheel: all wheels share in holding the slope."""
+    """Return the normal force [N] of one front wheel; all wheels share in holding the slope."""
     level = level_pose(rover, torch.zeros(1, dtype=torch.float64))
     pitch = torch.tensor([reading.pitch], dtype=torch.float64)
     angle = torch.from_numpy(np.nan_to_num(reading.contact_angle)).unsqueeze(0)
@@ -68,13 +71,19 @@ def front_load(rover: Rover, reading: FrontReading) -> float:
 
 
 TORQUE_DEVIATION = 0.08
-"""[1] Of the torque, relative: measured slip and sinkage, shear modulus, place of the largest stress."""
+"""[1] Relative deviation of the torque.
+
+It covers measured slip and sinkage, shear modulus, and the position of the largest stress.
+"""
 
 
 def log_likelihood(
     rover: Rover, soil: Soil, samples: Floats, reading: FrontReading, load: float
 ) -> Floats:
-    """Of the front wheels' torque under the grounds ``samples`` [n, 2] of ``soil``, [n]; ``load`` from :func:`front_load`."""
+    """Return the log-likelihood [n] of the front wheels' torque for each sample [n, 2] of ``soil``.
+
+    ``load`` comes from :func:`front_load`.
+    """
     slip, sinkage = (
         torch.tensor([value], dtype=torch.float64)
         for value in (reading.slip[0], reading.sinkage[0])
@@ -98,7 +107,7 @@ def log_likelihood(
 def front_samples(
     rover: Rover, soils: tuple[Soil, ...], prior: Samples, reading: FrontReading
 ) -> Samples:
-    """What is believed about the ground of the front wheels after their torque was seen."""
+    """Return the belief about the ground of the front wheels, given their torque."""
     load, grounds = front_load(rover, reading), zip(soils, prior.strength, strict=True)
     return prior.reweighted(
         tuple(log_likelihood(rover, soil, strength, reading, load) for soil, strength in grounds)

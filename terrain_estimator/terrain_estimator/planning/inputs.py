@@ -1,20 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's measurements: messages of several topics in, observations out."""
+"""Measurements of the planner: messages of several topics in, observations out."""
 
 from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
 from terrain_estimator.observation import Observation
-from terrain_estimator.ros_types import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
+from terrain_estimator.topics import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
 from terramechanics.vehicle.rover import Rover
 
 
 class PlannerInputs:
-    """Pairs the input topics and converts what belongs together; what cannot be converted is left to the estimator to report."""
+    """Pair the input topics and convert complete sets.
+
+    Sets that cannot be converted are left to the estimator to report.
+    """
 
     def __init__(self, rover: Rover, config: PlannerConfig) -> None:
-        """Any frame is taken: the estimator is the one to refuse a wrong one."""
+        """Start without messages; any frame is accepted, since the estimator refuses wrong ones."""
         pairing, core = (
             config.pairing,
             CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu),
@@ -27,7 +30,10 @@ class PlannerInputs:
         self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
 
     def add(self, topic: str, message: Message) -> list[Observation | None]:
-        """Take one message of ``topics``; the observations that it completes, None for a set that cannot be converted."""
+        """Add one message of ``topics``; return the observations that it completes.
+
+        None stands for a set that cannot be converted.
+        """
         if not self._converter.concerns(topic, message):
             return []
         sets = self._synchronizer.add(self.topics.index(topic), stamp_ns(message), message)

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""From samples of the ground to what a planner asks: pull against need, steepest slope, slip and sinkage to expect."""
+"""Margins for a planner from samples of the ground.
+
+These are pull against need, steepest slope, and the slip and sinkage to expect.
+"""
 
 import math
 from dataclasses import dataclass
@@ -12,12 +15,12 @@ from terrain_estimator.planning.belief import Samples, quantiles
 from terrain_estimator.planning.table import TractionTable, highest_ratio, slip_for, steepest
 
 LOWER, UPPER = 0.05, 0.95
-"""One-sided 95 % each."""
+"""Bounds, each at one-sided 95 %."""
 
 
 @dataclass(frozen=True, slots=True)
 class CredibleRange:
-    """Median of a quantity, and what it exceeds or stays below with 95 % confidence each."""
+    """Median of a quantity, and its bounds of 95 % confidence each."""
 
     median: float
     lower: float
@@ -29,7 +32,7 @@ NOTHING = CredibleRange(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """On one slope, all wheels on one ground."""
+    """Margins on one slope, with all wheels on one ground."""
 
     available: CredibleRange  # [N] drawbar pull at a slip up to the limit
     needed: float  # [N] to hold the slope at constant speed
@@ -40,14 +43,17 @@ class Margins:
 
 
 def unknown_margins(needed: float) -> Margins:
-    """Nothing is known but what is needed."""
+    """Return margins in which only the needed pull is known."""
     return Margins(NOTHING, needed, math.nan, NOTHING, NOTHING, NOTHING)
 
 
 def margins(
     table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float
 ) -> Margins:
-    """Margins on ``slope`` [rad], positive uphill; ``pull_deviation`` [weights] is what the model itself may be wrong by."""
+    """Return the margins on ``slope`` [rad], positive uphill.
+
+    ``pull_deviation`` [weights] is the error of the model itself.
+    """
     weight_across, need = table.rover.weight * math.cos(slope), math.tan(slope)
     columns: list[Floats] = []
     for soil, (strength, spare) in enumerate(zip(samples.strength, samples.spare, strict=True)):
@@ -73,7 +79,7 @@ def margins(
 def stall_probability(
     table: TractionTable, samples: Samples, slope: float, slip_limit: float, pull_deviation: float
 ) -> float:
-    """The one number of :func:`margins` alone, at a quarter of its price."""
+    """Return the stall probability of :func:`margins` alone, at a quarter of the cost."""
     probability = 0.0
     for soil, (strength, weight, spare) in enumerate(
         zip(samples.strength, samples.weight, samples.spare, strict=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Builds msg_defs/TractionAdvice, and reads what the planner needs of msg_defs/TerrainEstimate."""
+"""Build msg_defs/TractionAdvice, and read the planner's part of msg_defs/TerrainEstimate."""
 
 import math
 from collections.abc import Sequence
@@ -9,23 +9,23 @@ import numpy as np
 
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.planner import Advice, Reason
-from terrain_estimator.ros_types import ADVICE, Make, Message
+from terrain_estimator.topics import ADVICE, Make, Message
 
 _WORDS = {
     Reason.NONE: "go on",
-    Reason.TRACTION: "stop: on this slope the ground may not hold the rover",
-    Reason.FRONT: "stop: the ground under the front wheels may not hold the rover once it is on it",
+    Reason.TRACTION: "stop: the ground may not hold the rover on this slope",
+    Reason.FRONT: "stop: the ground under the front wheels may not hold the whole rover",
     Reason.SLIP: "stop: the wheels slip too much",
     Reason.SINKAGE: "stop: the wheels have sunk in too deep",
 }
-_CREEP = "creep: nothing was measured on the move within the last seconds"
+_CREEP = "creep: no measurement while driving within the last seconds"
 
 
 def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
-    """What a terrain_estimate says of the ground. Raises ValueError where it is no estimate over these ``soils``."""
+    """Read the belief from a terrain_estimate over these ``soils``; ValueError if it is invalid."""
     if list(message.soil) != list(soils):
         raise ValueError(
-            f"it is over the soils {', '.join(message.soil) or 'none'}, this planner's model knows"
+            f"its soils are {', '.join(message.soil) or 'none'}, those of this planner's model are"
             f" {', '.join(soils)}"
         )
     probability = list(message.soil_probability)
@@ -40,8 +40,8 @@ def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
         raise ValueError("a number is not finite, or a variance is negative")
     if len(probability) != len(soils) or min(probability) < 0.0 or sum(probability) <= 0.0:
         raise ValueError(
-            f"soil_probability is {probability}: one for each soil is needed, none negative and not"
-            " all zero"
+            f"soil_probability is {probability}: it needs one number for each soil, none negative"
+            " and not all zero"
         )
     return Belief(
         mean=np.array([message.cohesion, message.tan_phi]),
@@ -53,7 +53,7 @@ def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
 
 
 def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message) -> Message:
-    """msg_defs/TractionAdvice; ``estimate`` is the last terrain_estimate."""
+    """Build msg_defs/TractionAdvice; ``estimate`` is the last terrain_estimate."""
     margins = advice.margins
     available, slip, sinkage = margins.available, margins.slip, margins.sinkage
     return make(
@@ -91,13 +91,13 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
 
 
 def _status_text(advice: Advice, effects: Sequence[str]) -> str:
-    """The advice in words, and what it does not take into account; ``effects`` are those that the estimate has."""
-    parts = [] if advice.known else ["unknown yet: c and tan phi are not identified"]
+    """Describe the advice, and what it leaves out; ``effects`` are those of the estimate."""
+    parts = [] if advice.known else ["margins unknown: c and tan phi are not identified"]
     parts.append(_WORDS[advice.reason] if advice.stop or advice.moving else _CREEP)
     if advice.moving and advice.front_lacks:
         parts.append(f"front wheels not judged: no {advice.front_lacks}")
     if advice.moving and math.isnan(advice.sinkage):
-        parts.append("sinkage not judged: none was measured")
+        parts.append("sinkage not judged: no measurement")
     if effects:
-        parts.append(f"without what the model estimates beside c and tan phi: {', '.join(effects)}")
+        parts.append(f"effects in the model are not taken into account: {', '.join(effects)}")
     return "; ".join(parts)

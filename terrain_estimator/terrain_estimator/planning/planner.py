@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The planner: measurements and estimates in, advice out. No clock, no logging, no files."""
+"""The planner: measurements and estimates in, advice out.
+
+It has no clock, logs nothing and opens no files.
+"""
 
 import math
 from collections import deque
@@ -19,11 +22,11 @@ from terrain_estimator.planning.margins import Margins, margins, stall_probabili
 from terrain_estimator.planning.table import TractionTable
 
 NEW_GROUND = 0.02
-"""[1] Least probability that the front wheels are on other ground than the rover, before their torque is looked at."""
+"""[1] Least probability of new ground under the front wheels, before their torque is considered."""
 
 
 class Reason(IntEnum):
-    """Why the rover is to stop; the values are those of msg_defs/TractionAdvice."""
+    """Reason to stop; the values are those of msg_defs/TractionAdvice."""
 
     NONE = 0
     TRACTION = 1
@@ -34,15 +37,14 @@ class Reason(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What a planner needs."""
+    """Advice for one instant."""
 
-    known: bool  # whether the margins are: c and tan phi are identified
-    moving: bool  # whether wheels turned within the window; else it stands, and only its slope is measured
+    known: bool  # whether the margins are known: c and tan phi are identified
+    moving: bool  # whether wheels turned within the window; else only the slope is measured
     margins: Margins  # of the ground under the rover
-    front_stall_probability: (
-        float  # [1] that all wheels on the front wheels' ground would be stuck; NaN: not measured
-    )
-    front_lacks: str  # what was not measured, so that the ground of the front wheels is not judged; empty: nothing
+    # [1] of being stuck with all wheels on the front wheels' ground; NaN: not measured
+    front_stall_probability: float
+    front_lacks: str  # missing measurements of the front wheels' ground; empty: none
     slope: float  # [rad] nose up, measured
     rim_speed: float  # [m/s] commanded speed: what the wheels would do without slip
     slip: float  # [1] measured, mean over the axles; NaN where nothing was
@@ -52,12 +54,15 @@ class Advice:
 
     @property
     def stop(self) -> bool:
-        """Whether to stop."""
+        """Return whether to stop."""
         return self.reason is not Reason.NONE
 
 
 class Planner:
-    """Keeps the last seconds of measurements and the last estimate. A recommended stop holds until :meth:`resume`."""
+    """Advise from the last seconds of measurements and the last estimate.
+
+    A recommended stop holds until :meth:`resume`.
+    """
 
     def __init__(
         self,
@@ -66,7 +71,7 @@ class Planner:
         prior_sd: tuple[float, float],
         config: AdviceConfig,
     ) -> None:
-        """``prior_mean`` and ``prior_sd`` of (c [Pa], tan phi): what ground may come that nobody has seen yet."""
+        """Set the prior of (c [Pa], tan phi) for ground that the rover has not seen yet."""
         self._table, self._config = table, config
         even = tuple(1.0 for _ in table.soils)
         self._elsewhere = draw(np.asarray(prior_mean), np.diag(np.asarray(prior_sd) ** 2), even)
@@ -77,16 +82,17 @@ class Planner:
         self._window_ns = round(config.window_s * 1e9)
         if self._speed_limit(known=False) < self._slowest:
             limit = (
-                f"{self._speed_limit(known=False):.2g} m/s on unknown ground, too slow to be told"
-                f" from standing ({self._slowest:g} m/s)"
+                f"{self._speed_limit(known=False):.2g} m/s on unknown ground, too slow to be"
+                f" distinguished from standing ({self._slowest:g} m/s)"
             )
-            words = "lower the one or raise the other, or lower standstill_speed"
+            words = "lower one or raise the other, or lower standstill_speed"
             raise ConfigError(f"parameters reaction_time and deceleration allow {limit}: {words}")
 
     def observe(self, observation: Observation) -> None:
-        """Take what was measured at one instant: on the move, or standing. Without a pitch or a velocity that can be it tells nothing.
+        """Take the measurements of one instant, on the move or standing.
 
-        Nor does it backwards, where the rear wheels lead and the slope is the other way.
+        Without a pitch and a possible velocity they are ignored. So are those in reverse, where the
+        rear wheels lead and the slope is the other way.
         """
         rims = np.abs(observation.wheel_rate * self._table.rover.wheel_radius)
         stands = bool(np.isfinite(rims).any() and np.nanmax(rims) <= self._config.standstill_speed)
@@ -107,15 +113,20 @@ class Planner:
         self._belief = belief
 
     def resume(self) -> None:
-        """Forget a stop, and what led to it: a rover that stands may creep, and is judged by what that measures."""
+        """Forget a stop and the measurements that led to it.
+
+        A rover that stands may then creep, and is judged by what it measures.
+        """
         self._reason = Reason.NONE
         self._recent.clear()
 
     def advise(self, stamp_ns: int) -> Advice | None:
-        """Advice at the stamp of the last estimate; None before it, and where nothing was measured within the window of that stamp.
+        """Return advice at the stamp of the last estimate.
 
-        A rover that stands has nothing but its slope to judge by: it may creep, unless a stop
-        holds.
+        None before the first estimate, and where nothing was measured within the window of that
+        stamp.
+
+        A rover that stands can be judged by its slope alone: it may creep, unless a stop holds.
         """
         reading = self._reading(stamp_ns)
         if self._belief is None or reading is None:
@@ -152,7 +163,7 @@ class Planner:
         )
 
     def _front(self, here: Samples, reading: FrontReading) -> float:
-        """Probability that the rover would be stuck if all its wheels were where the front ones are."""
+        """Return the probability of being stuck if all wheels were where the front ones are."""
         if reading.front_lacks or self._belief is None:
             return math.nan
         changed = max(self._belief.change_probability, NEW_GROUND)
@@ -174,7 +185,11 @@ class Planner:
         return Reason.FRONT if front > config.stop_probability else Reason.NONE
 
     def _speed_limit(self, *, known: bool) -> float:
-        """Speed from which the rover stops before its second axle is where new ground was met; half of the way where unsure."""
+        """Return the speed [m/s] from which the rover can stop on new ground.
+
+        It stops before its second axle reaches the place, or within half of that distance where the
+        ground is not known.
+        """
         config, axle_x = self._config, self._table.rover.axle_x
         way = (axle_x[0] - axle_x[1]) * (1.0 if known else 0.5)
         return config.deceleration * (
@@ -183,16 +198,16 @@ class Planner:
 
     @property
     def _slowest(self) -> float:
-        """Least speed [m/s] that is told from standing."""
+        """Least speed [m/s] that is distinguished from standing."""
         return 2.0 * self._config.standstill_speed
 
     @property
     def _creeping(self) -> float:
-        """Speed [m/s] of a rover that nothing is known of but that it stands; fast enough to be seen moving."""
+        """Speed [m/s] for a rover that stands on unknown ground; fast enough to count as moving."""
         return max(0.5 * self._speed_limit(known=False), self._slowest)
 
     def _reading(self, stamp_ns: int) -> FrontReading | None:
-        """What was measured within the window of a stamp; None where nothing was."""
+        """Return the measurements within the window of a stamp; None where there are none."""
         recent = [
             entry for entry in self._recent if abs(stamp_ns - entry.stamp_ns) <= self._window_ns
         ]
@@ -204,7 +219,10 @@ class Planner:
         return FrontReading(unknown, unknown, unknown, unknown, self._standing.pitch, 0.0)
 
     def _typical(self, recent: list[Observation]) -> FrontReading:
-        """Means over time without outliers: a stop holds until someone resumes, so a few absurd readings must not be one."""
+        """Return means over time without outliers.
+
+        A stop holds until the operator resumes, so a few absurd readings must not cause one.
+        """
         names = ("slip", "sinkage", "torque", "contact_angle", "wheel_rate")
         slip, sinkage, torque, angle, rate = (
             _means(np.array([getattr(entry, name) for entry in recent])) for name in names
@@ -219,17 +237,20 @@ class Planner:
 
 
 _LEAST_ROLLING = 0.01
-"""[1] Velocity over rim speed, so that the latter stays finite where only the former and a slip of 1 are measured."""
+"""[1] Least velocity over rim speed, so that the rim speed stays finite at a slip of 1."""
 
 
 _LARGEST = 1e6
-"""[SI] Nothing that is measured of a wheel is larger."""
+"""[SI] Bound of all measurements of a wheel."""
 _FAR = 5.0
-"""[robust standard deviations] from the median lies an outlier."""
+"""[robust standard deviations] Distance of an outlier from the median."""
 
 
 def _means(values: Floats) -> Floats:
-    """Means [n] over time of [time, n] without outliers (Hampel's identifier); NaN where nothing is measured."""
+    """Return means [n] over time of [time, n] without outliers; NaN where nothing is measured.
+
+    Outliers are found by Hampel's identifier.
+    """
     return np.array([_robust_mean(each[np.abs(each) <= _LARGEST]) for each in values.T])
 
 

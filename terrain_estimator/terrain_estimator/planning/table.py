@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a rover can pull, as a table over (c, tan phi, slope, slip): the nonlinear statics once, look-ups ever after."""
+"""Pull of a rover as a table over (c, tan phi, slope, slip).
+
+The nonlinear statics are solved once; advice only looks up the table.
+"""
 
 import math
 from collections.abc import Sequence
@@ -16,26 +19,26 @@ from terramechanics.vehicle.climbing import climb
 from terramechanics.vehicle.rover import Rover
 
 COHESIONS = (0.0, 1000.0, 2500.0, 5000.0, 9000.0)
-"""[Pa] At given slip and sinkage forces are affine in c and tan phi, so few places are enough."""
+"""[Pa] Few values are enough: at given slip and sinkage, forces are affine in c and tan phi."""
 TAN_PHIS = (0.02, 0.15, 0.3, 0.5, 0.75, 1.1, 1.6)
 STEEPNESSES = (0.0, 0.6)
-"""[rad] The pull depends on the weight across the slope alone: up and down are alike."""
+"""[rad] Up and down are alike: the pull depends on the weight across the slope alone."""
 SLIPS = (-0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9)
 
 
 @dataclass(frozen=True, slots=True)
 class Pulls:
-    """Of n grounds, one row for each slip of :data:`SLIPS`, [n, slips]."""
+    """Pull and sinkage of n grounds for each slip of :data:`SLIPS`, [n, slips]."""
 
     ratio: Floats  # [1] pull over the weight across the slope
     sinkage: Floats  # [m] mean over the axles
 
 
 class TractionTable:
-    """The statics of one rover on some soils."""
+    """Statics of one rover on some soils."""
 
     def __init__(self, rover: Rover, soils: Sequence[Soil]) -> None:
-        """Solve the statics at every place of the table: some seconds."""
+        """Solve the statics at every point of the table, which takes some seconds."""
         self.rover, self.soils = rover, tuple(soils)
         self._lookups = [
             RegularGridInterpolator((COHESIONS, TAN_PHIS, STEEPNESSES), _solve(rover, soil))
@@ -47,7 +50,10 @@ class TractionTable:
         )
 
     def at(self, soil: int, strength: Floats, slope: Floats | float) -> Pulls:
-        """Grounds ``strength`` [n, 2] (c [Pa], tan phi) of one soil on ``slope`` [n] or [] [rad]; beyond the table its end holds."""
+        """Return the pulls of n grounds of one soil, with values clipped to the range of the table.
+
+        ``strength`` [n, 2] is (c [Pa], tan phi), ``slope`` [n] or [] is in rad.
+        """
         steepness = np.broadcast_to(np.abs(slope), strength.shape[:1])
         places = np.clip(np.column_stack([strength, steepness]), self._low, self._high)
         ratio, sinkage = np.moveaxis(self._lookups[soil](places), -1, 0)
@@ -55,7 +61,7 @@ class TractionTable:
 
 
 def _solve(rover: Rover, soil: Soil) -> Floats:
-    """Ratio and sinkage [cohesions, tan phis, steepnesses, slips, 2]."""
+    """Return ratio and sinkage [cohesions, tan phis, steepnesses, slips, 2]."""
     axes = [
         torch.tensor(axis, dtype=torch.float64)
         for axis in (COHESIONS, TAN_PHIS, STEEPNESSES, SLIPS)
@@ -69,13 +75,16 @@ def _solve(rover: Rover, soil: Soil) -> Floats:
 
 
 def highest_ratio(pulls: Pulls, slip_limit: float) -> Floats:
-    """Largest pull over weight [n] at a slip up to ``slip_limit``."""
+    """Return the largest pull over weight [n] at a slip up to ``slip_limit``."""
     allowed = np.array(SLIPS) <= slip_limit + 1e-9
     return pulls.ratio[:, allowed].max(axis=1)
 
 
 def slip_for(pulls: Pulls, ratio: Floats) -> tuple[Floats, Floats]:
-    """Slip and sinkage [n] at which grounds give the ``ratio`` [n]; 1 and that of the largest slip where they never do."""
+    """Return slip and sinkage [n] at which grounds reach the ``ratio`` [n].
+
+    Where they never do: slip 1, and the sinkage at the largest slip.
+    """
     slips, count = np.array(SLIPS), ratio.shape[0]
     rising = np.maximum.accumulate(pulls.ratio, axis=1)
     after = (rising < ratio[:, None]).sum(axis=1)
@@ -95,7 +104,10 @@ def slip_for(pulls: Pulls, ratio: Floats) -> tuple[Floats, Floats]:
 def steepest(
     table: TractionTable, soil: int, strength: Floats, slip_limit: float, shift: Floats
 ) -> Floats:
-    """Slope [n] [rad] on which the largest ratio, ``shift`` [n] added, just holds the weight; negative: downhill only."""
+    """Return the slope [n] [rad] that the largest ratio, plus ``shift`` [n], just holds.
+
+    Negative: downhill only.
+    """
     slope = np.zeros(strength.shape[0])
     for _ in range(2):  # the ratio changes by a few per cent over the whole range of slopes
         slope = np.arctan(highest_ratio(table.at(soil, strength, slope), slip_limit) + shift)

@@ -1,30 +1,33 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How often verdicts about hidden effects are right: `make hidden`, a stratified sample, or `make hidden-full`.
+"""Judge verdicts about hidden effects: `make hidden`, a stratified sample, or `make hidden-full`.
 
 Every case goes the whole way: drawn, sealed, read back from its bags, investigated. Records go to
-OUT/cases.jsonl as they come; what is there already is not computed again. After the time that is
-given no more is waited for, and the page says how many cases it rests on.
+OUT/cases.jsonl as they come, and are not computed again. The command stops when the given time is
+over; the page has the number of cases.
 """
 
 import argparse
 import json
 import sys
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.offline.cluster import ClusterError, cluster
-from tests.hidden.judge.bars import bars, outcomes
+from tests.hidden.judge.bars import bars
 from tests.hidden.judge.judging import Record, examine
+from tests.hidden.judge.page import page
 from tests.hidden.judge.strata import Batch, batches
 
 PAGE = Path(__file__).parents[3] / "docs" / "hidden.md"
 
 
 def main() -> int:
-    """Examine what is not yet, and write the page; 2 where the scheduler does not answer."""
+    """Examine the missing cases and write the page.
+
+    Exit code 2 where the scheduler does not answer.
+    """
     options = _parser().parse_args()
     path: Path = options.out / "cases.jsonl"
     options.out.mkdir(parents=True, exist_ok=True)
@@ -76,7 +79,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _kept(path: Path) -> list[Record]:
-    """Records of an earlier call; a line that was cut off when that ended is forgotten."""
+    """Return the records of an earlier call, without a last line that was cut off."""
     if not path.exists():
         return []
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -86,7 +89,7 @@ def _kept(path: Path) -> list[Record]:
 
 
 def _examined(missing: list[Batch], path: Path, options: argparse.Namespace) -> list[Record]:
-    """Records of the cases of these, as many as there is time for, in their order."""
+    """Return the records of the missing cases, as many as there is time for, in their order."""
     found: list[Record] = []
     end = time.monotonic() + 60.0 * options.minutes if options.minutes else float("inf")
     if not missing:
@@ -104,31 +107,6 @@ def _examined(missing: list[Batch], path: Path, options: argparse.Namespace) -> 
             if time.monotonic() > end:
                 break
     return found
-
-
-def page(records: list[Record], wanted: int) -> str:
-    """The page of what was reached."""
-    return f"""<!--
-SPDX-FileCopyrightText: 2026 The terrain_estimator authors
-SPDX-License-Identifier: Apache-2.0
--->
-# How often the verdict is right
-
-Written by `make hidden` on {datetime.now(UTC).date()}: {len(records)} of the {wanted} cases that were asked for. How the answer is
-found is in [discovery.md](discovery.md); what is hidden, and at which size it matters, in [effects.md](effects.md) and
-[tests/hidden](../tests/hidden).
-
-A case is five one-minute drives on one soil whose constants are up to 5 % wrong, half of the cases on hills. Four drives are looked into,
-the fifth is held out for the proof. The hidden laws are other ones than the library's. Limits are those of Clopper and Pearson, 95 %;
-for medians and ratios they are bootstrapped.
-
-{bars(records)}
-## Verdicts
-
-Right is: "none" where nothing is hidden; the name, or a set with it, at the size that matters, and so for two at once; the same
-or "none" at a third or a tenth of it; "unknown" where the library lacks the effect. "part" is one of two.
-
-{outcomes(records)}"""
 
 
 if __name__ == "__main__":

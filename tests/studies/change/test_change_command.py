@@ -63,7 +63,7 @@ def test_two_sharp_changes_are_told_and_an_ended_run_goes_on(
     text = (tmp_path / "change.md").read_text()
     for words in (
         "loose to compact",
-        "told, median, mars_rover",
+        "detected, median, mars_rover",
         "false alarms an hour, mars_rover",
         "2 / 2 / 2",
     ):

@@ -186,7 +186,7 @@ def test_chunks_whose_messages_all_wait_for_each_other_are_refused(
     contents = topic(bytes(900))
     chunks = [chunk("zstd", contents, len(contents))] * 9
     assert read(bag(tmp_path / "few.mcap", *chunks)) == 9
-    monkeypatch.setattr("terrain_estimator.bags.reading.file.LARGEST_RECORD", 9000)
+    monkeypatch.setattr("terrain_estimator.bags.reading.mcap_file.LARGEST_RECORD", 9000)
     with pytest.raises(
         BagError,
         match=r"few\.mcap is damaged: more than 9000 bytes of messages are not in the order",

@@ -129,7 +129,7 @@ def test_a_disk_that_is_full_at_a_split_keeps_all_files_and_leaves_no_empty_one(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("terrain_estimator.bags.writing.part.Part.add_topic", full)
+    monkeypatch.setattr("terrain_estimator.bags.writing.part.BagPart.add_topic", full)
     with pytest.raises(OSError, match="No space left"):
         bag.write(topic, data, 5 * STEP_NS)
     bag.abandon()
@@ -171,7 +171,7 @@ def test_a_bag_that_cannot_be_begun_leaves_nothing_in_the_way(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("terrain_estimator.bags.writing.part.Part.add_metadata", full)
+        patch.setattr("terrain_estimator.bags.writing.part.BagPart.add_metadata", full)
         with pytest.raises(BagError, match=r"cannot write a bag to .*: No space left on device"):
             BagWriter(tmp_path / "run", recording=True, metadata={"recorder": {}})
     BagWriter(tmp_path / "run", recording=True, metadata={"recorder": {}}).close()

@@ -13,7 +13,7 @@ from terrain_estimator.bags import STATE, BagReader, BagWriter, Qos, Types, pars
 from terrain_estimator.cli import add_slip, replay
 from terrain_estimator.config import SlipSourceConfig
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.vehicle.rover import load_rover
 from tests.drives import drive_messages
 
@@ -67,7 +67,7 @@ def test_the_slip_is_that_of_slip_source_the_rest_is_copied_and_the_new_bag_repl
     bag = bag_without_slip(tmp_path / "drive")
     assert replay.main([str(bag), "--out", str(tmp_path / "none")]) == 2
     assert "no topic /wheel_slip; it has" in (said := capsys.readouterr().err)
-    assert "or make it of the wheel rates and a velocity by add_slip" in said
+    assert "or create it from the wheel rates and a velocity with add_slip" in said
     assert run(bag, "--velocity", VISUAL) == 0
     out = tmp_path / "drive_slip"
     assert f"{out}: {STEPS} slips of {STEPS} joint_states\n" in capsys.readouterr().out
@@ -141,7 +141,7 @@ def test_a_namespace_and_the_parameters_of_the_node_are_taken(tmp_path: Path) ->
             (),
             "base_link",
             ["--velocity", "imu"],
-            "topic /imu is a sensor_msgs/msg/Imu, and no velocity: give one of nav_msgs",
+            "topic /imu is a sensor_msgs/msg/Imu, not a velocity: give one of nav_msgs",
         ),
         (
             (),

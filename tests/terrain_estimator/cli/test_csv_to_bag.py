@@ -211,7 +211,7 @@ def test_the_example_of_the_documentation_converts(
         ),
         (
             {"constant_pitch": {"value": 0.0, "unit": "deg", "noise": {"absolute": 1}}},
-            "constant_pitch: there are columns of it too",
+            "constant_pitch: it is both a constant and a column",
         ),
         (
             {"constant_contact_angle": {"value": 0.0, "unit": "deg"}},
@@ -250,10 +250,10 @@ def test_a_wrong_mapping_is_named(
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ([], "is empty: the first row has to name the columns"),
-        ([HEADER], "has no rows of data below row 1"),
+        ([], "is empty: the first row must name the columns"),
+        ([HEADER], "has no data below row 1"),
         ([HEADER.replace("s1", "slip"), *ROWS], "row 1: no column 's1'; the file has t, v, p"),
-        ([HEADER + ",t", *(row + ",1" for row in ROWS)], "row 1: column 't' is there twice"),
+        ([HEADER + ",t", *(row + ",1" for row in ROWS)], "row 1: column 't' appears twice"),
         ([HEADER, ROWS[0] + ",7"], "row 2: 13 cells, but 12 columns are named"),
         (
             [HEADER, ROWS[0].replace("10,-20", "ten,-20")],

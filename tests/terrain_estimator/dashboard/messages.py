@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from terrain_estimator.ros_types import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Make
+from terrain_estimator.topics import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Make
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 START_S = 1_700_000_000

@@ -14,7 +14,7 @@ from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.model import Cursor, LiveModel
-from terrain_estimator.dashboard.reading import MOST
+from terrain_estimator.dashboard.values import MOST
 from tests.terrain_estimator.dashboard.messages import (
     WHEELS,
     advice,
@@ -166,9 +166,9 @@ def test_a_reset_is_an_event_and_an_estimator_that_began_anew_is_no_reset() -> N
         message.resets = 2 if 20 <= step < 40 else 0
         model.take("estimator_health", message, 0.1 * step)
     events = [event["text"] for event in all_of(model)["journal"]]
-    assert [text for text in events if "reset" in text or "anew" in text] == [
+    assert [text for text in events if "reset" in text or "restarted" in text] == [
         "the posterior was reset (2 times since the start)",
-        "the estimator began anew",
+        "the estimator restarted",
     ]
 
 

@@ -20,16 +20,18 @@ from terrain_estimator.messaging.conversion import (
     Converter,
     nose_up_pitch,
 )
-from terrain_estimator.nodes.common import factory
+from terrain_estimator.nodes.common import message_types
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import Make
+from terrain_estimator.topics import Make
 from terramechanics.vehicle.rover import Rover, load_rover
 
 ROVER: Rover = load_rover("mars_rover")
 WHEELS = list(ROVER.wheel_names)
 STAMP = 12_500_000_000
-FACTORIES = pytest.mark.parametrize("make", [factory.make, Types().make], ids=["rclpy", "bags"])
+FACTORIES = pytest.mark.parametrize(
+    "make", [message_types.make, Types().make], ids=["rclpy", "bags"]
+)
 OFFLINE = Types().make
 
 
@@ -193,7 +195,7 @@ def test_rclpy_and_bag_messages_give_the_same_bits() -> None:
                 STAMP, tuple(messages(make).values())
             )
         )
-        for make in (factory.make, OFFLINE)
+        for make in (message_types.make, OFFLINE)
     ]
     live, offline = [
         b"".join(

@@ -14,7 +14,7 @@ from terrain_estimator.messaging.health import Health, HealthMonitor
 from terrain_estimator.messaging.messages import Meta, health_message
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from tests.terrain_estimator.messaging.test_messages import decided, updated
 
 FRESH = dict.fromkeys(INPUT_TYPES, 0.05)
@@ -140,5 +140,5 @@ def test_the_message_carries_every_outcome_and_input() -> None:
 
 
 def test_a_finding_says_its_number_with_its_unit_and_a_ratio_without_one() -> None:
-    assert REFUSED.judge(0.5).text == "share of the observations since the last report is 0.5"
+    assert REFUSED.judge(0.5).text == "share of observations refused since the last report is 0.5"
     assert Check("age", "age of the state", "s", "").judge(2.0).text == "age of the state is 2 s"

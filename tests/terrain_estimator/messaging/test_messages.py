@@ -13,8 +13,8 @@ from rclpy.serialization import serialize_message
 from msg_defs.msg import MeasurementDecision, TerrainEstimate
 from terrain_estimator.bags import Types
 from terrain_estimator.config import CoreConfig
+from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.messages import (
-    INTERVAL_95,
     Meta,
     Status,
     estimate_message,
@@ -24,9 +24,9 @@ from terrain_estimator.messaging.messages import (
     update_header,
 )
 from terrain_estimator.messaging.pipeline import usable_rows
-from terrain_estimator.nodes.common import factory
+from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
+from terrain_estimator.topics import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
 from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
 
 ROWS = ("velocity", "load", "torque_0", "torque_1", "torque_2", "acceleration")
@@ -125,7 +125,7 @@ def test_the_prediction_carries_its_interval() -> None:
         1e-4,
         0.1,
     )
-    assert message.velocity_upper_95 - message.velocity == pytest.approx(INTERVAL_95 * 0.01)
+    assert message.velocity_upper_95 - message.velocity == pytest.approx(HALF_WIDTH_95 * 0.01)
     assert (message.measured_velocity, message.innovation, message.innovation_variance) == (
         0.151,
         0.002,
@@ -151,7 +151,7 @@ def test_a_prediction_that_is_not_valid_has_no_numbers() -> None:
 
 @pytest.mark.parametrize("build", [estimate_message, prediction_message])
 def test_rclpy_and_bag_classes_give_the_same_message(build: Any) -> None:
-    live = serialize_message(build(updated(), factory.make, META, header(factory.make)))
+    live = serialize_message(build(updated(), message_types.make, META, header(message_types.make)))
     type_name = ESTIMATE if build is estimate_message else PREDICTION
     assert TYPES.serialize(TYPES.deserialize(live, type_name)) == TYPES.serialize(
         build(updated(), TYPES.make, META, header())

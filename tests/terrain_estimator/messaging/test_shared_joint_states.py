@@ -16,7 +16,7 @@ from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.inputs import PlannerInputs
-from terrain_estimator.ros_types import Message
+from terrain_estimator.topics import Message
 from tests.drives import ROVER, STEP_NS, Event, drive_messages
 
 TYPES = Types()

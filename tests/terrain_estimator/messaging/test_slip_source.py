@@ -14,7 +14,7 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config import ConversionConfig, CoreConfig, SlipSourceConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource, SlipSourceError
-from terrain_estimator.ros_types import Message
+from terrain_estimator.topics import Message
 from terramechanics.vehicle.rover import load_rover
 from tests.drives import drive_messages
 

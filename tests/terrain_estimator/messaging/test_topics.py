@@ -4,7 +4,12 @@
 
 import pytest
 
-from terrain_estimator.offline.topics import TopicError, bag_topics, check_inputs, parse_remap
+from terrain_estimator.offline.topic_mapping import (
+    TopicError,
+    bag_topics,
+    check_inputs,
+    parse_remap,
+)
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ import torch
 from terrain_estimator.bags import Types
 from terrain_estimator.discovery import RecordedRun, RunError
 from terrain_estimator.model.packing import AXLE_FIELDS
+from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.discovery_runs import read_run
 from terrain_estimator.offline.finding_file import asked
-from terrain_estimator.offline.reading import BagOptions, add_options, reading_of
-from terrain_estimator.offline.topics import TopicError
+from terrain_estimator.offline.topic_mapping import TopicError
 from tests.drives import ROVER, Event, drive_messages, write_bag
 
 TYPES = Types()

@@ -10,6 +10,7 @@ from jinja2 import UndefinedError
 
 from terrain_estimator.pages import page
 from terrain_estimator.pages.finding import Unsealed, finding_page
+from terrain_estimator.pages.finding_words import doubt_note
 from tests.terrain_estimator.pages.findings import finding, report
 
 PLAIN: dict[str, Any] = {"where": [], "proof": None}
@@ -77,7 +78,7 @@ def test_what_to_drive_next_stands_with_what_it_is_expected_to_bring() -> None:
         r' coulomb_drag.*value="17.25"',
         text,
     )
-    assert "Nothing has to be told apart." in report("none")
+    assert "There are no effects to separate." in report("none")
 
 
 def test_what_a_finding_lacks_is_said_to_be_absent() -> None:
@@ -106,6 +107,25 @@ def test_what_was_hidden_stands_on_the_page_only_where_somebody_says_it() -> Non
     assert "What was hidden" in text
     assert "A shear-thinning grease." in text
     assert '<data value="3.001">' in text  # in the table of the cohesions
+
+
+@pytest.mark.parametrize(
+    ("verdict", "leader", "headline"),
+    [
+        ("confusable", "none", "It is uncertain whether the model lacks drive_drag or"),
+        ("named", "unknown", "Something is missing, perhaps drive_drag</h1>"),
+    ],
+)
+def test_the_headline_follows_the_table_where_no_named_effect_leads_it(
+    verdict: str, leader: str, headline: str
+) -> None:
+    given = finding(verdict)
+    given["probabilities"] = {**given["probabilities"], leader: 0.9}
+    text = finding_page(given)
+    assert f"<h1>{headline}" in text
+    assert "The most probable answer is that" in text
+    assert doubt_note(verdict, given["probabilities"]) == f" (most probable: {leader}, 90%)"
+    assert doubt_note(verdict, finding(verdict)["probabilities"]) == ""
 
 
 def test_effects_that_act_together_are_one_alternative() -> None:

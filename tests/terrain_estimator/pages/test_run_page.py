@@ -78,7 +78,7 @@ def test_refused_observations_stand_with_their_count_and_what_to_do() -> None:
 
 def test_a_run_of_one_observation_and_one_of_none_have_their_page() -> None:
     assert "NaN" not in run_page([run(1)], ORIGIN)
-    assert "No estimate came of this bag" in run_page([run(0)], ORIGIN)
+    assert "No estimate from this bag" in run_page([run(0)], ORIGIN)
 
 
 def test_configuration_hashes_and_citations_are_on_the_page() -> None:

@@ -12,7 +12,7 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config import PlannerConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.inputs import PlannerInputs
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import drive_messages
 from tests.terrain_estimator.planning.support import ROVER
 

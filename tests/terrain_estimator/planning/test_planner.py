@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's advice: unknown yet, go on, stop before the rover digs in."""
+"""Advice of the planner: unknown margins, go on, stop before the rover digs in."""
 
 import dataclasses
 import math
@@ -18,7 +18,7 @@ from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.messages import advice_message, belief_of_message
 from terrain_estimator.planning.planner import Advice, Planner, Reason
-from terrain_estimator.ros_types import ESTIMATE
+from terrain_estimator.topics import ESTIMATE
 from tests.terrain_estimator.planning.support import (
     FIRM,
     METADATA,
@@ -118,16 +118,13 @@ def test_the_words_say_what_is_not_judged_and_what_is_left_out() -> None:
     moving = before(0)
     assert words(advice(moving, belief(FIRM))) == "go on"
     left_out = words(advice(moving, belief(FIRM)), effect=["payload", "grousers"])
-    assert (
-        left_out
-        == "go on; without what the model estimates beside c and tan phi: payload, grousers"
-    )
+    assert left_out == "go on; effects in the model are not taken into account: payload, grousers"
     no_depth = [dataclasses.replace(each, sinkage=np.full(3, math.nan)) for each in moving]
     assert words(advice(no_depth, belief(FIRM))).endswith(
-        "no sinkage of the front wheels; sinkage not judged: none was measured"
+        "no sinkage of the front wheels; sinkage not judged: no measurement"
     )
     assert words(advice([standing()], UNKNOWN)).endswith(
-        "not identified; creep: nothing was measured on the move within the last seconds"
+        "not identified; creep: no measurement while driving within the last seconds"
     )
 
 
@@ -223,7 +220,7 @@ def test_ticking_encoders_are_told_from_driving() -> None:
     ), "it may creep so that it is seen to move"
     with pytest.raises(
         ConfigError,
-        match=r"too slow to be told from standing \(0\.2 m/s\).*or lower standstill_speed",
+        match=r"too slow to be distinguished from standing \(0\.2 m/s\).*or lower standstill_speed",
     ):
         planner(standstill_speed=0.1)
 
@@ -308,11 +305,11 @@ def test_each_parameter_changes_the_advice() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("soil", ["mud"], "over the soils mud"),
+        ("soil", ["mud"], "its soils are mud"),
         ("tan_phi", math.inf, "not finite"),
         ("change_probability", math.nan, "not finite"),
         ("covariance", np.array([-1.0, 0.0, 0.0, 1.0]), "variance is negative"),
-        ("soil_probability", np.array([1.0]), "one for each soil"),
+        ("soil_probability", np.array([1.0]), "one number for each soil"),
         ("soil_probability", np.array([2.0, -1.0]), "none negative"),
         ("soil_probability", np.zeros(2), "not all zero"),
     ],

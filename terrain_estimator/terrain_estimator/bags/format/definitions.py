@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Message definitions as a bag stores them: the ``.msg`` source followed by the sources of all types it uses."""
+"""Message definitions as a bag stores them.
+
+A definition is the ``.msg`` source followed by the sources of all types that it uses.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -68,7 +71,9 @@ def type_hash(type_name: str, text: str) -> str:
 
 @cache
 def parse(type_name: str, text: str) -> Typesdict:
-    """Parse a definition's text into the fields of all its types. Kept: a parse takes 10 ms, and a bag asks several times.
+    """Parse a definition's text into the fields of all its types.
+
+    The result is cached: a parse takes 10 ms, and a bag asks for it several times.
 
     Raises:
         BagError: the text is not a valid message definition, or one of its types contains itself.
@@ -126,12 +131,8 @@ def _source(type_name: str) -> str:
             raise BagError(msg)
     try:
         path = Path(get_package_share_directory(package)) / "msg" / f"{short}.msg"
-    except (
-        PackageNotFoundError,
-        LookupError,
-        OSError,
-        ValueError,
-    ) as error:  # OSError: no workspace at all is sourced
+    except (PackageNotFoundError, LookupError, OSError, ValueError) as error:
+        # OSError: no workspace at all is sourced
         msg = (
             f"{type_name}: package {package} is not installed; source the workspace first: ."
             " ros2_ws/setup.bash"

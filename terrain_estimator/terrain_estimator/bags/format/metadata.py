@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""metadata.yaml of a bag folder, version 9 of rosbag2 (ROS 2 Jazzy)."""
+"""Read and write metadata.yaml of a bag folder: version 9 of rosbag2 (ROS 2 Jazzy)."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +22,7 @@ NO_TIME = 2**63 - 1  # what rosbag2 writes as starting time of an empty bag
 
 @dataclass(slots=True)
 class TopicCount:
-    """A topic of a bag and how many messages it has."""
+    """A topic of a bag and the number of its messages."""
 
     name: str
     type_name: str
@@ -65,7 +65,7 @@ class TimeSpan:
 
 @dataclass(frozen=True, slots=True)
 class StoredMetadata:
-    """What a reader needs of a metadata.yaml."""
+    """The part of a metadata.yaml that a reader needs."""
 
     files: tuple[str, ...]
     span: TimeSpan
@@ -75,7 +75,9 @@ class StoredMetadata:
 def information(
     topics: Sequence[TopicCount], files: Mapping[str, TimeSpan], custom: dict[str, str]
 ) -> dict[str, Any]:
-    """Return the fields of ``rosbag2_bagfile_information`` for a bag of files, named in their order.
+    """Return the fields of ``rosbag2_bagfile_information`` for a bag of several files.
+
+    ``files`` are the time spans by file name, in the order of the files.
 
     Source: rosbag2_storage, ``yaml.hpp``, ``convert<BagMetadata>``.
     """
@@ -105,7 +107,7 @@ def information(
 
 
 def write_metadata(folder: Path, fields: dict[str, Any]) -> None:
-    """Write metadata.yaml so that it is either whole or not there."""
+    """Write metadata.yaml atomically: it is either whole or absent."""
     text = dump({"rosbag2_bagfile_information": fields})
     temporary = folder / f"{METADATA_FILE}.tmp"
     with temporary.open("w", encoding="utf-8") as file:
@@ -117,7 +119,7 @@ def write_metadata(folder: Path, fields: dict[str, Any]) -> None:
 
 
 def dump(fields: dict[str, Any]) -> str:
-    """Return YAML in rosbag2's order of keys; no aliases, which yaml-cpp's users do not expect."""
+    """Return YAML in rosbag2's order of keys, without aliases: users of yaml-cpp expect none."""
     return yaml.dump(fields, Dumper=_PlainDumper, sort_keys=False)
 
 

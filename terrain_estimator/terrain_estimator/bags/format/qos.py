@@ -12,7 +12,7 @@ INFINITE_NS = 2**63 - 1  # RMW_DURATION_INFINITE
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """What a publisher offers, in rosbag2's words. Durations in nanoseconds."""
+    """Quality of service that a publisher offers, in rosbag2's terms; durations in nanoseconds."""
 
     history: str = "keep_last"
     depth: int = 50
@@ -25,7 +25,10 @@ class Qos:
     avoid_ros_namespace_conventions: bool = False
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields in the form of metadata version 9 (``rosbag2_storage/src/rosbag2_storage/qos.cpp``)."""
+        """Return the fields in the form of metadata version 9.
+
+        Source: ``rosbag2_storage/src/rosbag2_storage/qos.cpp``.
+        """
         return {
             "history": self.history,
             "depth": self.depth,
@@ -43,7 +46,7 @@ STATE = Qos(durability="transient_local", depth=10)
 
 
 def qos_text(profiles: tuple[Qos, ...]) -> str:
-    """Return the YAML that a channel's ``offered_qos_profiles`` holds."""
+    """Return the YAML of a channel's ``offered_qos_profiles``."""
     return (
         yaml.safe_dump([profile.as_dict() for profile in profiles], sort_keys=False)
         if profiles
@@ -52,7 +55,7 @@ def qos_text(profiles: tuple[Qos, ...]) -> str:
 
 
 def parse_qos(text: str) -> tuple[Qos, ...]:
-    """The profiles in a channel's ``offered_qos_profiles``; none where it is not of version 9."""
+    """Parse a channel's ``offered_qos_profiles``; empty unless it is of version 9."""
     try:
         return tuple(_of_dict(fields) for fields in yaml.safe_load(text) or ())
     except (yaml.YAMLError, KeyError, TypeError, ValueError):

@@ -62,7 +62,7 @@ class Types:
             raise BagError(msg) from error
 
     def make(self, type_name: str, **fields: object) -> Message:
-        """Build a message; fields not given are zero, empty or (nested messages) made of such.
+        """Build a message; fields not given are zero, empty or default nested messages.
 
         A type that was not added before is taken from the sourced workspace.
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Are the messages of two topics the same, value by value?"""
+"""Compare the messages of two topics value by value."""
 
 import dataclasses
 import os
@@ -20,7 +20,7 @@ Path = str | os.PathLike[str]
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where two topics differ first."""
+    """The first difference between two topics."""
 
     index: int  # of the message within its topic, from 0
     field: str  # dotted path of the field; "" where one of the topics has no such message
@@ -28,7 +28,7 @@ class Difference:
     second: str
 
     def __str__(self) -> str:
-        """Return the difference in words."""
+        """Describe the difference in words."""
         if not self.field:
             return (
                 f"message {self.index}: {self.first} in the first bag, {self.second} in the second"
@@ -40,10 +40,12 @@ class Difference:
 
 
 def compare(bag_a: Path, topic_a: str, bag_b: Path, topic_b: str) -> Difference | None:
-    """Compare the messages of two topics in the order of their log times; log times themselves do not count.
+    """Compare the messages of two topics in the order of their log times.
 
-    Messages are serialised again first: what a publisher leaves in the padding of CDR is not a
-    value. NaN equals the same NaN.
+    Log times themselves are not compared.
+
+    Messages are serialised again first, since the padding of CDR holds arbitrary bytes. NaN equals
+    the same NaN.
 
     Returns:
         The first difference, or None where there is none.
@@ -81,7 +83,7 @@ def _presence(entry: object) -> str:
     return "missing" if entry is None else "present"
 
 
-def _first_field(first: Any, second: Any, path: str) -> tuple[str, str, str]:  # noqa: ANN401 (a field of any type)
+def _first_field(first: Any, second: Any, path: str) -> tuple[str, str, str]:  # noqa: ANN401
     if dataclasses.is_dataclass(first):
         names = [field.name for field in dataclasses.fields(first)]
         parts = [
@@ -101,7 +103,7 @@ def _first_field(first: Any, second: Any, path: str) -> tuple[str, str, str]:  #
     )
 
 
-def _same(first: Any, second: Any) -> bool:  # noqa: ANN401 (a field of any type)
+def _same(first: Any, second: Any) -> bool:  # noqa: ANN401
     if dataclasses.is_dataclass(first):
         return all(
             _same(getattr(first, field.name), getattr(second, field.name))

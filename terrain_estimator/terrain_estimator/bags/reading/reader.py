@@ -26,7 +26,7 @@ from terrain_estimator.bags.format.metadata import (
     read_metadata,
 )
 from terrain_estimator.bags.format.types import Message, Types
-from terrain_estimator.bags.reading.file import McapFile
+from terrain_estimator.bags.reading.mcap_file import McapFile
 
 
 class RawMessage(NamedTuple):
@@ -51,14 +51,16 @@ class TopicInfo:
 
 
 class BagReader:
-    """Read a bag lazily; use as a context manager. Memory grows with a record or chunk, never with the file.
+    """Read a bag lazily; use as a context manager.
+
+    Memory grows with a record or chunk, never with the file.
 
     Raises:
         BagError: there is no bag, or it is empty, cut before its first message, foreign or damaged.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Open all files of the bag and read what they say about themselves."""
+        """Open all files of the bag and read their contents."""
         self.path = Path(path)
         paths, self._stored = _find_files(self.path)
         self._files: list[McapFile] = []
@@ -84,7 +86,7 @@ class BagReader:
 
     @property
     def missing_s(self) -> float | None:
-        """Return the time [s] that is missing at the end: 0 where nothing is, None where nothing tells."""
+        """Time [s] missing at the end: 0 where nothing is missing, None where that is unknown."""
         if self.finished:
             return 0.0
         if self._stored is None or not self._stored.span.count:
@@ -149,7 +151,9 @@ class BagReader:
             raise BagError(msg) from error
 
     def prepare(self, name: str) -> None:
-        """Make a topic's message classes, which takes some ms; :meth:`decode` does it with the first message otherwise.
+        """Make a topic's message classes, which takes a few milliseconds.
+
+        :meth:`decode` does it with the first message otherwise.
 
         Raises:
             BagError: the bag has no definition for it.
@@ -187,7 +191,10 @@ class BagReader:
         return frozenset(name for name in types if name in self.topics)
 
     def schema_differences(self) -> list[str]:
-        """Return a sentence for each type whose fields differ from the installed ones; the bag is read by its own."""
+        """Return a sentence for each type whose fields differ from the installed ones.
+
+        The bag is read by its own definitions.
+        """
         definitions = {topic.type_name: topic.definition for topic in self.topics.values()}
         return [
             f"{self.path}: {name} was recorded with another definition than the installed one;"
@@ -223,9 +230,8 @@ class BagReader:
             except BagError as error:
                 if self._stored or not self._files or path != paths[-1]:
                     raise
-                self._left_out.append(
-                    f"{error}; this last file of an unfinished bag is left out"
-                )  # a power cut came as it was begun
+                # a power cut came as this file was begun
+                self._left_out.append(f"{error}; this last file of an unfinished bag is left out")
 
     def _unfinished_note(self, file: McapFile) -> str:
         start = (
@@ -247,7 +253,7 @@ class BagReader:
 
 
 def bag_name(path: Path) -> str:
-    """Name of a bag: of its folder as it is, dots and all; of a bare file without its ending."""
+    """Return a bag's name: a folder's as it is, dots and all; a bare file's without its ending."""
     path = path.resolve()
     return path.name if path.is_dir() else path.stem
 
@@ -277,7 +283,7 @@ def _files_of_folder(folder: Path) -> tuple[list[Path], StoredMetadata | None]:
 
 
 def numbered_files(folder: Path) -> list[Path]:
-    """Return the MCAP files of a folder in the order of their numbers. Raises BagError where there is none."""
+    """Return the MCAP files of a folder by number; BagError where there are none."""
     files = sorted(
         folder.glob("*.mcap"),
         key=lambda file: (int((re.findall(r"_(\d+)\.mcap$", file.name) or ["0"])[0]), file.name),
@@ -339,7 +345,10 @@ def _of_file(file: McapFile, topics: frozenset[str]) -> Iterator[RawMessage]:
 
 
 def _overlap(files: list[McapFile]) -> bool:
-    """Tell whether files sorted by their first log time share time, as parts of a split recording rarely do."""
+    """Return whether files overlap in time, given in the order of their first log times.
+
+    Parts of a split recording rarely do.
+    """
     ends = accumulate((file.span.last_ns for file in files), max)
     return any(file.span.first_ns < end for file, end in zip(files[1:], ends, strict=False))
 

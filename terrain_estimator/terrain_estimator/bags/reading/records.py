@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The records of one MCAP file: a scan that stops at a cut, and the contents of chunks.
+"""Records of one MCAP file: a scan that stops at a cut, and the contents of chunks.
 
 Source: MCAP file format, version 0. The mcap package's readers refuse an unfinished file or return
-a shortened last record without a word, hence a scan of our own that checks every length.
+a shortened last record without an error. The scan here checks every length instead.
 """
 
 import struct
@@ -26,9 +26,8 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time [ns], publish time [ns]
 LARGEST_RECORD = 2**30  # bytes; a damaged length must not ask for all memory
-LARGEST_CONTENTS = (
-    2**27
-)  # bytes that a chunk unpacks to, a hundred times what writers put into one, and of a summary
+# [bytes] that a chunk unpacks to, a hundred times what writers use; also the limit of a summary
+LARGEST_CONTENTS = 2**27
 
 
 class Record(NamedTuple):
@@ -84,7 +83,9 @@ def parse(kind: Parsed[T_co], payload: bytes) -> T_co:
 
 
 def chunk_contents(record: Record, path: Path) -> bytes:
-    """Return the uncompressed records of a chunk; of a chunk that the file's end cuts, those that are left.
+    """Return the uncompressed records of a chunk.
+
+    If the end of the file cuts the chunk, the result holds the records that are left.
 
     Raises:
         BagError: a whole chunk is damaged, its compression is unknown, or the memory is too small
@@ -124,7 +125,10 @@ def chunk_contents(record: Record, path: Path) -> bytes:
 
 
 def records_in(data: bytes, offset: int = 0) -> Iterator[Record]:
-    """Yield the records in the contents of a chunk that begins at ``offset`` of its file; the last one may not be whole."""
+    """Yield the records in a chunk's contents; the last one may not be whole.
+
+    ``offset`` is where the chunk begins in its file.
+    """
     position = 0
     while position + HEAD.size <= len(data):
         opcode, length = HEAD.unpack_from(data, position)
@@ -157,7 +161,10 @@ def message_of(payload: bytes) -> StoredMessage:
 
 
 def _decompress(chunk: Chunk, *, whole: bool) -> bytes:
-    """The contents, unpacked no further than one byte beyond what the chunk claims: a few bytes can unpack to gigabytes."""
+    """Return the contents, unpacked at most one byte beyond the size that the chunk claims.
+
+    Without this limit a few bytes could unpack to gigabytes.
+    """
     claimed = chunk.uncompressed_size
     if claimed > LARGEST_CONTENTS:
         msg = f"it claims {claimed} bytes, more than {LARGEST_CONTENTS}"

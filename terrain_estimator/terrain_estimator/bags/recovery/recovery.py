@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Make a whole bag of what is left of a damaged one, and account for what is not."""
+"""Make a whole bag from what is left of a damaged one, and account for what is lost."""
 
 import os
 import shutil
@@ -35,22 +35,24 @@ from terrain_estimator.bags.writing.copying import Copier
 
 @dataclass(slots=True)
 class Recovery:
-    """What came of a damaged bag."""
+    """Result of the recovery of a damaged bag."""
 
     span: TimeSpan = field(default_factory=TimeSpan)  # of the messages that were recovered
-    gaps: int = (
-        0  # messages that are missing between others, by the sequence numbers of their topics
+    gaps: int = 0  # messages missing between others, by the sequence numbers of their topics
+    expected: int | None = (
+        None  # messages in the original, where metadata.yaml or the files state it
     )
-    expected: int | None = None  # messages that there were, where metadata.yaml or the files say so
     damage: Damage = field(default_factory=Damage)
-    cut: int = (
-        0  # messages that the end of the last file cuts; what follows a cut elsewhere is a gap
-    )
+    # messages that the end of the last file cuts; what follows a cut elsewhere is a gap
+    cut: int = 0
     notes: list[str] = field(default_factory=list)
 
     @property
     def lost(self) -> int:
-        """Number of messages that are known to be lost; where ``expected`` is None there may be more at the end."""
+        """Number of messages known to be lost.
+
+        Where ``expected`` is None, more may be missing at the end.
+        """
         return max(self.gaps + self.cut, (self.expected or 0) - self.span.count)
 
 
@@ -61,7 +63,7 @@ def recover(source: Path, target: Path) -> Recovery:
         BagError: there is no bag, or the target exists already.
         OSError: the disk is full or broken.
 
-    Where an error ends it, and where no message is left, nothing is left of the target either.
+    Nothing is left of the target after an error, or where no message could be recovered.
     """
     if not source.exists():
         raise BagError(f"{source} does not exist: give a bag folder or an .mcap file")
@@ -82,7 +84,7 @@ def recover(source: Path, target: Path) -> Recovery:
 
 
 class _Recovering:
-    """The state of one recovery."""
+    """State of one recovery."""
 
     def __init__(self, source: Path, target: Path, result: Recovery) -> None:
         self._target = target
@@ -118,7 +120,7 @@ class _Recovering:
             return None
 
     def _recover(self, path: Path) -> tuple[TimeSpan, int | None]:
-        """Copy one file; the times of its messages, and how many its summary says there were."""
+        """Copy one file; return the times of its messages and the count that its summary states."""
         target = self._target / path.name
         with path.open("rb") as file, target.open("xb") as out:
             if not file.read(len(MAGIC)).startswith(MAGIC):
@@ -168,7 +170,7 @@ class _Recovering:
         return span, said
 
     def _take(self, record: Record, copier: Copier) -> McapRecord | None:
-        """Copy a record; None where that is not done, or not possible."""
+        """Copy a record; return None where it is not copied or cannot be."""
         try:
             content = parsed(record)
             if content is not None:
@@ -194,7 +196,10 @@ class _Recovering:
 
 
 def _message_count(record: Record) -> int | None:
-    """Number of messages by a statistics record; None where it contradicts itself, so that it is damaged too."""
+    """Return the number of messages in a statistics record; None where the record is damaged.
+
+    A damaged record contradicts itself: its counts do not add up.
+    """
     with suppress(McapError, struct.error):
         statistics = parse(Statistics, record.payload)
         if statistics.message_count == sum(statistics.channel_message_counts.values()):

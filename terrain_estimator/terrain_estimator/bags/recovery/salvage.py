@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Find the records of a damaged MCAP file: those behind a damaged stretch too, and the rest of a chunk that its end cuts."""
+"""Find the records of a damaged MCAP file.
+
+This includes records behind a damaged stretch, and the rest of a chunk that the end of the file
+cuts.
+"""
 
 import re
 from collections.abc import Iterator
@@ -25,8 +29,8 @@ from terrain_estimator.bags.reading.records import (
 
 _LARGEST_OPCODE = max(Opcode)
 _HEAD_LIKE = re.compile(rb"(?=[\x01-\x0f].{4}\x00{4})", re.DOTALL)
-"""Opcode and length of a record below 4 GiB; random bytes look like it once in 70 GB."""
-_LINKS = 3  # records in a row that make sure that one begins here
+"""Pattern of a record's opcode and length below 4 GiB; random bytes match once in 70 GB."""
+_LINKS = 3  # records in a row that confirm the beginning of the first
 _KINDS = {
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
@@ -37,7 +41,7 @@ _KINDS = {
 
 @dataclass(slots=True)
 class Damage:
-    """What could not be read of a file."""
+    """Unreadable parts of a file."""
 
     passed_over: int = 0  # bytes
     torn: int = 0  # messages that the end of the file cuts
@@ -45,7 +49,10 @@ class Damage:
 
 
 def salvage(data: mmap, path: Path, damage: Damage) -> Iterator[Record]:
-    """Yield the whole records of a file, in place of chunks the records in them; ``damage`` is kept up."""
+    """Yield the whole records of a file, with chunks replaced by the records in them.
+
+    Updates ``damage`` on the way.
+    """
     for record in _records(data, damage):
         if record.opcode != Opcode.CHUNK:
             yield record
@@ -65,7 +72,10 @@ def salvage(data: mmap, path: Path, damage: Damage) -> Iterator[Record]:
 
 
 def parsed(record: Record) -> McapRecord | None:
-    """The record as mcap has it, None where it is of a kind that a copy makes anew. Raises what a damaged payload makes of it."""
+    """Parse a record with mcap's class; None for a kind that a copy writes anew.
+
+    Raises whatever a damaged payload makes mcap raise.
+    """
     if record.opcode == Opcode.MESSAGE:
         channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(record.payload)
         return Message(
@@ -106,7 +116,7 @@ def _records(data: mmap, damage: Damage) -> Iterator[Record]:
 
 
 def _next(data: mmap, start: int, end: int) -> int:
-    """Where the next record begins; ``end`` where none does."""
+    """Return the offset of the next record; ``end`` where there is none."""
     return next(
         (
             match.start()
@@ -118,7 +128,7 @@ def _next(data: mmap, start: int, end: int) -> int:
 
 
 def _begins(data: mmap, at: int, end: int) -> bool:
-    """Whether a whole record begins here, and others or the file's end follow it."""
+    """Return whether a whole record begins here, followed by others or by the end of the file."""
     for link in range(_LINKS):
         if at == end:
             return link > 0

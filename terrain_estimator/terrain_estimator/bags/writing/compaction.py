@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Turn a finished unchunked recording into zstd chunks, so that no moment exists at which the data is not on the disk."""
+"""Turn a finished unchunked recording into zstd chunks.
+
+The data is on the disk at every moment.
+"""
 
 import os
 from collections.abc import Callable
@@ -15,13 +18,13 @@ TEMPORARY_SUFFIX = ".compacting"
 
 
 def compact(path: Path, moved: Callable[[], None] = lambda: None) -> None:
-    """Replace a finished file by one of the same records in compressed chunks.
+    """Replace a finished file by one with the same records in compressed chunks.
 
-    A crash leaves the old file or the new one, and at most a temporary file beside it. ``moved`` is
-    called at every step.
+    A crash leaves the old file or the new one, and at most a temporary file next to it. ``moved``
+    is called at every step.
 
     Raises:
-        OSError: no space or no permission; the old file is untouched then.
+        OSError: no space or no permission; the old file is then untouched.
     """
     temporary = path.with_name(path.name + TEMPORARY_SUFFIX)
     try:

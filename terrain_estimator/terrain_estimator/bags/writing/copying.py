@@ -12,7 +12,10 @@ from terrain_estimator.bags.format.metadata import ROSBAG2_RECORD
 
 
 class Copier:
-    """Takes the records of a file one by one; a schema or channel that comes again, as in a summary, is passed over."""
+    """Copy the records of a file one by one.
+
+    Schemas and channels that are repeated, as in a summary, are skipped.
+    """
 
     def __init__(self, target: BinaryIO) -> None:
         """Begin the file."""
@@ -40,9 +43,8 @@ class Copier:
                     channel, record.log_time, record.data, record.publish_time, record.sequence
                 )
             case Metadata() if record.name == ROSBAG2_RECORD:
-                self._own_metadata = (
-                    record.metadata
-                )  # a recording has two, the last one is complete
+                # a recording has two, the last one is complete
+                self._own_metadata = record.metadata
             case Metadata():
                 self._writer.add_metadata(record.name, record.metadata)
             case Attachment():
@@ -51,7 +53,7 @@ class Copier:
                 )
 
     def finish(self, own_metadata: dict[str, str] | None = None) -> None:
-        """Finish the file; ``own_metadata`` takes the place of rosbag2's own copy of metadata.yaml."""
+        """Finish the file; ``own_metadata`` replaces rosbag2's own copy of metadata.yaml."""
         self._writer.add_metadata(
             ROSBAG2_RECORD, self._own_metadata if own_metadata is None else own_metadata
         )

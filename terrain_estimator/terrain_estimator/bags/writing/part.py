@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One MCAP file of a bag while it is written."""
+"""Write one MCAP file of a bag."""
 
 import os
 from collections.abc import Mapping
@@ -35,16 +35,16 @@ class BagTopic:
 
 
 class BagPart:
-    """A new file: in zstd chunks, or, recorded, without chunks and brought to the disk at intervals.
+    """A new file: in zstd chunks or, when recording, without chunks and synced at intervals.
 
     Raises:
-        OSError: here and in every method that does not say otherwise, the disk is full or broken.
+        OSError: the disk is full or broken; here and in every method that does not state otherwise.
     """
 
     def __init__(
         self, path: Path, custom: Mapping[str, str], sync_interval_s: float | None
     ) -> None:
-        """Begin the file; ``sync_interval_s`` is None where it is not recorded."""
+        """Begin the file; ``sync_interval_s`` is None unless it is a recording."""
         self.path = path
         self.span = TimeSpan()
         self._custom = dict(custom)
@@ -74,12 +74,12 @@ class BagPart:
 
     @property
     def size(self) -> int:
-        """Bytes written so far."""
+        """Number of bytes written so far."""
         return self._file.tell()
 
     @property
     def late_s(self) -> float:
-        """By how much [s] a power cut would cost more than the interval now."""
+        """Time [s] by which the last sync is late: a power cut now costs this much more."""
         return self._syncer.late_s if self._syncer and not self._file.closed else 0.0
 
     def add_topic(self, topic: BagTopic) -> None:
@@ -110,13 +110,13 @@ class BagPart:
             self._syncer.check()
 
     def finish(self) -> None:
-        """Write the summary and the footer; messages cannot be added any more."""
+        """Write the summary and the footer; no message can be added afterwards."""
         self._add_own_metadata()
         self._writer.finish()
         self._file.flush()
 
     def settle(self) -> None:
-        """Bring a finished file to the disk, and close it."""
+        """Sync a finished file to the disk, and close it."""
         os.fsync(self._file.fileno())
         sync_folder(self.path.parent)
         self._close()
@@ -124,7 +124,7 @@ class BagPart:
             self._syncer.check()  # an error that one fsync reports is forgotten by the next
 
     def abandon(self) -> None:
-        """Close the file as it is, with what the disk takes of it; never raises."""
+        """Close the file as it is, with whatever the disk accepts; never raises."""
         if not self._file.closed:
             with suppress(OSError):
                 os.fsync(self._file.fileno())
@@ -132,7 +132,7 @@ class BagPart:
                 self._close()
 
     def discard(self) -> None:
-        """Take back a file that could not be begun."""
+        """Remove a file that could not be begun."""
         with suppress(OSError):
             self._close()
         self.path.unlink(missing_ok=True)
@@ -151,6 +151,6 @@ class BagPart:
         return self._schemas[name]
 
     def _add_own_metadata(self) -> None:
-        """What rosbag2 keeps in each file: metadata.yaml as if the bag had no other file."""
+        """Add rosbag2's record for each file: metadata.yaml as if the bag had no other file."""
         fields = information(list(self._counts.values()), {self.path.name: self.span}, self._custom)
         self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": dump(fields)})

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Brings a growing file to the disk at intervals, beside the thread that writes it."""
+"""Sync a growing file to the disk at intervals, in a thread of its own."""
 
 import os
 import threading
@@ -11,21 +11,23 @@ from typing import BinaryIO
 
 
 class Syncer:
-    """A thread that begins an fsync every ``interval_s``; fsync can take long, so the writer does not wait for it."""
+    """A thread that begins an fsync every ``interval_s``.
+
+    An fsync can take long, so the writer does not wait for it.
+    """
 
     def __init__(self, file: BinaryIO, folder: Path, interval_s: float) -> None:
         """Start.
 
         Args:
-            file: open until after :meth:`stop`.
-            folder: holds the file's name, which is not on the disk before the first interval is
-                over either.
+            file: must stay open until after :meth:`stop`.
+            folder: holds the file's entry, which reaches the disk with the first interval.
             interval_s: [s] what a power cut may cost.
         """
         self._descriptor = file.fileno()
         self._folder = folder
         self._interval_s = interval_s
-        self._began_s = time.monotonic()  # what was written before is on the disk
+        self._began_s = time.monotonic()  # all that was written before is on the disk
         self._stopped = threading.Event()
         self._error: OSError | None = None
         self._thread = threading.Thread(target=self._run, name="fsync", daemon=True)
@@ -33,16 +35,16 @@ class Syncer:
 
     @property
     def late_s(self) -> float:
-        """By how much [s] a power cut would cost more than the interval now, because the disk is slow."""
+        """Time [s] by which the last sync is late: a power cut now costs this much more."""
         return max(0.0, time.monotonic() - self._began_s - self._interval_s)
 
     def check(self) -> None:
-        """Raise the OSError that the disk reported, if it did."""
+        """Raise the OSError that the disk reported, if any."""
         if self._error is not None:
             raise self._error
 
     def stop(self) -> None:
-        """End the thread, however long its fsync takes: the file must not be closed under it."""
+        """End the thread, however long its fsync takes: the file must stay open until then."""
         self._stopped.set()
         self._thread.join()
 

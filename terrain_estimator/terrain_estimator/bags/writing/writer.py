@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write a bag: a folder ``NAME/`` with ``NAME_0.mcap`` and ``metadata.yaml``, as rosbag2 and Foxglove open it."""
+"""Write a bag as rosbag2 and Foxglove open it.
+
+A bag is a folder ``NAME/`` with ``NAME_0.mcap`` and ``metadata.yaml``.
+"""
 
 import math
 import os
@@ -25,18 +28,21 @@ from terrain_estimator.bags.writing.syncing import sync_folder
 from terrain_estimator.bags.writing.worker import Worker
 
 UNSETTLED = 100
-"""So many finished files may wait for the disk, each with a descriptor and a thread; then the last one goes on."""
+"""Finished files that may wait for the disk.
+
+Each holds a descriptor and a thread. Beyond this number the current file is continued.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """When the next file of a bag begins."""
+    """Limits at which the next file of a bag begins."""
 
     size: float = math.inf  # [bytes] of a file, before it is compressed
     duration_s: float = math.inf  # [s] of log time
 
     def due(self, part: BagPart, log_time_ns: int) -> bool:
-        """Tell whether a message of that time belongs into the next file; one that is empty is never left."""
+        """Return whether a message of that time goes into the next file; an empty one is kept."""
         if not part.span.count:
             return False
         return part.size >= self.size or log_time_ns - part.span.first_ns >= self.duration_s * 1e9
@@ -70,10 +76,10 @@ class BagWriter:
 
         Args:
             folder: the bag; must not exist.
-            recording: survive a kill.
+            recording: survive a kill of the process.
             sync_interval_s: [s] when recording, what a power cut may cost (time between two fsync).
-            split: by default all goes to one file.
-            custom: goes to ``custom_data`` of metadata.yaml.
+            split: where the next file begins; by default everything goes to one file.
+            custom: stored as ``custom_data`` of metadata.yaml.
             metadata: records for every file, as by :meth:`add_metadata`.
         """
         self.folder = Path(folder).absolute()
@@ -99,32 +105,32 @@ class BagWriter:
 
     @property
     def path(self) -> Path:
-        """Return the file that is being written."""
+        """Path of the file that is being written."""
         return self._part.path
 
     @property
     def span(self) -> TimeSpan:
-        """Return first and last log time [ns] and the number of messages so far."""
+        """First and last log time [ns] and the number of messages so far."""
         return TimeSpan.of(self._spans.values())
 
     @property
     def topics(self) -> Mapping[str, TopicCount]:
-        """Return what was written so far, by topic."""
+        """Messages written so far, by topic."""
         return {name: topic.count for name, topic in self._topics.items()}
 
     @property
     def late_s(self) -> float:
-        """By how much [s] a power cut would cost more than ``sync_interval_s`` now, because the disk is slow."""
+        """Time [s] by which the oldest due sync is late: a power cut now costs this much more."""
         return max(part.late_s for part in (self._part, *(part for part, _ in self._settling)))
 
     @property
     def moved_s(self) -> float:
-        """When the disk took something last, by the steady clock, while files are synced and compressed."""
+        """Steady time [s] of the last progress in syncing and compressing files."""
         return self._settler.moved_s
 
     @property
     def compaction_error(self) -> str:
-        """Say which files could not be compressed and why; empty where all are."""
+        """Files that could not be compressed, with the reasons; empty where there are none."""
         return "; ".join(self._uncompressed)
 
     def add_topic(
@@ -164,7 +170,7 @@ class BagWriter:
             topic: from :meth:`add_topic`.
             data: CDR with its encapsulation header.
             log_time_ns: time of reception [ns]; players go by it.
-            publish_time_ns: time of publication [ns], by default the time of reception.
+            log_time_ns: time of reception [ns], the time that players use.
 
         Raises:
             OSError: the disk is full or broken.
@@ -189,15 +195,15 @@ class BagWriter:
         self.write(topic, self.types.serialize(message), log_time_ns, publish_time_ns)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add a metadata record to this file and those that follow, for example the hash of a configuration or model."""
+        """Add a metadata record, such as the hash of a model, to this file and all that follow."""
         self._part.add_metadata(name, values)
         self._metadata.append((name, values))
 
     def close(self) -> None:
         """Finish the last file, write metadata.yaml and, when recording, compact.
 
-        The bag is complete before that compaction starts, so nothing is lost if it fails
-        (``compaction_error`` says why).
+        The bag is complete before that compaction starts, so nothing is lost if it fails (see
+        ``compaction_error``).
         """
         if self._closed:
             return
@@ -218,7 +224,7 @@ class BagWriter:
         self._closed = True
 
     def abandon(self) -> None:
-        """Close the files as they are, without metadata.yaml, as a kill would leave them; never raises."""
+        """Close the files without metadata.yaml, as a kill would leave them; never raises."""
         self._closed = True
         for _, settled in self._settling:
             if not settled.cancel():
@@ -228,7 +234,7 @@ class BagWriter:
             part.abandon()
 
     def discard(self) -> None:
-        """Take back the bag with all that was written; never raises."""
+        """Delete the bag with all that was written; never raises."""
         self.abandon()
         shutil.rmtree(self.folder, ignore_errors=True)
 
@@ -249,7 +255,7 @@ class BagWriter:
             self.abandon()
 
     def _new_part(self) -> BagPart:
-        """A file that can be read without those before it, but for messages that came once."""
+        """Begin a file that can be read alone, except for messages that were sent only once."""
         path = self.folder / f"{self.folder.name}_{len(self._spans)}.mcap"
         part = BagPart(path, self._custom, self.sync_interval_s if self._recording else None)
         try:
@@ -264,7 +270,10 @@ class BagWriter:
         return part
 
     def _next_part(self) -> None:
-        """An fsync and a compaction can take long, so they are left to a thread; until then the file is synced as before."""
+        """Begin the next file, and leave the fsync and compaction of this one to a thread.
+
+        Both can take long. Until they are done, the file is synced at intervals as before.
+        """
         self._part.finish()
         done, self._part = self._part, self._new_part()
         self._settling.append((done, self._settler.give(partial(self._settle, done))))
@@ -278,7 +287,7 @@ class BagWriter:
             return
         try:
             compact(part.path, self._settler.move)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the file is whole without it
+        except Exception as error:  # noqa: BLE001 - the file is whole without its compaction
             self._uncompressed.append(f"{part.path} stays uncompressed: {error}")
 
     def _make_folder(self) -> None:
@@ -296,14 +305,16 @@ class BagWriter:
 
 @contextmanager
 def whole_bag(folder: str | os.PathLike[str]) -> Iterator[BagWriter]:
-    """A bag that is written to its end or, by an exception, taken back: half a run would be taken for the whole, and be in the way.
+    """Write a bag to its end, or remove it after an exception.
+
+    Half a run could be mistaken for a whole one, and would block its name.
 
     Raises as :class:`BagWriter` does, and OSError where the disk is full.
     """
     writer = BagWriter(folder)
     try:
         yield writer
-        writer.close()  # a full disk may say so only here
+        writer.close()  # a full disk may show only here
     except BaseException:
         writer.discard()
         raise

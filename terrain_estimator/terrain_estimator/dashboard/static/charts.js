@@ -13,7 +13,7 @@ let colours = {};
 const colour = (name) => colours[name];
 const tint = (alpha) => `rgba(${colours.band}, ${alpha})`;
 
-/** Reads the colours of the style sheet; again when the reader changes between light and dark. */
+/** Read the colours of the style sheet; called again after a change between light and dark. */
 export function readColours() {
   const style = getComputedStyle(document.documentElement);
   const names = ["ink", "quiet", "line", "paper", "accent", "bad", "warn", "good", "band"];
@@ -25,7 +25,7 @@ export function readColours() {
   Chart.defaults.font.size = 12.5;
 }
 
-/** Ticks at round times of the clock, however the axis begins. */
+/** Time axis with ticks at round clock times, wherever the axis begins. */
 function timeAxis(view) {
   return {
     type: "linear",
@@ -57,7 +57,7 @@ const base = (view, more = {}) => ({
 
 const canvas = (name) => document.querySelector(`#${name} canvas`);
 
-/** Mean with its bands of 68 and 95 %, and the truth where somebody knows it. */
+/** Mean with its bands of 68 and 95 %, and the truth where it is known. */
 export function bandChart(name, view) {
   const side = (label, alpha) => ({ label, fill: alpha ? "-1" : false, backgroundColor: () => tint(alpha), borderWidth: 0, data: [] });
   const datasets = [
@@ -73,7 +73,7 @@ export function wheelChart(name, view) {
   return new Chart(canvas(name), { type: "line", data: { datasets: [] }, options: base(view, { scales: { x: timeAxis(view), y: { suggestedMin: 0 } } }) });
 }
 
-/** How the line of a wheel looks: a colour for each pair, dashes for the second of a pair. */
+/** Line style of a wheel: a colour for each pair, dashes for the second of a pair. */
 export const wheelLook = (k) => ({ colour: `w${Math.floor(k / 2) % WHEEL_COLOURS}`, dash: DASHES[k % 2] });
 
 export function wheelLines(chart, wheels) {
@@ -88,7 +88,7 @@ export function areaChart(name, view, label) {
   return new Chart(canvas(name), { type: "line", data: { datasets: [dataset] }, options: base(view, { scales: { x: timeAxis(view), y: { min: 0, max: 100 } } }) });
 }
 
-/** Lanes of states over time: bars from when to when, with their names where these fit. */
+/** Lanes of states over time: bars with their names where these fit. */
 export function timelineChart(name, view, lanes) {
   const options = base(view, {
     parsing: true, // of the ends of a bar
@@ -110,7 +110,7 @@ export function timelineChart(name, view, lanes) {
 
 const fills = () => ({ good: colour("good"), some: tint(0.35), idle: colour("line"), warn: hatch(colour("warn")), bad: colour("bad") });
 
-/** Hatched, so that a warning is told from the rest without its colour. */
+/** Hatching, so that a warning is recognised without its colour. */
 function hatch(ink) {
   const tile = document.createElement("canvas");
   tile.width = tile.height = 8;
@@ -173,7 +173,7 @@ function arrow() {
   return tile;
 }
 
-/** As many pixels a metre upwards as to the right. */
+/** Equal scales upwards and to the right. */
 export function fitPlane(chart, points) {
   const known = points.filter((point) => point.x !== null && point.y !== null);
   if (!known.length) return;

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 // SPDX-License-Identifier: Apache-2.0
-// The page: what came goes into numbers at once, and into the charts twice a second.
+// The page: new data enters the numbers at once, and the charts twice a second.
 
 import { drawCharts, makeCharts, restyle } from "/drawing.js";
 import { connect } from "/live.js";
@@ -16,7 +16,7 @@ const store = new Store();
 const view = { whole: false, origin: 0, connected: false, paused: false, came: 0 };
 const element = (id) => document.getElementById(id);
 
-/** Every <data data-path="..."> of the page. */
+/** Fill in every <data data-path="..."> of the page. */
 function showNumbers() {
   for (const each of document.querySelectorAll("data[data-path]")) {
     const scale = Number(each.dataset.scale), value = store.at(each.dataset.path);
@@ -38,10 +38,10 @@ function showMost(name, topic, scale) {
   const k = values.reduce((best, value, at) => (value !== null && (best < 0 || value > values[best]) ? at : best), -1);
   const target = element(`most-${name}`).firstElementChild;
   show(target, k < 0 ? null : values[k], number(k < 0 ? null : scale * values[k]));
-  say(element(`most-${name}-wheel`), k < 0 ? "no wheel is heard" : plain(wheel[k]));
+  say(element(`most-${name}-wheel`), k >= 0 ? plain(wheel[k]) : wheel.length ? "not measured now" : "no data");
 }
 
-/** Since the last message of a topic [s]; undefined where none came. */
+/** Time since the last message of a topic [s]; undefined where there was none. */
 function age(topic) {
   const then = store.ages[topic];
   return then === undefined ? undefined : then + (performance.now() - view.came) / 1000;
@@ -60,18 +60,18 @@ function showVerdict() {
   document.title = advice?.stop ? "■ Stop – Live terrain" : "Live terrain";
 }
 
-/** What the planner says now; a limit that it does not repeat is none any more, and a stop holds until it is withdrawn. */
+/** The present advice: an old speed limit no longer applies, a stop holds until it is withdrawn. */
 function advised(advice, since) {
-  if (!advice) return "no planner is heard";
-  if (since > SILENT_S) return `planner: ${advice.stop ? "stop; " : ""}not heard for ${Math.round(since)} s`;
+  if (!advice) return "no planner";
+  if (since > SILENT_S) return `planner: ${advice.stop ? "stop; " : ""}no advice for ${Math.round(since)} s`;
   if (advice.stop) return "planner: stop";
-  return advice.known && advice.speed_limit !== null ? `planner: at most ${number(advice.speed_limit)} m/s` : "planner: unknown yet";
+  return advice.known && advice.speed_limit !== null ? `planner: at most ${number(advice.speed_limit)} m/s` : "planner: no limit yet";
 }
 
-/** The status in words without its name, which the badge says. */
+/** The status in words without its name, which the badge shows. */
 function sentence(status, text) {
   const rest = text.startsWith(plain(status)) ? text.slice(plain(status).length).replace(/^; /, "") : text;
-  return rest ? rest[0].toUpperCase() + rest.slice(1) : "Cohesion and friction are set by the data.";
+  return rest ? rest[0].toUpperCase() + rest.slice(1) : "The data determine cohesion and friction.";
 }
 
 function showConnection() {
@@ -80,7 +80,7 @@ function showConnection() {
   if (view.paused) [state, text] = ["wait", "paused"];
   else if (!view.connected) [state, text] = ["lost", "connection lost, trying again"];
   else if (since === undefined) [state, text] = ["wait", "waiting for the estimator"];
-  else if (since > SILENT_S) [state, text] = ["silent", "no estimates come"];
+  else if (since > SILENT_S) [state, text] = ["silent", "no new estimates"];
   const pill = element("connection");
   pill.dataset.state = state;
   say(pill, text);

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 // SPDX-License-Identifier: Apache-2.0
-// What each chart shows: its data, a sentence for those who do not see it, and the table of its numbers.
+// Content of each chart: its data, a sentence for screen readers, and the table of its numbers.
 
 import { areaChart, bandChart, fitPlane, placeChart, readColours, timelineChart, wheelChart, wheelLines } from "/charts.js";
 import { clock, fixed, make, number, plain, show } from "/words.js";
@@ -24,9 +24,10 @@ export function makeCharts(store, view) {
   charts.change = areaChart("change", view, "probability [%]");
   charts.timeline = timelineChart("timeline", view, LANES);
   charts.track = placeChart("track", view, ["x [m]", "y [m]"], 0);
-  charts.height = placeChart("height", view, ["way [m]", "z [m]"], "20%");
+  charts.height = placeChart("height", view, ["distance [m]", "z [m]"], "20%");
   const seen = new IntersectionObserver((entries) => {
     for (const entry of entries) charts[entry.target.id].seen = entry.isIntersecting;
+    drawn = ""; // a chart that comes into sight is drawn even where no data arrives any more
   }, { rootMargin: "200px" });
   for (const name of Object.keys(charts)) {
     const figure = document.getElementById(name);
@@ -35,7 +36,7 @@ export function makeCharts(store, view) {
   }
 }
 
-/** After a change between light and dark. */
+/** Restyle the charts after a change between light and dark. */
 export function restyle() {
   readColours();
   for (const chart of Object.values(charts)) {
@@ -43,7 +44,7 @@ export function restyle() {
   }
 }
 
-/** Draws what is in sight; nothing where nothing came since the last time. */
+/** Draw the charts in sight, unless nothing has changed since the last time. */
 export function drawCharts(store, view, always) {
   const state = `${store.time}/${store.recent.length}`;
   if (state === drawn && !always) return;
@@ -87,7 +88,7 @@ const DRAW = {
     chart.data.datasets[0].data = odometry ? [{ x: odometry.x, y: odometry.y }] : [];
     chart.data.datasets[0].rotation = 90 - (180 / Math.PI) * (odometry?.heading ?? 0);
     fitPlane(chart, odometry ? [...line, odometry] : line);
-    const words = odometry ? `the rover is at x ${number(odometry.x)}, y ${number(odometry.y)} metres` : "no odometry is heard";
+    const words = odometry ? `the rover is at x ${number(odometry.x)}, y ${number(odometry.y)} metres` : "no odometry";
     return { words: `Track from above: ${words}`, rows, columns: [["x [m]", "x", 1], ["y [m]", "y", 1], ["speed [m/s]", "velocity", 1]] };
   },
   height(chart, store, rows) {
@@ -125,7 +126,7 @@ function band(name, title, unit, scale, chart, store, rows, span) {
   };
 }
 
-/** The prior's band is many times wider than what is learnt: it may leave the picture, what comes later may not. */
+/** Range of an axis: the prior's band, many times wider than what is learnt, may leave the picture. */
 function range(low, high, inside) {
   const values = (points) => points.map((point) => point.y).filter((value) => value !== null);
   const [lows, highs, others] = [low, high, inside].map((points) => values(points).sort((a, b) => a - b));
@@ -136,7 +137,7 @@ function range(low, high, inside) {
   return { min: min - room < 0.4 * max ? 0 : min - room, max: max + room };
 }
 
-/** The mean over the last seconds: the noise of one measurement hides what a wheel does. */
+/** Mean over the last seconds, since the noise of one measurement hides the motion of a wheel. */
 function calmed(points) {
   let first = 0, sum = 0, count = 0;
   const add = (value, sign) => { if (value !== null) { sum += sign * value; count += sign; } };
@@ -165,7 +166,7 @@ function fitTime(chart, [min, max]) {
   Object.assign(chart.options.scales.x, { min, max });
 }
 
-/** Stretches of one value: from when to when. */
+/** Stretches of one value, with their first and last times. */
 function runs(points, end) {
   const found = [];
   points.forEach(({ x, y }, k) => {

@@ -1,13 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 // SPDX-License-Identifier: Apache-2.0
-// The connection to the node. It asks for what is newer than what it has, shows it, and asks again: a slow page asks less often,
-// a hidden or paused one not at all.
+// The connection to the node. The page asks for what is new, shows it, and asks again: a slow page
+// asks less often, a hidden or paused one not at all.
 
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 4000;
 const PATIENCE_MS = 6000; // the node answers every second at least
 
-/** Calls `answered(answer)` for everything that comes, and `changed(connected)` when the connection comes or goes. */
+/** Call `answered(answer)` for every answer, and `changed(connected)` when the connection comes or goes. */
 export function connect(answered, changed) {
   let socket, cursor = {}, retry = FIRST_RETRY_MS, patience, owed = false, paused = false;
 

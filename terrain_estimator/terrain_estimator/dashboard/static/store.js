@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 // SPDX-License-Identifier: Apache-2.0
-// What came from the node: rows over time, the journal, and the values of now.
+// Data from the node: rows over time, the journal, and the present values.
 
 export class Store {
   begin = { columns: [], wheels: [], outcomes: [], statuses: [], levels: [], window: 120 };
@@ -12,7 +12,7 @@ export class Store {
   time = null;
   origin = 0;
 
-  /** Takes an answer; returns the events that are new to a page which was open before. */
+  /** Take an answer; return the events that are new to a page that was already open. */
   take(answer) {
     if (answer.begin) {
       Object.assign(this, { begin: answer.begin, recent: [], whole: [], journal: [] });

@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 // SPDX-License-Identifier: Apache-2.0
-// The tables: wheels, effects, the estimator's inputs; and the journal.
+// The tables of wheels, effects and inputs of the estimator, and the journal.
 
 import { wheelLook } from "/charts.js";
 import { clock, fixed, make, number, plain, say, show } from "/words.js";
@@ -15,7 +15,7 @@ export function showTables(store) {
   showJournal(store);
 }
 
-/** Keeps one row for each key, made once and then only brought up to date. */
+/** Keep one row for each key, made once and then only updated. */
 function rowsFor(body, keys, build) {
   const present = [...body.children].map((row) => row.dataset.key);
   if (present.length !== keys.length || keys.some((key, k) => key !== present[k])) {
@@ -87,7 +87,7 @@ function showHealth(health) {
   const pairs = {
     accepted: [health.accepted, 0],
     ...Object.fromEntries(Object.entries(health.outcomes).filter(([name]) => name !== "ACCEPTED").map(([name, count]) => [plain(name), [count, 0]])),
-    "innovation (NIS, 1 when honest)": [health.normalized_innovation_squared, 2],
+    "innovation (NIS, near 1 when consistent)": [health.normalized_innovation_squared, 2],
     "latency, median [ms]": [health.update_latency_median, 2, 1000],
     resets: [health.resets, 0],
   };

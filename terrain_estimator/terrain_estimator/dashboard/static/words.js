@@ -5,7 +5,7 @@
 const ABSENT = "–";
 const SECOND_OF_2001 = 978307200; // later stamps are times of day, earlier ones those of a simulation
 
-/** Two digits of the deviation where there is one, else three significant digits. */
+/** A number with two digits of its deviation where there is one, else with three significant digits. */
 export function number(value, sd) {
   if (value === null || value === undefined) return ABSENT;
   const places = sd > 0 ? 1 - Math.floor(Math.log10(sd)) : value === 0 ? 0 : 2 - Math.floor(Math.log10(Math.abs(value)));
@@ -18,25 +18,25 @@ export const fixed = (value, places) => (value === null || value === undefined ?
 export function clock(seconds) {
   if (seconds > SECOND_OF_2001) return new Date(1000 * seconds).toISOString().slice(11, 19);
   const whole = Math.floor(Math.abs(seconds));
-  return `${seconds < 0 ? "−" : ""}${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
+  return `${seconds < 0 && whole > 0 ? "−" : ""}${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 }
 
 export const isTimeOfDay = (seconds) => seconds > SECOND_OF_2001;
 export const plain = (name) => name.toLowerCase().replaceAll("_", " ");
 
-/** Sets text only where it differs: what does not change is not read out again, and selections stay. */
+/** Set text only where it differs, so that it is not read out again and selections stay. */
 export function say(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** A number in a <data> element, whose value is the number in full. */
+/** Show a number in a <data> element, whose value is the number in full. */
 export function show(element, value, text) {
   say(element, text);
   if (value === null || value === undefined) element.removeAttribute("value");
   else if (element.value !== String(value)) element.value = String(value);
 }
 
-/** An element with attributes and children. */
+/** Make an element with attributes and children. */
 export function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);

@@ -22,7 +22,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.physics import Laws, LinearizationPoint
+from terrain_estimator.discovery.hypotheses.rows import (
+    Expansion,
+    HypothesisRows,
+    LinearizationPoint,
+)
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
@@ -62,19 +66,17 @@ class Query:
     """Where the equations of a run are wanted."""
 
     unknowns: Unknowns
-    sizes: tuple[float, ...]  # of the hypothesis' parts
+    sizes: tuple[float, ...]  # values of the hypothesis' effects
     weights: Tensor  # [F] of the discrepancy's columns
     columns: Tensor  # [B, Q, F] of a flexible discrepancy
     steps: tuple[float, ...]  # of the differences by each size
     known: Tensor | None  # [B, Q, M] columns of the soil constants where they need not be computed
-    away: Tensor | None = (
-        None  # inputs around which to expand the rows; where it is None they are looked for
-    )
+    around: Expansion | None = None  # of the rows; None: where they agree best
 
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """One run's quadratic model around a place; the shared unknowns come last."""
+    """One run's quadratic model around a point; the shared unknowns come last."""
 
     hessian: Tensor  # [P + K, P + K] J' (S + D)^-1 J, without priors
     gradient: Tensor  # [P + K] J' (S + D)^-1 r, without priors
@@ -90,7 +92,7 @@ class Equations:
         Tensor  # [B, Q, 2 + M + 3 + K] of theta, constants, bias, velocity before and after, shared
     )
     degrees: int  # rows that are present
-    away: Tensor  # inputs around which the rows were expanded
+    around: Expansion  # of the rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,17 +129,17 @@ def averages(blocks: Blocks, used: Tensor) -> Averages:
 class RunEquations:
     """Evaluates the equations of one run under one hypothesis."""
 
-    def __init__(self, blocks: Blocks, laws: Laws, mask: Tensor) -> None:
+    def __init__(self, blocks: Blocks, rows: HypothesisRows, mask: Tensor) -> None:
         """``mask`` [R] 1 for rows that may be used."""
-        self._blocks, self._laws, self._mask = blocks, laws, mask
+        self._blocks, self._rows, self._mask = blocks, rows, mask
 
-    def at(self, ask: Query) -> Equations:
-        """The equations at a place."""
+    def at(self, query: Query) -> Equations:
+        """The equations at a point."""
         count = self._blocks.packed.shape[0]
-        unknowns, known = ask.unknowns, ask.known
-        place = LinearizationPoint(unknowns.theta, unknowns.kappa, ask.sizes)
-        away = self._laws.likely(place, self._mask) if ask.away is None else ask.away
-        rows = self._laws.rows(place, away, changes_too=known is None)
+        unknowns, known = query.unknowns, query.known
+        point = LinearizationPoint(unknowns.theta, unknowns.kappa, query.sizes)
+        around = query.around or self._rows.expansion(point, self._mask)
+        rows = self._rows.rows(point, around, changes_too=known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
         average = averages(self._blocks, used)
         present = torch.cat(
@@ -164,8 +166,8 @@ class RunEquations:
         )
         short = average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
         short[:, 0] += average.measured[:, 0]
-        columns = ask.columns * present.unsqueeze(-1)
-        residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ ask.weights
+        columns = query.columns * present.unsqueeze(-1)
+        residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ query.weights
         covariance = sources @ sources.transpose(1, 2) + torch.diag_embed(spread)
         excess, factor, surplus = unexplained(covariance, residual, present)
         weighted = torch.cholesky_solve(residual.unsqueeze(-1), factor)
@@ -189,18 +191,18 @@ class RunEquations:
         by_size = [
             average.of(
                 (
-                    self._corrected(place, away, error, theta, k, step)
+                    self._corrected(point, around, error, theta, k, step)
                     - self._base(rows, error, theta)
                 )
                 / step
             )
-            for k, step in enumerate(ask.steps)
+            for k, step in enumerate(query.steps)
         ]
         jacobian = torch.cat(
             [by_theta, known, fixed, *(column.unsqueeze(-1) for column in by_size), columns], -1
         )
         hessian, gradient = assembled(
-            jacobian, factor, weighted, self._blocks.ends, len(ask.sizes) + ask.weights.shape[0]
+            jacobian, factor, weighted, self._blocks.ends, len(query.sizes) + query.weights.shape[0]
         )
         misfit = float((residual * weighted.squeeze(-1)).sum()) + surplus
         ends, degrees = self._blocks.ends, int(present.sum())
@@ -217,14 +219,16 @@ class RunEquations:
             excess,
             jacobian,
             degrees,
-            away,
+            around,
         )
 
-    def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], away: Tensor) -> Tensor:
-        """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's mark."""
+    def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], around: Expansion) -> Tensor:
+        """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's signature."""
         count = self._blocks.packed.shape[0]
-        rows = self._laws.rows(
-            LinearizationPoint(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False
+        rows = self._rows.rows(
+            LinearizationPoint(unknowns.theta, unknowns.kappa, sizes),
+            around,
+            changes_too=False,
         )
         average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
@@ -246,17 +250,19 @@ class RunEquations:
 
     def _corrected(
         self,
-        place: LinearizationPoint,
-        away: Tensor,
+        point: LinearizationPoint,
+        around: Expansion,
         error: Tensor,
         theta: Tensor,
         index: int,
         step: float,
     ) -> Tensor:
-        sizes = tuple(size + step * (k == index) for k, size in enumerate(place.values))
+        sizes = tuple(size + step * (k == index) for k, size in enumerate(point.values))
         return self._base(
-            self._laws.rows(
-                LinearizationPoint(place.theta, place.kappa, sizes), away, changes_too=False
+            self._rows.rows(
+                LinearizationPoint(point.theta, point.kappa, sizes),
+                around,
+                changes_too=False,
             ),
             error,
             theta,
@@ -283,7 +289,7 @@ def assembled(
     white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
     information = white.transpose(1, 2) @ white
     pull = (jacobian.transpose(1, 2) @ weighted).squeeze(-1)
-    index = places(count, first, ends, shared)
+    index = positions(count, first, ends, shared)
     pairs = (index.unsqueeze(2).expand(-1, -1, local), index.unsqueeze(1).expand(-1, local, -1))
     hessian = torch.zeros(size, size, dtype=torch.float64).index_put_(
         pairs, information, accumulate=True
@@ -293,7 +299,7 @@ def assembled(
     )
 
 
-def places(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
+def positions(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
     """Where the unknowns of each block are among those of its run: [B, first + 2 + shared]."""
     own = first + int(ends.max()) + 1
     return torch.cat(
@@ -309,10 +315,10 @@ def places(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
 def linear(equations: Equations, step: Tensor, shared: int) -> Equations:
     """The equations with the residuals that ``step`` [P + K] leaves to first order, and the excess that explains those.
 
-    Gradient and misfit are those of the place from which the step starts, under the new weights.
+    Gradient and misfit are those of the point from which the step starts, under the new weights.
     """
     local = equations.jacobian.shape[-1]
-    index = places(equations.jacobian.shape[0], local - 2 - shared, equations.ends, shared)
+    index = positions(equations.jacobian.shape[0], local - 2 - shared, equations.ends, shared)
     left = equations.residual - (equations.jacobian @ step[index].unsqueeze(-1)).squeeze(-1)
     excess, factor, surplus = unexplained(equations.covariance, left, equations.present)
     weighted = torch.cholesky_solve(equations.residual.unsqueeze(-1), factor)

@@ -17,15 +17,15 @@ import torch
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.isolability import (
     Signature,
-    marks,
-    run_marks,
+    run_signatures,
+    signatures,
     stages_of,
     table,
 )
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
 from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations, Unknowns
 from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
-from terrain_estimator.discovery.hypotheses.physics import Laws
+from terrain_estimator.discovery.hypotheses.rows import HypothesisRows
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
 from terrain_estimator.discovery.runs import RecordedRun, RunError, cut
 from terramechanics.effects import make_effect
@@ -57,7 +57,7 @@ def next_drives(
     doubtful = doubtful[:MOST]
     if len(doubtful) < 2:
         return []
-    stages, known = stages_of(around), marks(study, doubtful, around)
+    stages, known = stages_of(around), signatures(study, doubtful, around)
     pairs = list(permutations(range(len(doubtful)), 2))
     now = {pair: _apart(stages, known, pair) for pair in pairs}
     theta = torch.stack([run.theta for run in around.fit.point.runs]).mean(0)
@@ -68,7 +68,7 @@ def next_drives(
             more = _seen(study, run, doubtful, theta, excess)
             if more is None:
                 continue
-            joined = [mark.joined(new) for mark, new in zip(known, more[1], strict=True)]
+            joined = [signature.joined(new) for signature, new in zip(known, more[1], strict=True)]
             for pair in (pair for pair in pairs if pair[0] == true):
                 gains[manoeuvre][pair] = _apart([*stages, more[0]], joined, pair) - now[pair]
     found = []
@@ -101,8 +101,8 @@ def _driven(
         acting = torch.zeros(len(doubtful) * count, dtype=torch.float64)
         acting[k * count : (k + 1) * count] = 1.0
         effects += [
-            make_effect(part.name, TYPICAL[part.name] * acting, part.axle)
-            for part in hypothesis.parts
+            make_effect(effect.name, TYPICAL[effect.name] * acting, effect.axle)
+            for effect in hypothesis.effects
         ]
     runs = drive(study.nominal, strength, tuple(manoeuvres) * len(doubtful), Plant(effects), SEED)
     return [runs[k * count : (k + 1) * count] for k in range(len(doubtful))]
@@ -126,8 +126,10 @@ def _seen(
         theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks)
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
-    ask = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
-    equations = RunEquations(blocks, Laws(nominal, blocks, NOTHING.parts), study.mask).at(ask)
-    return stage(equations, unknowns, excess), run_marks(
-        nominal, blocks, study.mask, doubtful, unknowns, equations.away
+    query = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
+    equations = RunEquations(
+        blocks, HypothesisRows(nominal, blocks, NOTHING.effects), study.mask
+    ).at(query)
+    return stage(equations, unknowns, excess), run_signatures(
+        nominal, blocks, study.mask, doubtful, unknowns, equations.around
     )

@@ -45,15 +45,15 @@ class Diagnosis:
 
 
 def diagnose(
-    study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, say: Progress
+    study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, progress: Progress
 ) -> Diagnosis:
     """Look at the runs of ``study`` after the verdict."""
-    say(0.95, "where it disagrees")
+    progress(0.95, "where it disagrees")
     found = tuple(disagreements(study))
-    say(0.96, "what these runs can tell apart")
+    progress(0.96, "what these runs can tell apart")
     around = study.nothing if finding.judgement.verdict is Verdict.NONE else finding.best
     apart = isolability(study, hypotheses, around)
-    say(0.97, "what to drive next")
+    progress(0.97, "what to drive next")
     return Diagnosis(
         found, apart, tuple(next_drives(study, in_doubt(finding, hypotheses, apart), around))
     )
@@ -74,6 +74,6 @@ def in_doubt(
     elif judgement.verdict is Verdict.NAMED:
         nearest = apart.nearest(judgement.named[0].label)
         close += tuple(each for each in hypotheses if each.label == nearest)
-    shared = set.intersection(*(set(each.parts) for each in close)) if len(close) > 1 else set()
-    alone = [tuple(part for part in each.parts if part not in shared) for each in close]
-    return [Hypothesis(parts) for parts in dict.fromkeys(alone) if len(parts) == 1]
+    shared = set.intersection(*(set(each.effects) for each in close)) if len(close) > 1 else set()
+    alone = [tuple(effect for effect in each.effects if effect not in shared) for each in close]
+    return [Hypothesis(effects) for effects in dict.fromkeys(alone) if len(effects) == 1]

@@ -18,8 +18,12 @@ from terrain_estimator.discovery.evidence.verdict import (
     is_pair,
     judge,
 )
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, together
-from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.hypotheses.library import (
+    NOTHING,
+    Hypothesis,
+    NamedEffect,
+    together,
+)
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
 from terrain_estimator.discovery.single_wheel.separation import separate_by
@@ -90,7 +94,7 @@ def shown_by_one_wheel() -> tuple[str, ...]:
 
 def of_one_wheel(names: Sequence[str]) -> list[Hypothesis]:
     """One hypothesis for each of the effects that one wheel shows."""
-    return [Hypothesis((Part(name),)) for name in names]
+    return [Hypothesis((NamedEffect(name),)) for name in names]
 
 
 def investigate_wheel(
@@ -100,7 +104,7 @@ def investigate_wheel(
     given: Hypothesis,
     names: Sequence[str],
     thresholds: Thresholds,
-    say: Progress,
+    progress: Progress,
     *,
     by_trial: bool = False,
     seed: int = 0,
@@ -114,14 +118,14 @@ def investigate_wheel(
     cells = cells_of(rows, reference)
     hypotheses = of_one_wheel(names)
     model = WheelModel(bed, given, NOTHING)
-    say(0.0, "nothing missing")
+    progress(0.0, "nothing missing")
     nothing = explain(model, cells)
     found = _searched(bed, given, cells, hypotheses, nothing)
     nothing = _better(nothing, explain(model, cells, start=found[0].values[: model.first]))
     free = explain(model, cells, flexible=True, start=nothing.values)
     gains, left = _weighed(bed, given, cells, found, nothing, free)
     if gains.explainable - gains.best >= thresholds.anything:
-        say(0.3, "pairs")
+        progress(0.3, "pairs")
         best = found[0].hypothesis
         others = [together(best, each) for each in hypotheses if each != best]
         pairs = _searched(bed, given, cells, others, found[0])
@@ -138,7 +142,7 @@ def investigate_wheel(
         name: 0.0 for each in hypotheses for name in each.names
     } | judgement.probabilities
     judgement = dataclasses.replace(judgement, probabilities=probabilities)
-    say(0.6, "held-out cells")
+    progress(0.6, "held-out cells")
     named = judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
     errors = held_out(
         bed, rows, reference, [given, found[0].hypothesis if named else NOTHING], by_trial=by_trial
@@ -163,7 +167,9 @@ def _searched(
             cells,
             start=np.concatenate([simpler.values, model.start()[len(simpler.values) :]]),
         )
-        found.append(fitted if simpler.hypothesis.parts else _better(fitted, explain(model, cells)))
+        found.append(
+            fitted if simpler.hypothesis.effects else _better(fitted, explain(model, cells))
+        )
     return sorted(found, key=lambda each: -each.log_evidence)
 
 
@@ -230,7 +236,8 @@ def held_out(
     """Errors of cells that were not fitted, without the effect and with it; ``parts`` are the given effects and the effect."""
     given, sought = parts
     models = [
-        WheelModel(bed, given, each) for each in ((NOTHING, sought) if sought.parts else (NOTHING,))
+        WheelModel(bed, given, each)
+        for each in ((NOTHING, sought) if sought.effects else (NOTHING,))
     ]
     errors: list[list[Floats]] = [[] for _ in models]
     for left, out in _folds(rows, reference, by_trial=by_trial):

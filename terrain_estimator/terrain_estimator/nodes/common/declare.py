@@ -9,18 +9,18 @@ from rclpy.node import Node
 
 from rover_parameters import declare as strict
 from rover_parameters.files import OVERRIDES
-from terrain_estimator.nodes.common.quality import check_overrides
+from terrain_estimator.nodes.common.qos import check_overrides
 
 Config = TypeVar("Config")
 
 
 def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Config:
-    """Read and declare all parameters of ``config``, see :func:`rover_parameters.declare.declare`.
+    """Read and declare all parameters of ``config`` by :func:`rover_parameters.declare.declare`.
 
     Args:
         node: made with ``automatically_declare_parameters_from_overrides=True``.
         config: made of fields by ``rover_parameters.records``.
-        topics: whose subscriptions' quality of service a user may override.
+        topics: those whose subscriptions take ``qos_overrides``.
 
     Raises:
         ConfigError: as there, or an override that no subscription has.

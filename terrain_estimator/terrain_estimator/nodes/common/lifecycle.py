@@ -1,0 +1,216 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A managed (lifecycle) node that can start itself and publishes diagnostics in every state."""
+
+import threading
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from rclpy.clock import Clock, ClockType, ROSClock
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
+
+from terrain_estimator.messaging.diagnostics import CLOCK, STATE, CheckResult
+from terrain_estimator.nodes.common.declare import declare
+from terrain_estimator.nodes.common.diagnostics import DiagnosticsPublisher
+from terrain_estimator.nodes.common.running import guarded, spin
+
+ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
+_BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
+
+
+class ManagedNode(LifecycleNode):
+    """A lifecycle node whose transitions never raise: a failure is logged and keeps the old state.
+
+    A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and its checks in
+    ``findings``.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        config: type[Any],
+        stop: threading.Event,
+        topics: Iterable[str] = (),
+        **options: Any,
+    ) -> None:
+        """Declare the parameters.
+
+        Args:
+            name: of the node.
+            config: of its parameters.
+            stop: ends :meth:`serve`; the transition "shutdown" sets it.
+            topics: those whose subscriptions take ``qos_overrides``.
+            options: of rclpy's Node: a namespace or a context, where several nodes are in one
+                process.
+
+        Raises:
+            ConfigError: a parameter is wrong.
+        """
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        self.config = declare(self, config, topics)
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.wrong = ""  # why the last transition failed
+        self.failures = 0  # callbacks that raised
+        self._stop = stop
+        # the last time of /clock, and the steady time of its last change
+        self._clock_ns, self._ticked_s = 0, time.monotonic()
+        self._diagnostics = DiagnosticsPublisher(self, self._every_finding, self._count_failure)
+
+    @abstractmethod
+    def configure(self) -> None:
+        """Load everything that the node needs; may raise."""
+
+    @abstractmethod
+    def activate(self) -> None:
+        """Start to work; may raise."""
+
+    @abstractmethod
+    def deactivate(self) -> None:
+        """Process what has arrived, then accept nothing new.
+
+        Never raises. Also undoes an ``activate`` that raised half-way.
+        """
+
+    @abstractmethod
+    def cleanup(self) -> None:
+        """Release everything that ``configure`` loaded."""
+
+    @abstractmethod
+    def findings(self) -> Iterable[CheckResult]:
+        """Return the checks for /diagnostics beside those of state and clock."""
+
+    @property
+    def state(self) -> str:
+        """The label of the present state."""
+        return str(self._state_machine.current_state[1])
+
+    def serve(self, *, auto_start: bool) -> None:
+        """Serve callbacks until ``stop`` is set, then release everything and destroy the node."""
+        if auto_start:
+            self.start()
+        spin(self, self._stop, self._count_failure)
+        self.end()
+        self.destroy_node()
+
+    def start(self) -> None:
+        """Configure and activate; a failure is logged."""
+        if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+            self.trigger_activate()
+
+    def end(self) -> None:
+        """Deactivate and clean up, as far as the state needs it."""
+        if self.state == ACTIVE:
+            self.trigger_deactivate()
+        if self.state == INACTIVE:
+            self.trigger_cleanup()
+
+    def guard(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """Wrap a callback so that an exception is logged and counted instead of raised."""
+        return guarded(self, callback, self._count_failure)
+
+    def _count_failure(self) -> None:
+        self.failures += 1
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """Configure, as rclpy asks."""
+        return self._attempt("configure", self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """Activate, as rclpy asks, and deactivate again where that fails."""
+        result = self._attempt("activate", self.activate)
+        if result is not TransitionCallbackReturn.SUCCESS:
+            self.deactivate()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """Deactivate, as rclpy asks."""
+        return self._attempt("deactivate", self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
+        """Clean up, as rclpy asks."""
+        return self._attempt("clean up", self.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Release everything, as rclpy asks, and end the process."""
+        self._stop.set()
+        if state.label == ACTIVE:
+            self._attempt("deactivate", self.deactivate)
+        return (
+            TransitionCallbackReturn.SUCCESS
+            if state.label == UNCONFIGURED
+            else self._attempt("clean up", self.cleanup)
+        )
+
+    def _attempt(self, what: str, action: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            action()
+        except Exception as error:  # noqa: BLE001 - rclpy would end the node without a message
+            kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
+            self.wrong = f"cannot {what}: {kind}{error}"
+            self.get_logger().error(f"{self.wrong}; the node stays {_BEFORE.get(what, INACTIVE)}")
+            return TransitionCallbackReturn.FAILURE
+        self.wrong = ""
+        return TransitionCallbackReturn.SUCCESS
+
+    def _every_finding(self) -> Iterator[CheckResult]:
+        yield from self._of_every_node()
+        yield from self.findings()
+
+    def _of_every_node(self) -> Iterator[CheckResult]:
+        yield STATE.judge(
+            2.0 if self.wrong else float(self.state != ACTIVE), text=self.wrong or self.state
+        )
+        clock = self.get_clock()
+        if isinstance(clock, ROSClock) and clock.ros_time_is_active:
+            yield self._judge_clock(clock.now().nanoseconds)
+
+    def _judge_clock(self, now_ns: int) -> CheckResult:
+        """Judge for how long /clock has stood still: a recorder has no other time."""
+        steady_s = time.monotonic()
+        if now_ns != self._clock_ns:
+            self._clock_ns, self._ticked_s = now_ns, steady_s
+        passed_s = steady_s - self._ticked_s
+        what = "/clock stands still" if now_ns else "no /clock came"
+        return CLOCK.judge(
+            passed_s,
+            text=(
+                f"use_sim_time is set, but {what} for {passed_s:.0f} s"
+                if passed_s
+                else "/clock runs"
+            ),
+        )
+
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 - rclpy's mangled name
+        """Refuse a transition that the state does not allow; rclpy's exception would end the process."""
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)  # type: ignore[misc]
+        except RuntimeError as error:
+            self.get_logger().error(
+                f"transition {request.transition.label or request.transition.id} refused in state"
+                f" {self.state}: {error}"
+            )
+            response.success = False
+            return response
+
+
+def drain(subscriptions: Iterable[Subscription]) -> None:
+    """Process the messages that wait in the queues, one of each in turn, as an executor does.
+
+    Destroying a subscription would lose them. The callbacks take a message and the reception's
+    details, and never raise. At most a full queue of each is taken: messages may go on arriving.
+    """
+    waiting = list(subscriptions)
+    for _ in range(max((each.qos_profile.depth for each in waiting), default=0)):
+        waiting = [each for each in waiting if _serve(each)]
+
+
+def _serve(subscription: Subscription) -> bool:
+    """Process one message; return whether there was one."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    if taken is not None:
+        subscription.callback(*taken)
+    return taken is not None

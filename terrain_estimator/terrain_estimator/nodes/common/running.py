@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Run the callbacks of a node so that no message ends it."""
+
+import functools
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+POLL_S = 0.1
+LOG_PERIOD_S = 5.0
+
+
+def guarded(
+    node: Node, callback: Callable[..., None], failed: Callable[[], None] = lambda: None
+) -> Callable[..., None]:
+    """Wrap a callback so that an exception is logged, and ``failed`` called, instead of raised.
+
+    The wrapper has the signature of ``callback``, by which rclpy decides whether to pass the
+    reception's details.
+    """
+
+    @functools.wraps(callback)
+    def call(*arguments: Any) -> None:
+        try:
+            callback(*arguments)
+        except Exception as error:  # noqa: BLE001 - the node has to keep running
+            failed()
+            node.get_logger().error(
+                f"{type(error).__name__} in a callback, the message is left out: {error}",
+                throttle_duration_sec=LOG_PERIOD_S,
+            )
+
+    return call
+
+
+def guarded_turn(node: Node, failed: Callable[[], None] = lambda: None) -> Callable[[float], None]:
+    """Return a function that serves one callback of a node, waiting for it at most the given [s].
+
+    It never raises. rclpy's own callbacks do, at a /clock before zero for instance.
+    """
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    return guarded(node, executor.spin_once, failed)
+
+
+def spin(node: Node, stop: threading.Event, failed: Callable[[], None] = lambda: None) -> None:
+    """Serve the callbacks of a node until ``stop`` is set; ``failed`` as in :func:`guarded`."""
+    turn = guarded_turn(node, failed)
+    while not stop.is_set():
+        turn(POLL_S)
+
+
+def serve(node: Node, stop: threading.Event) -> int:
+    """Spin a node until ``stop`` is set and destroy it; return the exit code 0."""
+    spin(node, stop)
+    node.destroy_node()
+    return 0

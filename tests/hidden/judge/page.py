@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page docs/hidden.md."""
+
+from docs.provenance import measured
+from tests.hidden.judge.bars import bars, outcomes
+from tests.hidden.judge.judging import Record
+
+INTRODUCTION = """<!--
+SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+SPDX-License-Identifier: Apache-2.0
+
+Written by `make hidden`: run it again, do not edit.
+-->
+# How often the verdict is right
+
+{measured}
+
+How often does `find_missing_effect` name a hidden effect correctly, and how often does it name one
+where nothing is hidden? {done} of the {wanted} cases that were asked for are done.
+
+- [discovery.md](discovery.md) explains how a verdict is found, [effects.md](effects.md) the effects
+  and the size at which each matters. The hidden laws are in [tests/hidden](../tests/hidden); they
+  differ from those of the library.
+- A case is five one-minute drives on one soil, whose constants are up to 5 % wrong. Half of the
+  cases are on hills. Four drives are analysed, the fifth is held out for the proof.
+- Limits are Clopper-Pearson, 95 %; those of medians and ratios are bootstrapped.
+
+"""
+VERDICTS = """## Verdicts
+
+A verdict is right in these cases:
+
+| hidden | right verdict |
+|---|---|
+| nothing | "none" |
+| an effect of the size that matters, or two at once | the name, or a set that contains it |
+| an effect of a third or a tenth of that size | the same, or "none" |
+| an effect that the library lacks | "unknown" |
+
+"Part" means that one of two was named.
+
+"""
+
+
+def page(records: list[Record], wanted: int) -> str:
+    """Return the page of the cases that are done."""
+    head = INTRODUCTION.format(measured=measured("hidden"), done=len(records), wanted=wanted)
+    return f"{head}{bars(records)}\n{VERDICTS}{outcomes(records)}"
