@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs measures workspace environment clean
+.PHONY: help demo discover test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages pictures docs measures workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -77,6 +77,9 @@ soak: workspace  ## run three rovers for long, 38 minutes with four processors, 
 pages: workspace  ## write the pages and parameter files that follow from the code
 	ros2_ws/with python -m docs.pages
 	$(VENV_PYTHON) -m tools.pictures.nodes
+
+pictures: workspace  ## take the pictures of the live page and of a found effect again, 3 minutes: docs/images
+	ros2_ws/with python -m tools.pictures.screens
 
 docs: environment  ## build the site of the pages and the API reference, check its links: out/site/index.html
 	$(VENV_PYTHON) -m pip install --quiet --no-deps --only-binary ':all:' --require-hashes --requirement requirements/docs.txt
