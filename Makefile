@@ -83,7 +83,7 @@ pictures: workspace  ## take the pictures of the live page and of a found effect
 
 docs: environment  ## build the site of the pages and the API reference, check its links: out/site/index.html
 	$(VENV_PYTHON) -m pip install --quiet --no-deps --only-binary ':all:' --require-hashes --requirement requirements/docs.txt
-	$(VENV_PYTHON) -m mkdocs build --quiet --strict $(ARGS)
+	NO_MKDOCS_2_WARNING=1 $(VENV_PYTHON) -m mkdocs build --quiet --strict $(ARGS)
 
 measures: environment  ## measure the code's form, beside an earlier commit: make measures ARGS="--before COMMIT --write docs/architecture.md"
 	$(VENV_PYTHON) -m tools.measures $(ARGS)

@@ -74,15 +74,13 @@ def _live(page: Page) -> list[Image.Image]:
             if page.get_by_text("identified").count() and drive.running:
                 frames.append(picture)
             page.wait_for_timeout(900)
-    return frames[:-2]  # the last ones may show the end of the data
+    return frames[1:-2]  # empty charts at first; the last ones may show the end of the data
 
 
 def _save(frames: list[Image.Image]) -> None:
     """Write a still, and a moving picture that begins with its end, for viewers that show one."""
     still = frames[-1].crop((0, 0, _WIDTH, _TO_WHEELS))
-    still.quantize(2 * _COLOURS, dither=Image.Dither.NONE).save(
-        FOLDER / "dashboard.png", optimize=True
-    )
+    still.save(FOLDER / "dashboard.png", optimize=True)
     palette = still.quantize(_COLOURS)
     moving = [
         frame.crop((0, 0, _WIDTH, _FIRST_FOLD)).quantize(palette=palette, dither=Image.Dither.NONE)
