@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test colcon-test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs measures workspace environment clean
+.PHONY: help demo discover test colcon-test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -80,10 +80,17 @@ soak: workspace  ## run three rovers for long, 38 minutes with four processors, 
 
 pages: workspace  ## write the pages and parameter files that follow from the code
 	ros2_ws/with python -m docs.pages
+	$(VENV_PYTHON) -m tools.pictures.nodes
+
+pictures: workspace  ## take the pictures of the live page and of a found effect again, 3 minutes: docs/images
+	ros2_ws/with python -m tools.pictures.screens
 
 docs: environment  ## build the site of the pages and the API reference, check its links: out/site/index.html
 	$(VENV_PYTHON) -m pip install --quiet --no-deps --only-binary ':all:' --require-hashes --requirement requirements/docs.txt
-	$(VENV_PYTHON) -m mkdocs build --quiet --strict $(ARGS)
+	NO_MKDOCS_2_WARNING=1 $(VENV_PYTHON) -m mkdocs build --quiet --strict $(ARGS)
+
+measures: environment  ## measure the code's form, beside an earlier commit: make measures ARGS="--before COMMIT --write docs/architecture.md"
+	$(VENV_PYTHON) -m tools.measures $(ARGS)
 
 workspace: environment  ## set up and build, and start nothing
 	@ros2_ws/compile

@@ -30,6 +30,7 @@ from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
 from terramechanics.terrain.soil import load_soil
 from tests.launch_stand_in import declared
+from tools.pictures.nodes import PICTURE, nodes_picture
 from tools.site.links import lead, source_of
 from tools.site.lists import indented
 
@@ -343,3 +344,13 @@ def test_links_lead_from_the_repository_to_the_site() -> None:
 def test_lists_are_indented_for_the_site() -> None:
     text = "Two:\n- one\n  line\n\n      code\n- two\n\nEnd.\n"
     assert indented(text) == ("Two:\n\n- one\n    line\n\n        code\n\n- two\n\nEnd.\n")
+
+
+def test_the_readme_has_at_most_900_words() -> None:
+    text = re.sub(r"<!--.*?-->", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert len(text.split()) <= 900
+
+
+def test_the_picture_of_nodes_shows_what_the_policy_allows() -> None:
+    assert PICTURE.read_text(encoding="utf-8") == nodes_picture(), "run make pages"
+    assert set(NODES) <= set(re.findall(r'class="title".*>(\w+)<', nodes_picture()))
