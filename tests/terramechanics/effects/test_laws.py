@@ -266,6 +266,18 @@ def test_a_failed_wheel_slips_as_the_torque_that_is_left_calls_for(size: float, 
     assert torch.equal(failed.sinkage, given_contact.sinkage)
 
 
+def test_wheels_that_fail_in_part_are_each_found() -> None:
+    """One has nothing to search for, the others must not stop with it."""
+    slip = contact().slip * number(0.5, 1.0, 2.0, 3.0)[:, None].expand(4, AXLES)[:2]
+    whole = ContactInputs(slip, contact().sinkage, SOIL.constants(), SOIL.strength())
+    failed = FailedWheel(number(0.0, 0.9), 1).contact(situation(), whole)
+    nodes = quadrature(12)
+    before, after = (
+        c.forces(ROVER.wheel_radius, ROVER.wheel_width, nodes)[:, 1, 2] for c in (whole, failed)
+    )
+    assert after.tolist() == pytest.approx((before * number(1.0, 0.1)).tolist(), rel=1e-4)
+
+
 def test_a_tilted_sensor_changes_the_pitch_and_not_the_specific_force() -> None:
     generator = torch.Generator().manual_seed(1)
     drive = simulate(ROVER, Ground.constant(SOIL), "S1", 2.0, generator, 1)

@@ -300,6 +300,22 @@ def test_a_sinkage_is_found_in_ten_evaluations_of_the_forces(start: float | None
     assert len(calls) <= 10
 
 
+def test_wheels_that_carry_nothing_or_too_much_are_not_searched_for() -> None:
+    calls: list[int] = []
+
+    class Counting(WheelGround):
+        def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
+            calls.append(1)
+            return super().forces(slip, sinkage)
+
+    plain = WheelGround.of(ROVER, SOIL.constants(), SOIL.strength(), 8)
+    wheel = Counting(plain.radius, plain.width, plain.constants, plain.strength, plain.nodes)
+    load = torch.tensor([0.0, 1e9, -3.0]).double()
+    depth = equilibrium_sinkage(wheel, torch.zeros_like(load), load) / ROVER.wheel_radius
+    assert depth.tolist() == pytest.approx([SHALLOWEST, DEEPEST, SHALLOWEST])
+    assert len(calls) == 2  # the ends, and where the search begins
+
+
 def test_many_braked_wheels_at_a_slip_angle_get_the_forces_of_each() -> None:
     """With their lateral force; many are treated in two groups."""
     count = 300
