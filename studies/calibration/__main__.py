@@ -34,8 +34,7 @@ from terrain_estimator.discovery import (
     testable,
 )
 from terrain_estimator.discovery.evidence.verdict import Gains
-from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis
-from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis, NamedEffect
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics.effects import describe, make_effect
 from terramechanics.simulation import sample as simulated
@@ -58,18 +57,18 @@ class Swinging(Plant):
 
     def __init__(self, name: str, size: float, axle: int, phase: Tensor) -> None:
         """``phase`` [batch] [rad]."""
-        self._nominal, self._phase, self._high = size, phase, describe(name).high
+        self._nominal, self._phase, self._effect = size, phase, describe(name)
         self._acting = make_effect(name, self._size(0.0), axle)
         super().__init__([self._acting])
 
     def _size(self, time: float) -> Tensor:
         swing = 1.0 + VARIATION * torch.sin(2.0 * math.pi * time / PERIOD + self._phase)
-        return (self._nominal * swing).clamp(max=self._high)
+        return (self._nominal * swing).clamp(max=self._effect.high)
 
     def sensed(self, sample: simulated.Sample) -> simulated.Sample:
-        """The last call of a step: the next one has another size."""
+        """Return the sample of the sensors at the end of a step; the next step has another size."""
         seen = super().sensed(sample)
-        self._acting.size = self._size(float(sample.time[0]))  # type: ignore[attr-defined]
+        self._acting.values = self._effect.values(self._size(float(sample.time[0])))
         return seen
 
 
@@ -192,7 +191,7 @@ def _plain(found: CalibrationCase) -> dict[str, object]:
 
 def _plain_gains(gains: Gains) -> dict[str, object]:
     named = [
-        [[[part.name, part.axle] for part in hypothesis.parts], gain]
+        [[[effect.name, effect.axle] for effect in hypothesis.effects], gain]
         for hypothesis, gain in gains.named
     ]
     return {"named": named, "nothing_with": gains.nothing_with, "best_with": gains.best_with}
@@ -214,7 +213,8 @@ def _read(path: Path) -> dict[tuple[str, int], CalibrationCase]:
 
 def _gains(plain: dict[str, list[tuple[list[tuple[str, int | None]], float]]]) -> Gains:
     named = tuple(
-        (Hypothesis(tuple(Part(*part) for part in parts)), gain) for parts, gain in plain["named"]
+        (Hypothesis(tuple(NamedEffect(*effect) for effect in effects)), gain)
+        for effects, gain in plain["named"]
     )
     return Gains(named, float(plain["nothing_with"]), float(plain["best_with"]))  # type: ignore[arg-type]
 

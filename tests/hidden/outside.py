@@ -56,7 +56,7 @@ class Crust(Sized):
         constants = torch.stack(
             [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
         )
-        return dataclasses.replace(contact, constants=constants)
+        return contact._replace(constants=constants)
 
 
 class SlowClock(Sensed):

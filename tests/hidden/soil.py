@@ -78,7 +78,7 @@ class Excavation(Sized):
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         slip = contact.slip.clamp(min=0.0)
         shrink = ((1.0 - 0.5 * slip) / (1.0 + slip)) ** self.size(where)
-        return dataclasses.replace(contact, sinkage=contact.sinkage * shrink)
+        return contact._replace(sinkage=contact.sinkage * shrink)
 
 
 class Rut(Sized):
@@ -118,7 +118,7 @@ class Rut(Sized):
         constants = torch.stack(
             [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
         )
-        return dataclasses.replace(contact, sinkage=reach, constants=constants)
+        return contact._replace(sinkage=reach, constants=constants)
 
     def sensed(self, sample: Sample) -> Sample:
         floor = self.sizes.unsqueeze(-1) * self._rut(
@@ -149,7 +149,7 @@ class PenetrationRate(Sized):
         constants = torch.stack(
             [columns[0], columns[1] * factor, columns[2] * factor, *columns[3:]], dim=-1
         )
-        return dataclasses.replace(contact, constants=constants)
+        return contact._replace(constants=constants)
 
 
 class TrailingContact(Sized):
@@ -159,4 +159,4 @@ class TrailingContact(Sized):
         angle = (
             self.size(where) * entry(contact, where.rover.wheel_radius) * (1.0 + 0.5 * contact.slip)
         )
-        return dataclasses.replace(contact, exit_angle=angle)
+        return contact._replace(exit_angle=angle)

@@ -88,7 +88,7 @@ def test_the_library_does_not_import_the_generators() -> None:
 def test_every_simulated_effect_of_the_library_can_be_hidden_and_four_others_cannot_be_named() -> (
     None
 ):
-    named = {name for name, effect in EFFECTS.items() if effect.make is not None}
+    named = {name for name, effect in EFFECTS.items() if effect.planar}
     assert {name for name, effect in GENERATORS.items() if effect.known} == named
     assert {name for name, effect in GENERATORS.items() if not effect.known} == {
         "tether",

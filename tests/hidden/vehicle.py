@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hidden effects of the vehicle."""
 
-import dataclasses
-
 import torch
 from torch import Tensor
 
@@ -70,14 +68,14 @@ class WornCoupling(Sized):
         )
         rim = _slip_of_torque(wheel, where, lost.squeeze(-1), self.lag[where.episode])
         self.lag[where.episode] = (wheel.slip - rim).reshape(-1, episode.shape[0])[0]
-        return dataclasses.replace(contact, slip=torch.where(here, rim.unsqueeze(-1), contact.slip))
+        return contact._replace(slip=torch.where(here, rim.unsqueeze(-1), contact.slip))
 
 
 def _slip_of_torque(wheel: ContactInputs, where: Situation, lost: Tensor, lag: Tensor) -> Tensor:
     """Slip at which the ground takes (1 - lost) of the torque of the commanded slip, by secants."""
 
     def torque(slip: Tensor) -> Tensor:
-        return dataclasses.replace(wheel, slip=slip).forces(
+        return wheel._replace(slip=slip).forces(
             where.rover.wheel_radius, where.rover.wheel_width, NODES
         )[..., 2]
 

@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
         refuse_twice(
             tables, "every measurement counts once, and the effect acts in its table or does not"
         )
-        given = Hypothesis(tuple(each.parts[0] for each in of_one_wheel(known)))
+        given = Hypothesis(tuple(each.effects[0] for each in of_one_wheel(known)))
         rows, left_out = _read(bed, tables, options)
         names = _testable(asked, known, rows)
         reference = frozenset(map(str, options.reference))

@@ -11,15 +11,14 @@
     proof = prove(nominal, finding.best, held_out)                         # does it help on runs that it has not seen?
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
-- ``parts``: a named effect as part of a hypothesis.
-- ``physics``: the rows under a hypothesis, computed anew at every size by the functions of
-  terramechanics.
+- ``library``: the registry's effects as hypotheses.
+- ``rows``: the rows under a hypothesis, by the row building and the laws that models have.
 - ``equations``: normal equations of one run; what one run contributes does not depend on the
   others.
 - ``contributions``: who computes them, run by run: this process, or whoever is handed in.
 - ``point``: the unknowns of all runs and what is known of them before.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
-- ``library``: the registry's effects as hypotheses. ``flexible``: a discrepancy without a name.
+- ``flexible``: a discrepancy without a name.
 - ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
 - ``where``: rows against regions of signals (``regions``) on the innovations of a fit
   (``whitening``).
@@ -43,12 +42,12 @@ from terrain_estimator.discovery.hypotheses.contributions import Contributions, 
 from terrain_estimator.discovery.hypotheses.library import (
     NOTHING,
     Hypothesis,
+    NamedEffect,
     singles,
     testable,
     together,
 )
-from terrain_estimator.discovery.hypotheses.parts import Part
-from terrain_estimator.discovery.hypotheses.physics import Nominal, nominal_of
+from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.leftover.flexible import Column, Flexible
 from terrain_estimator.discovery.locate.where import Disagreement, disagreements
 from terrain_estimator.discovery.proof.proof import Proof, prove
@@ -69,8 +68,8 @@ __all__ = [
     "Hypothesis",
     "Judgement",
     "Leftover",
+    "NamedEffect",
     "Nominal",
-    "Part",
     "Proof",
     "RecordedRun",
     "RunError",

@@ -11,8 +11,7 @@ from pathlib import Path
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, NamedEffect
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.training import PRIOR, body_of
@@ -74,7 +73,7 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEf
         )
     plain, body = restored(loaded), body_of(loaded.rover)
     prior = PRIOR if plain.uncertain_constants else PRIOR._replace(constants_sd=0.0)
-    laws = [LAWS[name](body) for name in names]
+    laws = [LAWS[name](loaded.rover) for name in names]
     model = PAlpacaWithEffects(body, plain.constants, prior, plain.net, laws, value_prior(effects))
     known = plain.state_dict()
     # what belongs to the added values lies between the constants' and the rover's own
@@ -88,7 +87,7 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEf
         ]
     )
     absent, _ = model.load_state_dict(known, strict=False)
-    if unknown := [name for name in absent if not name.startswith(("values.", "laws."))]:
+    if unknown := [name for name in absent if not name.startswith(("values.", "effect_rows."))]:
         raise ConfigError(
             f"the model to be extended lacks {', '.join(unknown)}: export it again with this"
             " version"
@@ -98,16 +97,16 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEf
 
 def value_prior(effects: Sequence[Sized]) -> ValuePrior:
     """Prior of the values of the effects: of each the size, then what else it has, which the library knows."""
-    parts = [Part(effect.name) for effect in effects]
-    library = Hypothesis(tuple(parts)).shared()
+    named = [NamedEffect(effect.name) for effect in effects]
+    library = Hypothesis(tuple(named)).shared()
     mean, sd, place = torch.zeros_like(library.sd), library.sd.clone(), 0
-    for part, effect in zip(parts, effects, strict=True):
-        mean[place] = part.value(effect.mean)
+    for each, effect in zip(named, effects, strict=True):
+        mean[place] = each.law.value_of(effect.mean)
         # The value of a size that is a square: where the size is zero give or take a deviation, the
         # root of that deviation.
-        root = max(part.value(effect.mean), part.value(effect.sd))
-        sd[place] = effect.sd / part.slope(root)
-        place += 1 + len(part.beside)
+        root = max(each.law.value_of(effect.mean), each.law.value_of(effect.sd))
+        sd[place] = effect.sd / each.law.slope(root)
+        place += each.count
     return ValuePrior(mean, sd, library.low, library.high)
 
 
@@ -117,7 +116,7 @@ def export_with(
     """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects in it."""
     names = [effect.name for effect in effects]
     values = tuple(
-        f"{name}_{k}" if k else name for name in names for k in range(1 + len(Part(name).beside))
+        f"{name}_{k}" if k else name for name in names for k in range(NamedEffect(name).count)
     )
     fixed = loaded.metadata.parameters[-4:]
     changed = dataclasses.replace(

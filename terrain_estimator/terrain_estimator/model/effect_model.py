@@ -8,14 +8,13 @@ change with each value is a difference of whole rows.
 """
 
 from collections.abc import Sequence
-from typing import cast
 
 import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.block import BlockRows, Posterior, Solution, solve_block
-from terrain_estimator.model.effects import Law, Touching, rates
+from terrain_estimator.model.effect_rows import EffectRows, Observed, wheel_rates
 from terrain_estimator.model.gaussian import mixture, project
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
@@ -23,15 +22,10 @@ from terrain_estimator.model.prior import Prior, RoverBody
 from terrain_estimator.model.rows import (
     ContactModel,
     Rows,
-    frame_of,
-    measured_forces,
-    places,
-    read_forces,
-    rows_of_forces,
     values_alone,
-    varied_inputs,
 )
-from terramechanics.contact.stresses import wheel_forces
+from terramechanics.effects.law import Law
+from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import directions
 
 AGAIN = 3
@@ -68,12 +62,8 @@ class PAlpacaWithEffects(PAlpaca):
     ) -> None:
         """``values`` are those of the ``laws``, one law behind the other."""
         super().__init__(body, constants, prior, net, values.mean.shape[0])
-        self.values, self.laws = values, cast("list[Law]", nn.ModuleList(laws))
+        self.values, self.effect_rows = values, EffectRows(laws, body.mass_kg)
         self.again, self.near = AGAIN, NEAR
-        first = 0
-        for law in laws:
-            law.first = first
-            first += law.count
 
     @torch.jit.export
     def effects(self, state: dict[str, Tensor]) -> Tensor:
@@ -86,7 +76,7 @@ class PAlpacaWithEffects(PAlpaca):
             self.values.mean + self.values.sd * mean,
             self.values.sd**2 * torch.diagonal(covariance),
         )
-        return torch.stack([law.size(value[law.first], variance[law.first]) for law in self.laws])
+        return self.effect_rows.size_moments(value, variance)
 
     def within(self, deviations: Tensor) -> Tensor:
         """See Physics: sizes beyond their range are linear continuations of the range's end."""
@@ -108,61 +98,6 @@ class PAlpacaWithEffects(PAlpaca):
         """Values [V, V] of which one each is a thousandth of its prior deviation larger than ``values`` [1, V]."""
         return values + 1e-3 * torch.diag(self.values.sd)
 
-    def undone(self, packed: Tensor, values: Tensor) -> Tensor:
-        """Packed observations [n, P] without what the effects with ``values`` [n or 1, V] do to sensors and drives."""
-        for law in self.laws:
-            packed = law.undone(packed, values[:, law.first : law.first + law.count])
-        return packed
-
-    def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:
-        """The body with what the effects make of it."""
-        for law in self.laws:
-            contact = law.loaded(contact, values[:, law.first : law.first + law.count])
-        return contact
-
-    def forces(
-        self, slip: Tensor, sinkage: Tensor, constants: Tensor, rate: Tensor, values: Tensor
-    ) -> Tensor:
-        """:func:`wheel_forces` with the effects in them."""
-        touching = Touching(slip, sinkage, constants, torch.zeros_like(slip))
-        for law in self.laws:
-            touching = law.touching(touching, values[:, law.first : law.first + law.count], rate)
-        forces = wheel_forces(
-            touching.slip,
-            touching.sinkage,
-            touching.constants,
-            self.radius,
-            self.width,
-            self.nodes,
-            touching.exit_angle,
-        )
-        push, turn = torch.zeros_like(slip), torch.zeros_like(slip)
-        for law in self.laws:
-            own = values[:, law.first : law.first + law.count]
-            push, turn = push + law.push(touching, own), turn + law.turn(touching, own)
-        added = torch.stack([torch.zeros_like(push), push, turn], -1)
-        return torch.cat([forces[..., :2], (forces[..., 2] + added).unsqueeze(-1)], -1)
-
-    def rows_under(
-        self,
-        packed: Tensor,
-        away: Tensor,
-        contact: ContactModel,
-        values: Tensor,
-        doubt: Tensor | None = None,
-    ) -> Rows:
-        """Rows of ``packed`` with effects of these ``values`` [n or 1, V], expanded ``away`` from the inputs without them, in ``doubt``."""
-        plain, contact = self.undone(packed, values), self.loaded(contact, values)
-        frame = frame_of(plain, contact)
-        place = places(plain + away, frame, contact)
-        where = varied_inputs(place, contact)
-        forces = self.forces(
-            where.slip, where.sinkage, where.constants, rates(packed, self.axles), values
-        )
-        return rows_of_forces(
-            frame, measured_forces(frame, place, read_forces(forces, where.scale, contact, doubt))
-        )
-
     def rows(
         self,
         packed: Tensor,
@@ -173,18 +108,22 @@ class PAlpacaWithEffects(PAlpaca):
     ) -> Rows:
         """See Physics; the changes by the effects' values follow those by the constants."""
         values, alone = self.values_at(deviations), values_alone(contact)
-        plain = self.undone(packed, values)
-        straight = self.rows_under(packed, torch.zeros_like(packed), alone, values)
-        agreed = agreement(straight, plain, self.loaded(alone, values), theta, chosen)
-        away = agreed.inputs - plain
-        rows = self.rows_under(packed, away, contact, values, agreed.doubt)
+        rate, strength = wheel_rates(packed, self.axles), theta[:2] * self.unit
+        observed, none = Observed(packed, rate), torch.zeros_like(packed)
+        straight = self.effect_rows.rows(observed, none, alone, values, strength)
+        plain = self.effect_rows.corrected(observed, values)
+        loaded = self.effect_rows.loaded(alone, values)
+        agreed = agreement(straight, plain, loaded, theta, chosen)
+        correction = agreed.inputs - plain
+        rows = self.effect_rows.rows(observed, correction, contact, values, strength, agreed.doubt)
         every, n = self.varied_values(values), packed.shape[0]
         many = every.shape[0]
-        varied = self.rows_under(
-            packed.repeat(many, 1),
-            away.repeat(many, 1),
+        varied = self.effect_rows.rows(
+            Observed(packed.repeat(many, 1), rate.repeat(many, 1)),
+            correction.repeat(many, 1),
             alone,
             every.repeat_interleave(n, 0),
+            strength,
             agreed.doubt.repeat(many, 1, 1),
         )
         return with_changes(rows, varied)
@@ -216,14 +155,16 @@ class PAlpacaWithEffects(PAlpaca):
         constants = contact.constants + contact.varied
         values = torch.cat([here.expand(constants.shape[0], -1), self.varied_values(here)])
         constants = torch.cat([constants, constants[:1].expand(here.shape[1], -1)]).unsqueeze(1)
-        packed = observation.expand(values.shape[0], -1)
-        plain, a = self.undone(packed, values), self.axles
-        forces = (
-            self.forces(plain[:, :a], plain[:, 2 * a : 3 * a], constants, rates(packed, a), values)
-            * self.column_unit
+        packed, a = observation.expand(values.shape[0], -1), self.axles
+        rate = wheel_rates(packed, a)
+        plain = self.effect_rows.corrected(Observed(packed, rate), values)
+        inputs = ContactInputs(
+            plain[:, :a], plain[:, 2 * a : 3 * a], constants, state["expected"][:2] * self.unit
         )
+        forces = self.effect_rows.forces(inputs, rate, contact, values) * self.column_unit
         along = directions(plain[:, 4 * a : 5 * a])[:, :, 0].unsqueeze(-1)
-        row = (along * forces).sum([1, 2]) * self.loaded(contact, values).body_scale[..., :1]
+        scale = self.effect_rows.loaded(contact, values).body_scale[..., :1]
+        row = (along * forces).sum([1, 2]) * scale
         pitch = 8 * a + 2
         weight = self.gravity * (torch.sin(packed[:, pitch]) - torch.sin(plain[:, pitch]))
         row = torch.cat([row[:, :2], (row[:, 2] + weight).unsqueeze(1)], 1)

@@ -76,7 +76,7 @@ class WheelGround:
         forces = contact.slip.new_empty(*contact.slip.shape, 3 if contact.slip_angle is None else 4)
         braked = contact.slip < 0.0
         for part in (braked, ~braked):
-            forces[part] = contact.part(part).forces(self.radius, self.width, self.nodes)
+            forces[part] = contact.wheels(part).forces(self.radius, self.width, self.nodes)
         return forces
 
     def rows(self, index: Tensor) -> "WheelGround":

@@ -1,115 +1,137 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Effects of the sensors: what they are given is not the true sample."""
+"""Effects of the sensors: what they report is not the truth. Sources stand in the registry."""
 
-import dataclasses
 from collections import deque
-from dataclasses import dataclass, field
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from terramechanics.effects.laws import reported_slip
-from terramechanics.simulation.plant import Effect, Size
-from terramechanics.simulation.sample import Sample
+from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP
+from terramechanics.effects.law import (
+    ExtraValue,
+    Law,
+    Readings,
+    with_pitch,
+    with_sinkage,
+    with_slip,
+)
 from terramechanics.vehicle.rover import Rover
 
 LONGEST_DELAY = 1.0
 """[s] Latency that is remembered."""
+SHALLOWEST = 0.2
+"""[1] Share of the reported sinkage that a correction leaves at least: a wheel always has some."""
 
 
-def _wide(size: Size) -> Size:
-    """[batch] as [batch, 1], for values of wheels."""
-    return size.unsqueeze(-1) if isinstance(size, Tensor) and size.dim() else size
+class SlopeBias(Law):
+    """The pitch that is reported is size too large. The accelerometer does not depend on it."""
+
+    def reported(self, readings: Readings, values: Tensor) -> Readings:
+        """Add the bias; ``values`` in [rad]."""
+        return with_pitch(readings, readings.pitch + values)
+
+    def corrected(self, readings: Readings, values: Tensor) -> Readings:
+        """Take the bias off."""
+        return with_pitch(readings, readings.pitch - values)
 
 
-@dataclass
-class SlopeBias(Effect):
-    """The pitch that is reported is size too large; the accelerometer does not depend on it. [rad]."""
+class OdometryScale(Law):
+    """i becomes (i + e) / (1 + e): slip is computed with a wheel radius too large by the share e.
 
-    size: Size
-    _gravity: float = field(default=0.0, init=False)
+    e is the size for the middle axle, and from one axle to the next behind it the extra value times
+    the size more.
+    """
 
-    def begin(self, rover: Rover, batch: int) -> None:
-        """See Effect."""
-        del batch
-        self._gravity = rover.gravity
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("unevenness from one axle to the next behind it", "1", 0.3),
+    )
 
-    def sensed(self, sample: Sample) -> Sample:
-        """See Effect."""
-        pitch = sample.pitch + self.size
-        # A sample carries dv/dt, a sensor reads dv/dt + g sin ab: what it reads must not change.
-        acceleration = sample.acceleration + self._gravity * (
-            torch.sin(sample.pitch) - torch.sin(pitch)
-        )
-        return dataclasses.replace(sample, pitch=pitch, acceleration=acceleration)
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.lowest, self.highest = MIN_SLIP, MAX_SLIP
 
+    def error(self, values: Tensor) -> Tensor:
+        """Return the relative error of the radius of each axle's wheels, [n or 1, A] [1]."""
+        middle = 0.5 * (self.order.shape[0] - 1)
+        return values[:, :1] * (1.0 + values[:, 1:] * (self.order - middle))
 
-@dataclass
-class OdometryScale(Effect):
-    """i becomes (i + size) / (1 + size): the wheel radius that slip is computed with is too large by that share. [1]."""
+    def reported(self, readings: Readings, values: Tensor) -> Readings:
+        """Compute slip with the wrong radius."""
+        error = self.error(values)
+        slip = (readings.slip + error) / (1.0 + error)
+        return with_slip(readings, slip, readings.slip_sd / (1.0 + error))
 
-    size: Size
-
-    def sensed(self, sample: Sample) -> Sample:
-        """See Effect."""
-        return dataclasses.replace(
-            sample,
-            slip=reported_slip(sample.slip, torch.as_tensor(_wide(self.size), dtype=torch.float64)),
-        )
+    def corrected(self, readings: Readings, values: Tensor) -> Readings:
+        """Compute slip with the true radius, within the range of the contact model."""
+        error = self.error(values)
+        slip = ((1.0 + error) * readings.slip - error).clamp(self.lowest, self.highest)
+        return with_slip(readings, slip, (1.0 + error) * readings.slip_sd)
 
 
-@dataclass
-class SinkageBias(Effect):
-    """The sinkage that is reported is size too large. [m]."""
+class SinkageBias(Law):
+    """The sinkage that is reported is size too large."""
 
-    size: Size
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.shallowest = SHALLOWEST
 
-    def sensed(self, sample: Sample) -> Sample:
-        """See Effect."""
-        return dataclasses.replace(sample, sinkage=sample.sinkage + _wide(self.size))
+    def reported(self, readings: Readings, values: Tensor) -> Readings:
+        """Add the bias; ``values`` in [m]."""
+        return with_sinkage(readings, readings.sinkage + values)
+
+    def corrected(self, readings: Readings, values: Tensor) -> Readings:
+        """Take the bias off."""
+        sinkage = readings.sinkage
+        return with_sinkage(readings, torch.maximum(sinkage - values, self.shallowest * sinkage))
 
 
-@dataclass
-class Latency(Effect):
-    """Slip and sinkage, which cameras see, are size old when they are reported as present. [s]."""
+class Latency(Law):
+    """Slip and sinkage, which cameras see, are size [s] old when they are reported as present.
 
-    size: Size
-    _past: deque[tuple[Tensor, Tensor]] = field(default_factory=deque, init=False)
-    _count: int = field(default=0, init=False)
+    A law that remembers the samples of one simulation. A correction needs the rates of change,
+    which a model that runs online does not have.
+    """
 
-    def begin(self, rover: Rover, batch: int) -> None:
-        """See Effect."""
-        del rover, batch
-        self._past.clear()
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self._past: deque[tuple[Tensor, Tensor]] = deque()
         self._count = 0
 
-    def sensed(self, sample: Sample) -> Sample:
-        """See Effect. Between two samples the values are interpolated; before the first they are the first's."""
+    def reported(self, readings: Readings, values: Tensor) -> Readings:
+        """Interpolate between past samples; before the first they are the first's."""
+        if readings.time is None:
+            raise ValueError("latency needs the time of each simulated sample")
         self._count += 1
-        step = float(sample.time[0]) / self._count
-        self._past.appendleft((sample.slip, sample.sinkage))
+        step = float(readings.time[0]) / self._count
+        self._past.appendleft((readings.slip, readings.sinkage))
         while len(self._past) > LONGEST_DELAY / step + 2.0:
             self._past.pop()
-        delay = (
-            torch.as_tensor(self.size, dtype=torch.float64)
-            .clamp(0.0, LONGEST_DELAY)
-            .expand(sample.velocity.shape)
-            / step
-        )
+        delay = values[:, 0].clamp(0.0, LONGEST_DELAY).expand(readings.slip.shape[0]) / step
         slip, sinkage = (
-            self._at(torch.stack(list(past)), delay) for past in zip(*self._past, strict=True)
+            _at_age(torch.stack(list(past)), delay) for past in zip(*self._past, strict=True)
         )
-        return dataclasses.replace(sample, slip=slip, sinkage=sinkage)
+        return with_sinkage(with_slip(readings, slip, readings.slip_sd), sinkage)
 
-    @staticmethod
-    def _at(past: Tensor, delay: Tensor) -> Tensor:
-        """Values [age, batch, axles] at the age ``delay`` [batch] in samples."""
-        oldest, episode = past.shape[0] - 1, torch.arange(delay.shape[0])
-        younger = delay.floor().long()
-        first, second = (
-            past[younger.clamp(max=oldest), episode],
-            past[(younger + 1).clamp(max=oldest), episode],
-        )
-        share = (delay - younger).unsqueeze(-1)
-        return torch.where(share > 0.0, torch.lerp(first, second, share), first)
+    def corrected(self, readings: Readings, values: Tensor) -> Readings:
+        """Move slip and sinkage on along their rates of change."""
+        faster, deeper = readings.slip_rate, readings.sinkage_rate
+        if faster is None or deeper is None:
+            raise ValueError("latency needs the rates of slip and sinkage")
+        slip = (readings.slip + values * faster).clamp(MIN_SLIP, MAX_SLIP)
+        sinkage = readings.sinkage
+        moved = torch.maximum(sinkage + values * deeper, SHALLOWEST * sinkage)
+        return with_sinkage(with_slip(readings, slip, readings.slip_sd), moved)
+
+
+def _at_age(past: Tensor, delay: Tensor) -> Tensor:
+    """Return the values of ``past`` [age, batch, axles] at the age ``delay`` [batch] in samples."""
+    oldest, episode = past.shape[0] - 1, torch.arange(delay.shape[0])
+    younger = delay.floor().long()
+    first, second = (
+        past[younger.clamp(max=oldest), episode],
+        past[(younger + 1).clamp(max=oldest), episode],
+    )
+    share = (delay - younger).unsqueeze(-1)
+    return torch.where(share > 0.0, torch.lerp(first, second, share), first)

@@ -1,129 +1,183 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Effects of the soil: what the pressure-sinkage and shear laws of the nominal model leave out."""
+"""Effects of the soil: what the pressure-sinkage and shear laws of the nominal model leave out.
 
-import dataclasses
-from dataclasses import dataclass
+Sources and physical ranges stand in the registry.
+"""
+
+import math
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from terramechanics.contact.stresses import quadrature
-from terramechanics.effects.laws import (
-    GROUSER_SLIP,
-    bulldozing_resistance,
-    digging_exponent,
-    grouser_thrust,
-    rate_stiffness,
-    rebound_angle,
-    rut_stiffness,
-    side_resistance,
+from terramechanics.contact.stresses import entry_angle, quadrature
+from terramechanics.effects.law import AddedForce, ExtraValue, Law
+from terramechanics.simulation.plant import (
+    ContactInputs,
+    with_exit_angle,
+    with_exponent,
+    with_stiffness,
 )
-from terramechanics.simulation.plant import ContactInputs, Effect, Situation, Size
+from terramechanics.simulation.simulation import SLOWEST
+from terramechanics.vehicle.rover import Rover
 
-NODES = quadrature()
-"""For the side of a wheel."""
-
-
-def with_traction(forces: Tensor, extra: Tensor, torque: Tensor | None = None) -> Tensor:
-    """Forces [..., 3 or 4] with ``extra`` [...] [N] added to T, and ``torque`` [...] [N m] to M."""
-    none = torch.zeros_like(extra)
-    added = [none, extra, none if torque is None else torque, none][: forces.shape[-1]]
-    return forces + torch.stack(torch.broadcast_tensors(*added), dim=-1)  # type: ignore[no-untyped-call]
+GROUSER_SLIP = 0.1
+"""[1] Slip at which grousers have mobilised 63 % of their thrust."""
+REFERENCE_SPEED = 0.1
+"""[m/s] Circumferential speed at which the soil constants hold."""
+SOFTEST = 0.05
+"""[1] Least stiffness of a rut, of that of the undisturbed soil."""
 
 
-@dataclass
-class Bulldozing(Effect):
-    """T = T - size z^2: the wheel pushes a wedge of soil; its weight grows with the square of the depth. [N/m^2]."""
+class Bulldozing(Law):
+    """T - size z^2: a wheel pushes a wedge of soil, whose weight grows with the square of z."""
 
-    size: Size
-
-    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
-        """See Effect."""
-        return with_traction(forces, -bulldozing_resistance(where.of(self.size), contact.sinkage))
+    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
+        """Return the resistance of the wedge; ``values`` in [N/m^2]."""
+        resistance = values * inputs.sinkage**2
+        return AddedForce(-resistance, torch.zeros_like(resistance))
 
 
-@dataclass
-class LateralBulldozing(Effect):
-    """Y + F sin(beta), F of :func:`side_resistance`: the side of the wheel ploughs through the soil. [N/m^3]. Straight ahead nothing."""
+class LateralBulldozing(Law):
+    """Y + F sin(beta), F of :func:`side_resistance`: the side of the wheel ploughs the soil."""
 
-    size: Size
+    nodes: Tensor
 
-    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
-        """See Effect."""
-        if contact.slip_angle is None:
-            return forces
-        side = side_resistance(
-            where.of(self.size), contact.sinkage, where.rover.wheel_radius, NODES
-        ) * torch.sin(contact.slip_angle)
-        return torch.cat([forces[..., :3], forces[..., 3:] + side.unsqueeze(-1)], dim=-1)
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.register_buffer("nodes", quadrature())
 
-
-@dataclass
-class Grousers(Effect):
-    """T + F and M + r F with F = size sgn(i) (1 - exp(-|i| / mobilised)): lugs shear soil between them. [N]."""
-
-    size: Size
-    mobilised: float = GROUSER_SLIP  # [1] slip at which 63 % of the thrust are there
-
-    def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
-        """See Effect."""
-        thrust = grouser_thrust(
-            where.of(self.size), contact.slip, torch.tensor(self.mobilised, dtype=torch.float64)
-        )
-        return with_traction(forces, thrust, where.rover.wheel_radius * thrust)
+    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
+        """Return the force on the side; none straight ahead. ``values`` in [N/m^3]."""
+        if inputs.slip_angle is None:
+            return None
+        force = side_resistance(values, inputs.sinkage, self.radius, self.nodes)
+        side = force * torch.sin(inputs.slip_angle)
+        return AddedForce(torch.zeros_like(side), torch.zeros_like(side), side)
 
 
-@dataclass
-class SlipSinkage(Effect):
-    """n + size i: a spinning wheel digs, so that the same load needs more depth (Ding et al. 2011). [1]."""
+def side_resistance(size: Tensor, sinkage: Tensor, radius: float, nodes: Tensor) -> Tensor:
+    """Force [N] on the side of a wheel that moves straight sideways.
 
-    size: Size
+    Hegedus 1960 as in Ishigami et al. 2007, without cohesion::
 
-    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        """See Effect."""
-        return contact.with_constants(
-            n=digging_exponent(where.of(self.size), contact.slip, contact.constants[..., 0])
-        )
+        INT size h^2 (r - h cos) over 0..theta_1,    h = r (cos - cos(theta_1))
+
+    ``size`` is gamma / 2 D_1 D_2 [N/m^3], of the soil's unit weight gamma and two factors of its
+    friction angle phi: D_1 = cot X + tan(X + phi), D_2 = cot X + cot(X)^2 tan(phi), X = 45 deg -
+    phi / 2; up to 4e5 at phi = 45 deg and 20 kN/m^3. ``nodes`` are those of
+    terramechanics.contact.stresses.quadrature.
+    """
+    theta_1 = entry_angle(sinkage, radius).unsqueeze(-1)
+    theta = theta_1 * nodes[0]
+    depth = 2.0 * radius * torch.sin(0.5 * (theta_1 + theta)) * torch.sin(0.5 * (theta_1 - theta))
+    pushed = depth**2 * (radius - depth * torch.cos(theta)) * nodes[1] * theta_1
+    return size * pushed.sum(-1)
 
 
-@dataclass
-class Multipass(Effect):
-    """k (1 + size p) below a wheel that p wheels went before: the rut is compacted. [1].
+class Grousers(Law):
+    """T + F and M + r F with F = size sgn(i) (1 - exp(-|i| / i_0)): lugs shear soil between them.
 
-    Passes after the first may add ``growth`` times what the first did.
+    i_0 is GROUSER_SLIP times the exponential of the extra value.
     """
 
-    size: Size
-    growth: float = 1.0
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("logarithm of the slip that mobilises them", "1", 0.7),
+    )
 
-    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        """See Effect."""
-        return contact.stiffened(
-            rut_stiffness(
-                where.of(self.size), torch.tensor(self.growth, dtype=torch.float64), where.order
-            )
-        )
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.mobilised = GROUSER_SLIP
 
-
-@dataclass
-class RateDependence(Effect):
-    """k (r w / (0.1 m/s))^size: soil that is loaded faster is stiffer, or softer where size is negative. [1]."""
-
-    size: Size
-
-    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        """See Effect."""
-        return contact.stiffened(rate_stiffness(where.of(self.size), where.speed))
+    def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
+        """Return thrust and torque of the lugs; ``values[:, 0]`` in [N]."""
+        mobilised = self.mobilised * torch.exp(values[:, 1:])
+        slip = inputs.slip
+        thrust = -values[:, :1] * torch.sign(slip) * torch.expm1(-slip.abs() / mobilised)
+        return AddedForce(thrust, self.radius * thrust)
 
 
-@dataclass
-class ExitAngle(Effect):
-    """theta_2 = -acos(1 - size z / r): soil springs back behind the axle by that share of the sinkage. [1]."""
+class SlipSinkage(Law):
+    """n + size |i|: a slipping wheel digs; a braked wheel does so as much as a driven one."""
 
-    size: Size
+    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
+        """Raise the sinkage exponent with slip; ``values`` in [1]."""
+        del rate
+        factor = 1.0 + values * inputs.slip.abs() / inputs.constants[..., 0]
+        return with_exponent(inputs, factor)
 
-    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        """See Effect."""
-        angle = rebound_angle(where.of(self.size), contact.sinkage, where.rover.wheel_radius)
-        return dataclasses.replace(contact, exit_angle=angle)
+
+class Multipass(Law):
+    """k (1 + size p) below a wheel that p wheels went before: the rut is compacted.
+
+    Each pass after the first adds 1 plus the extra value times what the first did.
+    """
+
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("growth with later passes, less 1", "1", 0.5),
+    )
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.softest = SOFTEST
+
+    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
+        """Stiffen the soil below the wheels that follow; ``values[:, 0]`` in [1]."""
+        del rate
+        growth = 1.0 + values[:, 1:]
+        passes = self.order.clamp(max=1.0) + growth * (self.order - 1.0).clamp(min=0.0)
+        return with_stiffness(inputs, (1.0 + values[:, :1] * passes).clamp(min=self.softest))
+
+
+class RateDependence(Law):
+    """k (r w / (0.1 m/s))^size: soil that is loaded faster is stiffer, or softer."""
+
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.slowest, self.reference = SLOWEST, REFERENCE_SPEED
+
+    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
+        """Scale the stiffness with the circumferential speed; ``values`` in [1]."""
+        speed = (self.radius * torch.nan_to_num(rate)).clamp(min=self.slowest)
+        return with_stiffness(inputs, (speed / self.reference) ** values)
+
+
+class ExitAngle(Law):
+    """theta_2 = -acos(1 - size z / r): soil springs back behind the axle by a share of z.
+
+    The angle goes like the root of the size, so its value is that root.
+    """
+
+    @classmethod
+    def size_of(cls, value: float) -> float:
+        """Return the square of the value."""
+        return value**2
+
+    @classmethod
+    def value_of(cls, size: float) -> float:
+        """Return the root of the size."""
+        return math.sqrt(size)
+
+    @classmethod
+    def slope(cls, value: float) -> float:
+        """Return the change of the size with its value."""
+        return 2.0 * value
+
+    def size_moments(self, mean: Tensor, variance: Tensor) -> Tensor:
+        """Return the moments of the square of a Gaussian where it is above zero, else zero."""
+        sd = variance.sqrt()
+        above = 0.5 * torch.special.erfc(-mean / (2.0 * variance).sqrt())
+        density = sd * torch.exp(-0.5 * mean**2 / variance) / math.sqrt(2.0 * math.pi)
+        second = (mean**2 + variance) * above + mean * density
+        fourth = (mean**4 + 6.0 * mean**2 * variance + 3.0 * variance**2) * above + mean * (
+            mean**2 + 5.0 * variance
+        ) * density
+        return torch.stack([second, fourth - second**2])
+
+    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
+        """Extend the contact behind the axle."""
+        del rate
+        rebound = values**2 * inputs.sinkage
+        angle = torch.where(rebound > 0.0, entry_angle(rebound, self.radius), 0.0)
+        return with_exit_angle(inputs, angle)

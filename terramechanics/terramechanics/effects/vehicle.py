@@ -1,17 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Effects of the vehicle: its drives and its mass."""
+"""Effects of the vehicle: its drives and its mass. Sources and ranges stand in the registry."""
 
-import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, quadrature
-from terramechanics.effects.laws import dry_torque, viscous_torque
-from terramechanics.simulation.plant import ContactInputs, Effect, Payload, Situation, Size
+from terramechanics.effects.law import AddedMass, ExtraValue, Law
+from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.rover import Rover
 
 REAR = 2
@@ -25,48 +24,37 @@ SETTLED = 1e-9
 """[1] Newton's move below which the next would change nothing."""
 
 
-@dataclass
-class DriveDrag(Effect):
-    """The motor gives size w more than the wheel needs: viscous friction of gears and seals. [N m s/rad]."""
+class DriveDrag(Law):
+    """The motor gives size w more than the wheel needs: viscous friction of gears and seals."""
 
-    size: Size
-
-    def friction(self, where: Situation) -> Tensor:
-        """See Effect."""
-        return viscous_torque(where.of(self.size), where.rate)
+    def drive_loss(self, rate: Tensor, values: Tensor) -> Tensor:
+        """Return the viscous loss; ``values`` in [N m s/rad]."""
+        return values * rate
 
 
-@dataclass
-class CoulombDrag(Effect):
-    """The motor gives size sgn(w) more than the wheel needs: dry friction of bearings and gears. [N m]."""
+class CoulombDrag(Law):
+    """The motor gives size sgn(w) more than the wheel needs: dry friction of bearings and gears."""
 
-    size: Size
-
-    def friction(self, where: Situation) -> Tensor:
-        """See Effect."""
-        return dry_torque(where.of(self.size), where.rate)
+    def drive_loss(self, rate: Tensor, values: Tensor) -> Tensor:
+        """Return the dry loss; ``values`` in [N m]."""
+        return values * torch.sign(rate)
 
 
-@dataclass
-class ExtraMass(Effect):
-    """size more mass at the centre of mass. [kg]."""
+class ExtraMass(Law):
+    """Mass beside the rover file's, and its moments about the rover's centre of mass."""
 
-    size: Size
+    extra: ClassVar[tuple[ExtraValue, ...]] = (
+        ExtraValue("moment along the body", "kg m", 10.0),
+        ExtraValue("moment of height", "kg m", 10.0),
+    )
 
-    def payload(self, where: Situation) -> Payload:
-        """See Effect."""
-        mass = where.of(self.size).reshape(-1).expand(where.velocity.shape)
-        body = where.rover
-        return Payload(
-            mass,
-            torch.full_like(mass, body.centre_of_mass_x),
-            torch.full_like(mass, body.centre_of_mass_height),
-        )
+    def added_mass(self, values: Tensor) -> AddedMass | None:
+        """Return mass [kg] and moments [kg m] as they stand in ``values``."""
+        return AddedMass(values[:, :1], values[:, 1:])
 
 
-@dataclass
-class FailedWheel(Effect):
-    """The coupling of one axle's motors passes on only (1 - size) of the torque that its encoder's slip calls for. [1].
+class FailedWheel(Law):
+    """The coupling of one axle's motors passes on (1 - size) of the torque of its encoder's slip.
 
     With 1 the wheels roll freely while motor and encoder turn as commanded, so that the slip that
     is reported is not the rim's. The rim's slip is the one at which the ground takes the torque
@@ -74,44 +62,26 @@ class FailedWheel(Effect):
     wheel is not modelled: it is dragged below MIN_SLIP.
     """
 
-    size: Size
-    axle: int = REAR
-    _lag: Tensor = field(
-        default_factory=lambda: torch.zeros(0), init=False, repr=False
-    )  # slip lost when last asked for
+    def __init__(self, rover: Rover, axle: int | None = None) -> None:
+        super().__init__(rover, axle)
+        self.width, self.axle = rover.wheel_width, REAR if axle is None else axle
 
-    def begin(self, rover: Rover, batch: int) -> None:
-        """See Effect."""
-        del rover
-        self._lag = torch.zeros(batch, 1, dtype=torch.float64)
-
-    def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        """See Effect."""
-        rover, whole = where.rover, contact.expanded()
-        here = torch.arange(rover.axles) == self.axle
-        failing = ContactInputs(
-            whole.slip[..., here],
-            whole.sinkage[..., here],
-            whole.constants[..., here, :],
-            whole.strength[..., here, :],
-        )
+    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
+        """Replace the axle's slip by the one at which it takes the torque that is left."""
+        del rate
+        here = self.order == self.axle
+        failing = inputs.expanded().wheels(here)
 
         def torque(slip: Tensor) -> Tensor:
-            return dataclasses.replace(failing, slip=slip).forces(
-                rover.wheel_radius, rover.wheel_width, NODES
-            )[..., 2]
+            turned = failing._replace(slip=slip)
+            return turned.forces(self.radius, self.width, NODES)[..., 2]
 
-        left = (1.0 - where.of(self.size)) * torque(failing.slip)
-        lag = self._lag[where.episode] if self._lag.numel() else torch.zeros_like(where.rate[:, :1])
-        slip = _slip_under(torque, left, failing.slip - lag)
-        if self._lag.numel():
-            # Where the next search starts; what it finds does not depend on that.
-            self._lag[where.episode] = (failing.slip - slip).reshape(-1, *lag.shape)[0]
-        return dataclasses.replace(contact, slip=torch.where(here, slip, contact.slip))
+        slip = _slip_under(torque, (1.0 - values) * torque(failing.slip), failing.slip)
+        return inputs._replace(slip=torch.where(here, slip, inputs.slip))
 
 
 def _slip_under(torque: Callable[[Tensor], Tensor], wanted: Tensor, start: Tensor) -> Tensor:
-    """Slip at which ``torque`` takes the value ``wanted``, by Newton: torque rises with slip, less and less."""
+    """Find the slip at which ``torque`` is ``wanted``; Newton, as torque rises less and less."""
     small = 1e-6
     slip = start.clamp(MIN_SLIP, MAX_SLIP)
     for _ in range(ROUNDS):

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where an effect that the nominal model lacks can act in the simulation: in the contact, on wheels and body, in drives and sensors.
+"""Effects in the simulation: in the contact, on wheels and body, in drives and sensors.
 
-An :class:`Effect` overrides the methods of the places where it physically acts, the others do
+An :class:`Effect` overrides the methods of the places where it physically acts; the others do
 nothing. A :class:`Plant` is the effects of one simulation, in the order in which they act. Without
 a plant the simulation is the nominal model.
 """
@@ -11,11 +11,12 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from terramechanics.contact.stresses import CONSTANTS, wheel_forces
+from terramechanics.contact.stresses import wheel_forces
 from terramechanics.simulation.sample import Sample
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import BodyLoad
@@ -26,17 +27,18 @@ Size = float | Tensor
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Of some episodes: all that forces may depend on besides slip and sinkage. It does not change within a step."""
+    """All that forces depend on besides slip and sinkage, constant within a step, of some episodes."""
 
     rover: Rover
     time: float  # [s] at the end of the step
     episode: Tensor  # [rows] number of each episode in the batch
     place: Tensor  # [rows, axles] [m] horizontal place at which the wheel touches the ground
-    rate: Tensor  # [rows, axles] [rad/s] commanded wheel rate; under torque commands that of the step before
+    # [rows, axles] [rad/s] commanded wheel rate; under torque commands that of the step before
+    rate: Tensor
     velocity: Tensor  # [rows] [m/s] at the start of the step
 
     def rows(self, index: Tensor) -> "Situation":
-        """The same for some of the episodes."""
+        """Return the same for some of the episodes."""
         return dataclasses.replace(
             self,
             episode=self.episode[index],
@@ -44,12 +46,6 @@ class Situation:
             rate=self.rate[index],
             velocity=self.velocity[index],
         )
-
-    def of(self, size: Size) -> Tensor:
-        """The size of an effect for each wheel, as [rows, 1] or []."""
-        if isinstance(size, Tensor):
-            return size[self.episode].unsqueeze(-1) if size.dim() else size
-        return torch.tensor(size, dtype=torch.float64)
 
     @property
     def order(self) -> Tensor:
@@ -62,36 +58,21 @@ class Situation:
         return self.rover.wheel_radius * self.rate
 
 
-@dataclass(frozen=True, slots=True)
-class ContactInputs:
-    """What the stress integrals of wheels are evaluated at. Shapes [..., rows, axles] that broadcast."""
+class ContactInputs(NamedTuple):
+    """Inputs of the stress integrals of wheels. Shapes [..., rows, axles] that broadcast."""
 
     slip: Tensor  # [1]
     sinkage: Tensor  # [m]
     constants: Tensor  # [..., 6] in the order of CONSTANTS
     strength: Tensor  # [..., 2] c [Pa] and tan(phi) [1]
-    exit_angle: Tensor | None = (
-        None  # [rad] contact reaches so far behind the axle; None: it ends below the axle
-    )
-    slip_angle: Tensor | None = (
-        None  # [rad] between heading and way, positive where the wheel moves to the right; None: straight ahead
-    )
+    # [rad] contact reaches so far behind the axle; None: it ends below the axle
+    exit_angle: Tensor | None = None
+    # [rad] between heading and way, positive where the wheel moves to the right; None: none
+    slip_angle: Tensor | None = None
 
-    def with_constants(self, **factors: Tensor) -> "ContactInputs":
-        """The same with soil constants, by their names, multiplied by ``factors`` [..., rows, axles]."""
-        columns = list(self.constants.unbind(-1))
-        for name, factor in factors.items():
-            columns[CONSTANTS.index(name)] = columns[CONSTANTS.index(name)] * factor
-        alike = torch.broadcast_tensors(*columns)  # type: ignore[no-untyped-call]
-        return dataclasses.replace(self, constants=torch.stack(alike, dim=-1))
-
-    def stiffened(self, factor: Tensor) -> "ContactInputs":
-        """The same with the whole pressure-sinkage law multiplied by ``factor`` [..., rows, axles]."""
-        return self.with_constants(k_c=factor, k_phi=factor)
-
-    def forces(self, radius: float, width: float, nodes: Tensor) -> Tensor:
-        """N, T [N] and M [N m] of one wheel from the stress integrals, [..., rows, axles, 3]; at a slip angle the lateral force [N] too."""
-        coefficients = wheel_forces(
+    def coefficients(self, radius: float, width: float, nodes: Tensor) -> Tensor:
+        """Return what :func:`wheel_forces` makes of these inputs, affine in the strength."""
+        return wheel_forces(
             self.slip,
             self.sinkage,
             self.constants,
@@ -101,13 +82,20 @@ class ContactInputs:
             self.exit_angle,
             self.slip_angle,
         )
+
+    def forces(self, radius: float, width: float, nodes: Tensor) -> Tensor:
+        """Return N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], by the stress integrals.
+
+        At a slip angle there are four: the lateral force [N] is the last.
+        """
+        coefficients = self.coefficients(radius, width, nodes)
         return (
             torch.matmul(coefficients[..., :2], self.strength.unsqueeze(-1)).squeeze(-1)
             + coefficients[..., 2]
         )
 
     def expanded(self) -> "ContactInputs":
-        """The same with all leading dimensions spelled out."""
+        """Return the same with all leading dimensions spelled out."""
         parts = (self.slip, self.sinkage, self.constants[..., 0], self.strength[..., 0])
         slip, sinkage, *_ = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
         angles = (
@@ -122,19 +110,65 @@ class ContactInputs:
             *angles,
         )
 
-    def part(self, mask: Tensor) -> "ContactInputs":
-        """The wheels of an expanded contact where ``mask`` is set."""
+    def wheels(self, chosen: Tensor) -> "ContactInputs":
+        """Return the wheels of expanded inputs where ``chosen`` [axles] or [..., axles] is set.
+
+        One mask for all rows keeps the leading dimensions; any other one flattens them.
+        """
+        index = (..., chosen) if chosen.dim() == 1 else chosen
+        every = (..., chosen, slice(None)) if chosen.dim() == 1 else chosen
         angles = (
-            None if angle is None else angle[mask] for angle in (self.exit_angle, self.slip_angle)
+            None if angle is None else angle[index] for angle in (self.exit_angle, self.slip_angle)
         )
         return ContactInputs(
-            self.slip[mask], self.sinkage[mask], self.constants[mask], self.strength[mask], *angles
+            self.slip[index],
+            self.sinkage[index],
+            self.constants[every],
+            self.strength[every],
+            *angles,
         )
+
+
+def with_constants(
+    inputs: ContactInputs, exponent: Tensor | None, stiffness: Tensor | None
+) -> ContactInputs:
+    """Return the inputs with sinkage exponent and stiffness times factors [..., rows, axles]."""
+    n, k_c, k_phi, shear_modulus, c1, c2 = inputs.constants.unbind(-1)
+    if exponent is not None:
+        n = n * exponent
+    if stiffness is not None:
+        k_c, k_phi = k_c * stiffness, k_phi * stiffness
+    columns = torch.broadcast_tensors(n, k_c, k_phi, shear_modulus, c1, c2)  # type: ignore[no-untyped-call]
+    return ContactInputs(
+        inputs.slip,
+        inputs.sinkage,
+        torch.stack(columns, -1),
+        inputs.strength,
+        inputs.exit_angle,
+        inputs.slip_angle,
+    )
+
+
+def with_exponent(inputs: ContactInputs, factor: Tensor) -> ContactInputs:
+    """Return the inputs with the sinkage exponent times ``factor`` [..., rows, axles]."""
+    return with_constants(inputs, factor, None)
+
+
+def with_stiffness(inputs: ContactInputs, factor: Tensor) -> ContactInputs:
+    """Return the inputs with the whole pressure-sinkage law times ``factor``."""
+    return with_constants(inputs, None, factor)
+
+
+def with_exit_angle(inputs: ContactInputs, angle: Tensor) -> ContactInputs:
+    """Return the inputs with contact to ``angle`` [..., rows, axles] [rad] behind the axle."""
+    return ContactInputs(
+        inputs.slip, inputs.sinkage, inputs.constants, inputs.strength, angle, inputs.slip_angle
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Pull:
-    """A force on the body: [rows] each, along and up in the body's axes, with its point of attack."""
+    """A force on the body, [rows] each, along and up in the body's axes, with its point of attack."""
 
     along: Tensor  # [N]
     up: Tensor  # [N]
@@ -155,41 +189,41 @@ class Effect:
     """Something that the nominal model lacks. Every method here leaves the nominal model as it is."""
 
     def begin(self, rover: Rover, batch: int) -> None:
-        """A new simulation of ``batch`` rovers begins: forget what was remembered."""
+        """Begin a new simulation of ``batch`` rovers: forget what was remembered."""
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        """Change what the stress integrals are evaluated at: slip of the rim, soil, exit angle."""
+        """Change the inputs of the stress integrals: slip of the rim, soil, exit angle."""
         del where
         return contact
 
     def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
-        """Change N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], which act on its axle; ``contact`` gave ``forces``.
+        """Change N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], which act on its axle.
 
-        At a slip angle there are four: the lateral force [N] is the last.
+        ``contact`` gave ``forces``. At a slip angle the lateral force [N] is a fourth one.
         """
         del where, contact
         return forces
 
     def payload(self, where: Situation) -> Payload | None:
-        """Mass that the body carries in addition."""
+        """Return the mass that the body carries in addition; None for none."""
         del where
         return None
 
     def pull(self, where: Situation) -> Pull | None:
-        """A force on the body besides weight and wheels."""
+        """Return a force on the body besides weight and wheels; None for none."""
         del where
         return None
 
     def friction(self, where: Situation) -> Tensor | None:
-        """Torque that is lost between the motor and one wheel, [rows, axles] [N m]: the motor gives it in addition."""
+        """Return the torque lost between motor and wheel, [rows, axles] [N m]; None for none."""
         del where
         return None
 
     def remember(self, sample: Sample) -> None:
-        """A step is over: take note of what later steps depend on."""
+        """Take note at the end of a step of what later steps depend on."""
 
     def sensed(self, sample: Sample) -> Sample:
-        """What the sensors are given instead of the true sample, before noise. Called once a step, in order."""
+        """Return the sample that the sensors are given, before noise. Called once a step, in order."""
         return sample
 
 
@@ -201,22 +235,22 @@ class Plant:
         self.effects = tuple(effects)
 
     def begin(self, rover: Rover, batch: int) -> None:
-        """See Effect."""
+        """Begin a new simulation with every effect."""
         for effect in self.effects:
             effect.begin(rover, batch)
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
-        """See Effect."""
+        """Return the inputs that all effects leave, one after the other."""
         return reduce(lambda before, effect: effect.contact(where, before), self.effects, contact)
 
     def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
-        """See Effect."""
+        """Return the wheel forces that all effects leave."""
         return reduce(
             lambda before, effect: effect.push(where, contact, before), self.effects, forces
         )
 
     def body(self, where: Situation) -> BodyLoad:
-        """Mass, centre of mass and outer forces of every episode."""
+        """Return mass, centre of mass and outer forces of every episode."""
         body = BodyLoad.of(where.rover)
         for payload in (effect.payload(where) for effect in self.effects):
             if payload is not None:
@@ -227,15 +261,15 @@ class Plant:
         return body
 
     def friction(self, where: Situation) -> Tensor:
-        """See Effect: the sum, [rows, axles] [N m]."""
+        """Return the sum of what the drives lose, [rows, axles] [N m]."""
         losses = (effect.friction(where) for effect in self.effects)
         return sum((loss for loss in losses if loss is not None), torch.zeros_like(where.rate))
 
     def remember(self, sample: Sample) -> None:
-        """See Effect."""
+        """Pass a finished step to every effect."""
         for effect in self.effects:
             effect.remember(sample)
 
     def sensed(self, sample: Sample) -> Sample:
-        """See Effect."""
+        """Return the sample that the sensors are given."""
         return reduce(lambda before, effect: effect.sensed(before), self.effects, sample)

@@ -16,7 +16,12 @@ from terrain_estimator.cli.find_missing_effect import main
 from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.cells import wheel_alone
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table, rim_slip
-from terramechanics.simulation.plant import ContactInputs, Effect, Situation
+from terramechanics.simulation.plant import (
+    ContactInputs,
+    Effect,
+    Situation,
+    with_stiffness,
+)
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -34,7 +39,7 @@ class Churned(Effect):
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         del where
-        return contact.stiffened(1.0 / (1.0 + 8.0 * contact.slip.abs()))
+        return with_stiffness(contact, 1.0 / (1.0 + 8.0 * contact.slip.abs()))
 
 
 class Ploughed(Effect):

@@ -10,8 +10,7 @@ import pytest
 
 from studies.calibration.thresholds import CalibrationCase, thresholds
 from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds, Verdict, is_pair, judge
-from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, NamedEffect
 from terrain_estimator.discovery.next_drive.advice import BESIDES, advise
 from terrain_estimator.discovery.next_drive.next_drive import NextDrive
 from terrain_estimator.discovery.single_wheel import shown_by_one_wheel
@@ -24,7 +23,9 @@ RULE = Thresholds(anything=8.0, share=0.7, apart=0.1)
 def gains(named: dict[str, float], nothing_with: float, best_with: float) -> Gains:
     ranked = sorted(named.items(), key=lambda item: -item[1])
     return Gains(
-        tuple((Hypothesis((Part(name),)), gain) for name, gain in ranked), nothing_with, best_with
+        tuple((Hypothesis((NamedEffect(name),)), gain) for name, gain in ranked),
+        nothing_with,
+        best_with,
     )
 
 
@@ -73,7 +74,8 @@ def test_probabilities_agree_with_the_verdict() -> None:
 
 def test_two_axles_of_one_effect_are_one_name() -> None:
     axles = tuple(
-        (Hypothesis((Part("failed_wheel", axle),)), gain) for axle, gain in ((2, 100.0), (1, 98.0))
+        (Hypothesis((NamedEffect("failed_wheel", axle),)), gain)
+        for axle, gain in ((2, 100.0), (1, 98.0))
     )
     assert judge(Gains(axles, 80.0, 95.0), RULE).verdict is Verdict.NAMED
 
@@ -91,7 +93,7 @@ def test_two_effects_are_named_where_the_second_closes_nearly_all_that_the_first
 ) -> None:
     single = gains({"payload": 1318.0, "latency": 20.0}, 1300.0, best_with)
     both = Gains(
-        ((Hypothesis((Part("payload"), Part("drive_drag"))), 1318.0 + second),),
+        ((Hypothesis((NamedEffect("payload"), NamedEffect("drive_drag"))), 1318.0 + second),),
         1300.0,
         best_with,
         single=1318.0,
@@ -101,7 +103,7 @@ def test_two_effects_are_named_where_the_second_closes_nearly_all_that_the_first
 
 def test_pairs_with_a_common_effect_are_told_apart_by_what_the_other_one_adds() -> None:
     named = tuple(
-        (Hypothesis((Part("payload"), Part(name))), gain)
+        (Hypothesis((NamedEffect("payload"), NamedEffect(name))), gain)
         for name, gain in (("drive_drag", 1715.0), ("coulomb_drag", 1590.0))
     )
     assert judge(Gains(named, 1300.0, 1700.0, single=1318.0), RULE).verdict is Verdict.NAMED
@@ -123,11 +125,11 @@ def test_confusable_effects_come_with_what_would_separate_them() -> None:
 
 
 def test_effects_that_tables_of_one_wheel_confuse_come_with_a_measurement() -> None:
-    shown = [Hypothesis((Part(name),)) for name in shown_by_one_wheel()]
+    shown = [Hypothesis((NamedEffect(name),)) for name in shown_by_one_wheel()]
     for first, second in itertools.combinations(shown, 2):
         assert separate_by([first, second])
     assert "two speeds" in separate_by(
-        [Hypothesis((Part("slip_sinkage"),)), Hypothesis((Part("rate_dependence"),))]
+        [Hypothesis((NamedEffect("slip_sinkage"),)), Hypothesis((NamedEffect("rate_dependence"),))]
     )
     assert separate_by(shown[:1]) == ""
 

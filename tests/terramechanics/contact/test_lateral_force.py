@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from terramechanics.contact.stresses import quadrature, wheel_forces
-from terramechanics.effects.laws import side_resistance
-from terramechanics.effects.soil import Bulldozing, LateralBulldozing
+from terramechanics.effects import describe, make_effect
+from terramechanics.effects.soil import side_resistance
 from terramechanics.simulation.plant import ContactInputs, Situation
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -157,7 +157,7 @@ def test_lateral_bulldozing_adds_to_the_lateral_force_alone_and_nothing_straight
     rover = load_rover("mars_rover")
     none = torch.zeros(1, 1, dtype=torch.float64)
     where = Situation(rover, 0.0, torch.arange(1), none, none, none[:, 0])
-    effect = LateralBulldozing(7e4)
+    effect = describe("lateral_bulldozing").acting(tensor(7e4).view(1, 1))
     for angle in (-0.5, 0.5):
         contact = ContactInputs(
             none, none + SINKAGE, SOIL.constants(), SOIL.strength(), slip_angle=none + angle
@@ -169,7 +169,7 @@ def test_lateral_bulldozing_adds_to_the_lateral_force_alone_and_nothing_straight
             side_resistance(tensor(7e4), tensor(SINKAGE), rover.wheel_radius, quadrature())
         )
         assert float(added[3]) == pytest.approx(math.sin(angle) * side, rel=1e-9)
-        pulled = (Bulldozing(1e4).push(where, contact, forces) - forces)[0, 0]
+        pulled = (make_effect("bulldozing", 1e4).push(where, contact, forces) - forces)[0, 0]
         assert pulled.tolist() == pytest.approx([0.0, -1e4 * SINKAGE**2, 0.0, 0.0])
     straight = ContactInputs(none, none + SINKAGE, SOIL.constants(), SOIL.strength())
     forces = straight.forces(rover.wheel_radius, rover.wheel_width, quadrature())

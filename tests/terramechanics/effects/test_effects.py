@@ -23,7 +23,7 @@ from terramechanics.vehicle.rover import load_rover
 MARS = load_rover("mars_rover")
 LOOSE = load_soil("loose_sand")
 BATCH = 4
-SIMULATED = [name for name, effect in EFFECTS.items() if effect.make is not None]
+SIMULATED = [name for name, effect in EFFECTS.items() if effect.planar]
 SIZES = {
     "slope_bias": 0.02, "bulldozing": 1e4, "drive_drag": 0.5, "coulomb_drag": 0.5, "payload": 20.0, "grousers": 5.0,
     "slip_sinkage": 0.3, "multipass": 0.3, "odometry_scale": 0.05, "failed_wheel": 0.6, "sinkage_bias": 0.002,

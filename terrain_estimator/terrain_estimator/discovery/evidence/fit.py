@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, linear
-from terrain_estimator.discovery.hypotheses.point import Point, Shared, own_prior
+from terrain_estimator.discovery.hypotheses.library import Shared
+from terrain_estimator.discovery.hypotheses.point import Point, own_prior
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 
 LONGEST_STEP = (1.0, 0.25)

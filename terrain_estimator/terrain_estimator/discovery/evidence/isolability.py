@@ -19,7 +19,7 @@ from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.search import Candidate, Study
 from terrain_estimator.discovery.hypotheses.equations import RunEquations, Unknowns
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
-from terrain_estimator.discovery.hypotheses.physics import Laws, Nominal
+from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import EFFECTS
 
@@ -67,7 +67,7 @@ def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidat
     why = {
         name: "it acts sideways, which a planar rover does not show"
         for name, each in EFFECTS.items()
-        if each.make is None
+        if not each.planar
     }
     for k, name in enumerate(names):
         if k not in excited:
@@ -151,7 +151,7 @@ def run_marks(
     """Marks of hypotheses in one run, around ``unknowns`` and with the rows expanded ``away`` from the measured inputs."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
-        return RunEquations(run, Laws(nominal, run, hypothesis.parts), mask).shortfall(
+        return RunEquations(run, HypothesisRows(nominal, run, hypothesis.effects), mask).shortfall(
             unknowns, values, away
         )
 

@@ -17,15 +17,14 @@ from terrain_estimator.discovery.hypotheses.contributions import (
     here,
 )
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
-from terrain_estimator.discovery.hypotheses.physics import Nominal
+from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, Shared
 from terrain_estimator.discovery.hypotheses.point import (
     PRIOR_THETA,
     Point,
-    Shared,
     start_of,
     with_shared,
 )
+from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.rows import row_names
@@ -73,7 +72,7 @@ class Study:
 
     def _evaluate(self, hypothesis: Hypothesis) -> Evaluate:
         return partial(
-            self.contributions, ContributionTask(self.nominal, hypothesis.parts, self.mask)
+            self.contributions, ContributionTask(self.nominal, hypothesis.effects, self.mask)
         )
 
     def _nothing(self) -> Candidate:
@@ -131,7 +130,7 @@ class Study:
         return found.point, found.log_evidence
 
     def explain(self, hypothesis: Hypothesis, after: Candidate | None = None) -> Candidate:
-        """Fit a hypothesis, beginning from nothing, or from another candidate whose parts come first in it."""
+        """Fit a hypothesis, beginning from nothing, or from another candidate whose effects come first in it."""
         return self.fit_from(hypothesis, self._start(hypothesis, after))
 
     def fit_from(self, hypothesis: Hypothesis, start: Point, *, most: int = 8) -> Candidate:
@@ -239,7 +238,7 @@ WORTHLESS = 2.0
 def search(
     study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after: Candidate | None = None
 ) -> list[Candidate]:
-    """The most probable hypotheses, best first; ``after`` is a candidate whose parts come first in all of them.
+    """The most probable hypotheses, best first; ``after`` is a candidate whose effects come first in all of them.
 
     What one evaluation foresees of each decides which are fitted.
     """

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, RunEquations
-from terrain_estimator.discovery.hypotheses.parts import Part
-from terrain_estimator.discovery.hypotheses.physics import Laws, Nominal
+from terrain_estimator.discovery.hypotheses.library import NamedEffect
+from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal
 from terrain_estimator.discovery.runs import Blocks
 
 Item = TypeVar("Item")
@@ -23,13 +23,15 @@ class ContributionTask:
     """A hypothesis, the same for all runs; called on one run, it gives what that contributes at a place."""
 
     nominal: Nominal
-    parts: tuple[Part, ...]
+    effects: tuple[NamedEffect, ...]
     mask: Tensor  # [R] 1 for rows that may be used
 
     @torch.inference_mode()
     def __call__(self, blocks: Blocks, ask: Query) -> Equations:
         """The equations of a run."""
-        return RunEquations(blocks, Laws(self.nominal, blocks, self.parts), self.mask).at(ask)
+        return RunEquations(
+            blocks, HypothesisRows(self.nominal, blocks, self.effects), self.mask
+        ).at(ask)
 
 
 class Contributions(Protocol):

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.physics import Laws, LinearizationPoint
+from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, LinearizationPoint
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
@@ -62,7 +62,7 @@ class Query:
     """Where the equations of a run are wanted."""
 
     unknowns: Unknowns
-    sizes: tuple[float, ...]  # of the hypothesis' parts
+    sizes: tuple[float, ...]  # values of the hypothesis' effects
     weights: Tensor  # [F] of the discrepancy's columns
     columns: Tensor  # [B, Q, F] of a flexible discrepancy
     steps: tuple[float, ...]  # of the differences by each size
@@ -127,17 +127,17 @@ def averages(blocks: Blocks, used: Tensor) -> Averages:
 class RunEquations:
     """Evaluates the equations of one run under one hypothesis."""
 
-    def __init__(self, blocks: Blocks, laws: Laws, mask: Tensor) -> None:
+    def __init__(self, blocks: Blocks, rows: HypothesisRows, mask: Tensor) -> None:
         """``mask`` [R] 1 for rows that may be used."""
-        self._blocks, self._laws, self._mask = blocks, laws, mask
+        self._blocks, self._rows, self._mask = blocks, rows, mask
 
     def at(self, ask: Query) -> Equations:
         """The equations at a place."""
         count = self._blocks.packed.shape[0]
         unknowns, known = ask.unknowns, ask.known
         place = LinearizationPoint(unknowns.theta, unknowns.kappa, ask.sizes)
-        away = self._laws.likely(place, self._mask) if ask.away is None else ask.away
-        rows = self._laws.rows(place, away, changes_too=known is None)
+        away = self._rows.input_correction(place, self._mask) if ask.away is None else ask.away
+        rows = self._rows.rows(place, away, changes_too=known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
         average = averages(self._blocks, used)
         present = torch.cat(
@@ -223,7 +223,7 @@ class RunEquations:
     def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], away: Tensor) -> Tensor:
         """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's mark."""
         count = self._blocks.packed.shape[0]
-        rows = self._laws.rows(
+        rows = self._rows.rows(
             LinearizationPoint(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False
         )
         average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
@@ -255,7 +255,7 @@ class RunEquations:
     ) -> Tensor:
         sizes = tuple(size + step * (k == index) for k, size in enumerate(place.values))
         return self._base(
-            self._laws.rows(
+            self._rows.rows(
                 LinearizationPoint(place.theta, place.kappa, sizes), away, changes_too=False
             ),
             error,

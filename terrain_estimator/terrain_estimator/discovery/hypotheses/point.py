@@ -20,16 +20,6 @@ PRIOR_VELOCITY_SD = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Shared:
-    """The shared unknowns of a hypothesis and what is known of them; K = sizes and weights together."""
-
-    low: Tensor  # [sizes] physical range
-    high: Tensor
-    sd: Tensor  # [K] prior deviations, mean zero
-    step: tuple[float, ...]  # of differences by each size
-
-
-@dataclass(frozen=True, slots=True)
 class Point:
     """Values of all unknowns."""
 

@@ -21,7 +21,7 @@ from scipy.stats import t as student
 from torch import Tensor
 
 from terrain_estimator.discovery.evidence.search import Study
-from terrain_estimator.discovery.hypotheses.physics import Nominal
+from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.locate.regions import Region, axle_name, regions
 from terrain_estimator.discovery.locate.whitening import innovations, whitening
 from terrain_estimator.observation import Floats

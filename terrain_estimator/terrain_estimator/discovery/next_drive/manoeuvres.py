@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.physics import Nominal
+from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.runs import RecordedRun
 from terrain_estimator.model.packing import pack_measurement
 from terramechanics.contact.sinkage import drawbar_capability

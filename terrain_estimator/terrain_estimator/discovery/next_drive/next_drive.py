@@ -25,7 +25,7 @@ from terrain_estimator.discovery.evidence.isolability import (
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
 from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations, Unknowns
 from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
-from terrain_estimator.discovery.hypotheses.physics import Laws
+from terrain_estimator.discovery.hypotheses.rows import HypothesisRows
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
 from terrain_estimator.discovery.runs import RecordedRun, RunError, cut
 from terramechanics.effects import make_effect
@@ -101,8 +101,8 @@ def _driven(
         acting = torch.zeros(len(doubtful) * count, dtype=torch.float64)
         acting[k * count : (k + 1) * count] = 1.0
         effects += [
-            make_effect(part.name, TYPICAL[part.name] * acting, part.axle)
-            for part in hypothesis.parts
+            make_effect(effect.name, TYPICAL[effect.name] * acting, effect.axle)
+            for effect in hypothesis.effects
         ]
     runs = drive(study.nominal, strength, tuple(manoeuvres) * len(doubtful), Plant(effects), SEED)
     return [runs[k * count : (k + 1) * count] for k in range(len(doubtful))]
@@ -127,7 +127,9 @@ def _seen(
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
     ask = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
-    equations = RunEquations(blocks, Laws(nominal, blocks, NOTHING.parts), study.mask).at(ask)
+    equations = RunEquations(
+        blocks, HypothesisRows(nominal, blocks, NOTHING.effects), study.mask
+    ).at(ask)
     return stage(equations, unknowns, excess), run_marks(
         nominal, blocks, study.mask, doubtful, unknowns, equations.away
     )

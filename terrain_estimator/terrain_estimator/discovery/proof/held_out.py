@@ -17,8 +17,8 @@ from terrain_estimator.discovery.evidence.search import Study
 from terrain_estimator.discovery.hypotheses.contributions import ContributionTask
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, Unknowns, assembled
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.hypotheses.physics import Nominal
 from terrain_estimator.discovery.hypotheses.point import own_prior
+from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.leftover.flexible import no_columns
 from terrain_estimator.discovery.runs import Blocks, RunError
 from terrain_estimator.model.gaussian import cholesky
@@ -102,7 +102,9 @@ def _told(study: Study, models: tuple[Model, ...]) -> tuple[GroundEstimate, ...]
 def _fits(study: Study, models: tuple[Model, ...]) -> list[Fit]:
     return [
         (
-            study.given(model.hypothesis, model.values) if model.hypothesis.parts else study.nothing
+            study.given(model.hypothesis, model.values)
+            if model.hypothesis.effects
+            else study.nothing
         ).fit
         for model in models
     ]
@@ -140,4 +142,4 @@ def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equ
     ask = Query(
         there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None
     )
-    return ContributionTask(nominal, model.hypothesis.parts, mask)(half.blocks, ask)
+    return ContributionTask(nominal, model.hypothesis.effects, mask)(half.blocks, ask)

@@ -25,7 +25,7 @@ import torch
 
 from terrain_estimator.discovery.evidence.search import Candidate
 from terrain_estimator.discovery.hypotheses.library import NOTHING
-from terrain_estimator.discovery.hypotheses.physics import Nominal
+from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.proof.gap import Gap, gap_of
 from terrain_estimator.discovery.proof.held_out import (
     PIECE,

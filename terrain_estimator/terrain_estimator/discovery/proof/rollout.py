@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.parts import plant_of, undone
-from terrain_estimator.discovery.hypotheses.physics import Nominal
+from terrain_estimator.discovery.hypotheses.rows import Nominal, corrected
 from terrain_estimator.discovery.proof.held_out import PIECE, GroundEstimate, Half, Model
 from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
@@ -89,10 +88,8 @@ def simulated(
     """Simulate all windows under the model of that ``number``; ``seed`` of the other terrains."""
     generator = torch.Generator().manual_seed(seed)
     values = tuple(model.values.tolist())
-    parts = model.hypothesis.parts
-    clean = [
-        undone(parts, values, half.blocks.packed.flatten(0, 1), half.blocks) for half in halves
-    ]
+    hypothesis = model.hypothesis
+    clean = [corrected(nominal.rover, hypothesis.effects, values, half.blocks) for half in halves]
     terrain = _terrain(nominal, windows, clean)
     others = [
         _terrain(
@@ -115,12 +112,12 @@ def simulated(
         torch.cat(grounds),
         _together(terrains),
         torch.cat(starts),
-        plant_of(parts, values),
+        hypothesis.plant(values),
     )
     found = found.view(len(grounds), *windows.measured.values.shape)
     base, changes, by_terrain = torch.split(found, [1, 1 + len(columns), TERRAINS])
     by_size = [
-        _drive(nominal, windows, centre, terrain, start, plant_of(parts, sizes)).unsqueeze(0)
+        _drive(nominal, windows, centre, terrain, start, hypothesis.plant(sizes)).unsqueeze(0)
         for sizes in _other_sizes(model)
     ]
     return Simulated(base[0], torch.cat([changes, *by_size]) - base, by_terrain - base)

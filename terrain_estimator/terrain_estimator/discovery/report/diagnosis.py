@@ -74,6 +74,6 @@ def in_doubt(
     elif judgement.verdict is Verdict.NAMED:
         nearest = apart.nearest(judgement.named[0].label)
         close += tuple(each for each in hypotheses if each.label == nearest)
-    shared = set.intersection(*(set(each.parts) for each in close)) if len(close) > 1 else set()
-    alone = [tuple(part for part in each.parts if part not in shared) for each in close]
-    return [Hypothesis(parts) for parts in dict.fromkeys(alone) if len(parts) == 1]
+    shared = set.intersection(*(set(each.effects) for each in close)) if len(close) > 1 else set()
+    alone = [tuple(effect for effect in each.effects if effect not in shared) for each in close]
+    return [Hypothesis(effects) for effects in dict.fromkeys(alone) if len(effects) == 1]

@@ -27,7 +27,7 @@ from terrain_estimator.discovery.hypotheses.point import PRIOR_THETA
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig
 from terrain_estimator.model.prior import uncertain_constants
 from terrain_estimator.model.rows import PA_PER_UNIT
-from terramechanics.simulation.plant import Effect
+from terramechanics.effects.simulated import SimulatedEffect
 
 Floats = npt.NDArray[np.float64]
 
@@ -140,17 +140,13 @@ class WheelModel:
 def _begin(hypothesis: Hypothesis) -> Floats:
     return (
         np.array(hypothesis.start()) / hypothesis.shared().sd.numpy()
-        if hypothesis.parts
+        if hypothesis.effects
         else np.zeros(0)
     )
 
 
-def _effects(hypothesis: Hypothesis, values: Floats) -> list[Effect]:
-    sizes = iter((values * hypothesis.shared().sd.numpy()).tolist())
-    return [
-        part.effect(tuple(next(sizes) for _ in range(1 + len(part.beside))))
-        for part in hypothesis.parts
-    ]
+def _effects(hypothesis: Hypothesis, values: Floats) -> list[SimulatedEffect]:
+    return hypothesis.acting((values * hypothesis.shared().sd.numpy()).tolist())
 
 
 @dataclass(frozen=True, slots=True)

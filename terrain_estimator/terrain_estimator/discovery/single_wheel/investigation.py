@@ -18,8 +18,12 @@ from terrain_estimator.discovery.evidence.verdict import (
     is_pair,
     judge,
 )
-from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, together
-from terrain_estimator.discovery.hypotheses.parts import Part
+from terrain_estimator.discovery.hypotheses.library import (
+    NOTHING,
+    Hypothesis,
+    NamedEffect,
+    together,
+)
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
 from terrain_estimator.discovery.single_wheel.separation import separate_by
@@ -90,7 +94,7 @@ def shown_by_one_wheel() -> tuple[str, ...]:
 
 def of_one_wheel(names: Sequence[str]) -> list[Hypothesis]:
     """One hypothesis for each of the effects that one wheel shows."""
-    return [Hypothesis((Part(name),)) for name in names]
+    return [Hypothesis((NamedEffect(name),)) for name in names]
 
 
 def investigate_wheel(
@@ -163,7 +167,9 @@ def _searched(
             cells,
             start=np.concatenate([simpler.values, model.start()[len(simpler.values) :]]),
         )
-        found.append(fitted if simpler.hypothesis.parts else _better(fitted, explain(model, cells)))
+        found.append(
+            fitted if simpler.hypothesis.effects else _better(fitted, explain(model, cells))
+        )
     return sorted(found, key=lambda each: -each.log_evidence)
 
 
@@ -230,7 +236,8 @@ def held_out(
     """Errors of cells that were not fitted, without the effect and with it; ``parts`` are the given effects and the effect."""
     given, sought = parts
     models = [
-        WheelModel(bed, given, each) for each in ((NOTHING, sought) if sought.parts else (NOTHING,))
+        WheelModel(bed, given, each)
+        for each in ((NOTHING, sought) if sought.effects else (NOTHING,))
     ]
     errors: list[list[Floats]] = [[] for _ in models]
     for left, out in _folds(rows, reference, by_trial=by_trial):

@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The regression rows under named effects, for exported models and for the search alike.
+
+Nothing is linearised in the size of an effect: the rows are evaluated with the effect at a given
+size. The effect of a sensor or of a drive is undone on the packed observations; an effect in the
+contact or on the body acts in the forces. The laws are those of terramechanics.effects.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.model.packing import RATES
+from terrain_estimator.model.rows import (
+    ContactModel,
+    Rows,
+    frame_of,
+    measured_forces,
+    places,
+    read_forces,
+    rows_of_forces,
+    varied_inputs,
+    with_body,
+)
+from terramechanics.contact.stresses import wheel_forces
+from terramechanics.effects.law import Law, Readings, with_torque
+from terramechanics.simulation.plant import ContactInputs
+from terramechanics.vehicle.suspension import Geometry, shifted_centre
+
+
+class Observed(NamedTuple):
+    """Packed observations and the signals that effects need besides them; A axles."""
+
+    packed: Tensor  # [n, P]
+    wheel_rate: Tensor  # [n, A] [rad/s]
+    slip_rate: Tensor | None = None  # [n, A] [1/s], where the neighbours in time are there
+    sinkage_rate: Tensor | None = None  # [n, A] [m/s], likewise
+
+
+def wheel_rates(packed: Tensor, axles: int, first: int = RATES) -> Tensor:
+    """Return the wheel rates [n, A] [rad/s] of packed observations that hold them."""
+    return packed[:, 8 * axles + first : 9 * axles + first]
+
+
+def readings_of(observed: Observed) -> Readings:
+    """Return the sensor values that effects can change."""
+    packed, a = observed.packed, observed.wheel_rate.shape[1]
+    return Readings(
+        slip=packed[:, :a],
+        slip_sd=packed[:, a : 2 * a],
+        sinkage=packed[:, 2 * a : 3 * a],
+        torque=packed[:, 6 * a : 7 * a],
+        pitch=packed[:, 8 * a + 2 : 8 * a + 3],
+        wheel_rate=observed.wheel_rate,
+        slip_rate=observed.slip_rate,
+        sinkage_rate=observed.sinkage_rate,
+    )
+
+
+def with_readings(packed: Tensor, readings: Readings) -> Tensor:
+    """Return ``packed`` [n, P] with other sensor values, for each of n or 1 times more."""
+    a = readings.wheel_rate.shape[1]
+    groups = [
+        readings.slip,
+        readings.slip_sd,
+        readings.sinkage,
+        packed[:, 3 * a : 6 * a],
+        readings.torque,
+        packed[:, 7 * a : 8 * a + 2],
+        readings.pitch,
+        packed[:, 8 * a + 3 :],
+    ]
+    return torch.cat(groups, 1)
+
+
+class StressIntegrals(nn.Module):
+    """The stress integrals of wheels, by quadrature."""
+
+    def forward(self, inputs: ContactInputs, contact: ContactModel) -> Tensor:
+        """Return the coefficients of the forces, [..., n, A, 3, 3] as ``wheel_forces`` has them."""
+        return wheel_forces(
+            inputs.slip,
+            inputs.sinkage,
+            inputs.constants,
+            contact.radius,
+            contact.width,
+            contact.nodes,
+            inputs.exit_angle,
+        )
+
+
+class EffectRows(nn.Module):
+    """Rows of one rover under several laws; ``values`` [n or 1, V] are theirs, one behind the other."""
+
+    def __init__(
+        self, laws: Sequence[Law], mass_kg: float, integrals: nn.Module | None = None
+    ) -> None:
+        """``integrals`` is called as :class:`StressIntegrals`, which it is by default."""
+        super().__init__()
+        self.laws = cast("list[Law]", nn.ModuleList(laws))
+        self.counts, self.mass = [law.count for law in laws], mass_kg
+        self.integrals = StressIntegrals() if integrals is None else integrals
+
+    def size_moments(self, mean: Tensor, variance: Tensor) -> Tensor:
+        """Return mean and variance [J, 2] of every size, where those of the values [V] are given."""
+        means, variances = (
+            mean.split_with_sizes(self.counts),
+            variance.split_with_sizes(self.counts),
+        )
+        return torch.stack(
+            [law.size_moments(means[k][0], variances[k][0]) for k, law in enumerate(self.laws)]
+        )
+
+    def corrected(self, observed: Observed, values: Tensor) -> Tensor:
+        """Return packed observations [n, P] without the effects on sensors and drives."""
+        readings, own = readings_of(observed), values.split_with_sizes(self.counts, 1)
+        for k, law in enumerate(self.laws):
+            readings = law.corrected(readings, own[k])
+            loss = law.drive_loss(readings.wheel_rate, own[k])
+            readings = with_torque(readings, readings.torque - loss)
+        return with_readings(observed.packed, readings)
+
+    def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:
+        """Return the contact model with the mass that the effects add to the body."""
+        own = values.split_with_sizes(self.counts, 1)
+        for k, law in enumerate(self.laws):
+            added = law.added_mass(own[k])
+            if added is not None:
+                total = (self.mass + added.mass).clamp(min=0.1 * self.mass)
+                geometry = contact.geometry
+                centre = shifted_centre(geometry.centre, added.moment, total).unsqueeze(1)
+                moved = Geometry(geometry.axle_x, centre, geometry.pivot, geometry.radius)
+                contact = with_body(contact, moved, contact.body_scale * self.mass / total)
+        return contact
+
+    def forces(
+        self, inputs: ContactInputs, wheel_rate: Tensor, contact: ContactModel, values: Tensor
+    ) -> Tensor:
+        """Return :func:`wheel_forces` with the effects on the contact in them, [..., n, A, 3, 3]."""
+        own = values.split_with_sizes(self.counts, 1)
+        for k, law in enumerate(self.laws):
+            inputs = law.contact(inputs, own[k], wheel_rate)
+        forces = self.integrals(inputs, contact)
+        traction, torque = torch.zeros_like(inputs.slip), torch.zeros_like(inputs.slip)
+        for k, law in enumerate(self.laws):
+            added = law.added_force(inputs, own[k])
+            if added is not None:
+                traction, torque = traction + added.traction, torque + added.torque
+        sums = torch.stack([torch.zeros_like(traction), traction, torque], -1)
+        return torch.cat([forces[..., :2], (forces[..., 2] + sums).unsqueeze(-1)], -1)
+
+    def rows(
+        self,
+        observed: Observed,
+        input_correction: Tensor,
+        contact: ContactModel,
+        values: Tensor,
+        strength: Tensor,
+        doubt: Tensor | None = None,
+    ) -> Rows:
+        """Return the rows of observations, expanded at corrected inputs.
+
+        ``input_correction`` [n, P] leads from the inputs without the effects to those; ``doubt`` is
+        that of :class:`Agreement`. ``strength`` [2] is c [Pa] and tan phi, for laws that need it.
+        """
+        packed, loaded = self.corrected(observed, values), self.loaded(contact, values)
+        frame = frame_of(packed, loaded)
+        point = places(packed + input_correction, frame, loaded)
+        varied = varied_inputs(point, loaded)
+        inputs = ContactInputs(
+            varied.slip, varied.sinkage, varied.constants, strength.view(1, 1, 2)
+        )
+        forces = self.forces(inputs, observed.wheel_rate, loaded, values)
+        read = read_forces(forces, varied.scale, loaded, doubt)
+        return rows_of_forces(frame, measured_forces(frame, point, read))
