@@ -25,19 +25,19 @@ class CalibrationCase:
     without_truth: Gains | None  # the same with a library that lacks the truth
 
 
-def sample(study: Study, truth: str, say: Progress) -> CalibrationCase:
+def sample(study: Study, truth: str, progress: Progress) -> CalibrationCase:
     """Investigate a case twice: with the whole library, and with one that lacks the truth."""
     free = study.with_discrepancy(study.nothing)
 
     def gains(found: Sequence[Candidate]) -> Gains:
         return gains_of(study.nothing, found, free, study.with_discrepancy(found[0]))
 
-    everything = search(study, singles(), say)
+    everything = search(study, singles(), progress)
     if not truth:
         return CalibrationCase(truth, gains(everything), None)
     others = [each for each in everything if truth not in each.hypothesis.names]
     if not others:
-        others = search(study, [each for each in singles() if truth not in each.names], say)
+        others = search(study, [each for each in singles() if truth not in each.names], progress)
     return CalibrationCase(truth, gains(everything), gains(others))
 
 

@@ -4,10 +4,10 @@
 
     nominal = nominal_of(rover, soil)
     study = Study(nominal, [cut(run, nominal.contact) for run in runs])      # fits "nothing is missing"
-    candidates = search(study, singles(), say)                             # each named effect, the most probable first
+    candidates = search(study, singles(), progress)                             # each named effect, the most probable first
     study.with_discrepancy(candidates[0])                                  # what is left beside it, whatever it is
-    finding = investigate(study, singles(), thresholds, say)               # all of it, and the verdict
-    diagnosis = diagnose(study, singles(), finding, say)                   # where it disagrees, what these runs can tell apart
+    finding = investigate(study, singles(), thresholds, progress)               # all of it, and the verdict
+    diagnosis = diagnose(study, singles(), finding, progress)                   # where it disagrees, what these runs can tell apart
     proof = prove(nominal, finding.best, held_out)                         # does it help on runs that it has not seen?
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.

@@ -38,42 +38,42 @@ def table(columns: int) -> Tensor:
 def test_a_small_mark_gains_half_its_square_under_the_rows_covariance_with_the_own_unknowns_marginalised() -> (
     None
 ):
-    place, mark = stage(), 0.1 * table(1)
-    own = place.own.flatten(0, 1)
-    noise = torch.block_diag(*place.covariance)  # type: ignore[no-untyped-call]
-    marginal = noise + own @ torch.diag(1.0 / place.precision) @ own.T
-    flat = mark.flatten()
-    assert loss([place], [mark], None).nats == pytest.approx(
+    one, signature = stage(), 0.1 * table(1)
+    own = one.own.flatten(0, 1)
+    noise = torch.block_diag(*one.covariance)  # type: ignore[no-untyped-call]
+    marginal = noise + own @ torch.diag(1.0 / one.precision) @ own.T
+    flat = signature.flatten()
+    assert loss([one], [signature], None).nats == pytest.approx(
         float(0.5 * flat @ torch.linalg.solve(marginal, flat)), rel=0.02
     )
 
 
 def test_a_large_mark_counts_as_noise_and_gains_with_its_logarithm() -> None:
-    place, mark = stage(), table(1)
-    ten, hundred = (loss([place], [factor * mark], None).nats for factor in (100.0, 1000.0))
+    one, signature = stage(), table(1)
+    ten, hundred = (loss([one], [factor * signature], None).nats for factor in (100.0, 1000.0))
     assert hundred - ten == pytest.approx(BLOCKS * ROWS * 2.302585, rel=0.1)
 
 
 def test_an_effect_with_the_same_mark_explains_it_at_a_size_in_its_range_alone() -> None:
-    place = stage()
+    one = stage()
     double = torch.cat([2.0 * table(1), table(1)], 2)
-    assert loss([place], [double], (0.0, 5.0)).nats < 0.5
-    assert loss([place], [double], (0.0, 1.0)).nats == pytest.approx(
-        loss([place], [table(1)], None).nats, rel=0.05
+    assert loss([one], [double], (0.0, 5.0)).nats < 0.5
+    assert loss([one], [double], (0.0, 1.0)).nats == pytest.approx(
+        loss([one], [table(1)], None).nats, rel=0.05
     )
-    assert loss([place], [double], (-5.0, 0.0)).nats == pytest.approx(
-        loss([place], [2.0 * table(1)], None).nats, rel=0.05
+    assert loss([one], [double], (-5.0, 0.0)).nats == pytest.approx(
+        loss([one], [2.0 * table(1)], None).nats, rel=0.05
     )
 
 
 def test_what_another_run_holds_counts_with_the_same_size() -> None:
-    place = stage()
-    mark, other = table(2)[..., :1], table(2)[..., 1:]
-    alike, opposite = torch.cat([mark, mark], 2), torch.cat([mark, -mark], 2)
-    assert loss([place, place], [alike, alike], (-5.0, 5.0)).nats < 0.5
-    both = loss([place, place], [alike, opposite], (-5.0, 5.0)).nats
-    assert both > loss([place], [mark], None).nats
-    assert loss([place], [torch.cat([mark, other], 2)], (-5.0, 5.0)).nats > 1.0
+    one = stage()
+    signature, other = table(2)[..., :1], table(2)[..., 1:]
+    alike, opposite = torch.cat([signature, signature], 2), torch.cat([signature, -signature], 2)
+    assert loss([one, one], [alike, alike], (-5.0, 5.0)).nats < 0.5
+    both = loss([one, one], [alike, opposite], (-5.0, 5.0)).nats
+    assert both > loss([one], [signature], None).nats
+    assert loss([one], [torch.cat([signature, other], 2)], (-5.0, 5.0)).nats > 1.0
 
 
 def test_drags_are_nearest_to_each_other_and_what_a_planar_rover_cannot_show_is_named() -> None:

@@ -132,7 +132,7 @@ def test_a_name_that_did_not_prove_itself_is_withdrawn() -> None:
     judgement = Judgement(
         Verdict.NAMED, (hypothesis,), {"none": 0.01, "unknown": 0.04, "drive_drag": 0.95}
     )
-    finding = Finding(judgement, cast("Gains", None), (found(),), found(), (), ())
+    finding = Finding(judgement, cast("Gains", None), (found(),), found(), ())
     after = settled(finding, proven(3)).judgement
     assert after.verdict is Verdict.UNKNOWN
     assert after.named == (hypothesis,)

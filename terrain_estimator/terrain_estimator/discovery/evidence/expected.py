@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Expected log Bayes factors from linearised rows: what a mark in the rows gains over whatever else can explain it.
+"""Expected log Bayes factors from linearised rows: what a signature in the rows gains over whatever else can explain it.
 
 Where the truth changes the rows by m beside noise of covariance S, a hypothesis that can change
 them by C s, with the runs' own unknowns u free under their priors, is expected to be worse, by the
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.equations import Equations, Unknowns, places
+from terrain_estimator.discovery.hypotheses.equations import Equations, Unknowns, positions
 from terrain_estimator.discovery.hypotheses.point import own_prior
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 
@@ -43,7 +43,7 @@ def own_columns(equations: Equations, unknowns: Unknowns) -> Tensor:
     """Change of the rows by every unknown of their run, [B, Q, P]."""
     blocks, count = equations.residual.shape
     local = 5 + unknowns.kappa.shape[0]
-    index = places(blocks, local - 2, equations.ends, 0).unsqueeze(1).expand(-1, count, -1)
+    index = positions(blocks, local - 2, equations.ends, 0).unsqueeze(1).expand(-1, count, -1)
     own = torch.zeros(blocks, count, unknowns.flat().shape[0], dtype=torch.float64)
     return own.scatter_add_(2, index, equations.jacobian[..., :local])
 
@@ -54,7 +54,7 @@ class Loss:
 
     nats: float
     excess: tuple[Tensor, ...]  # [Q] of each run: what it takes for noise
-    gram: Tensor  # [1 + K, 1 + K] products of mark and columns under that noise, what the own unknowns explain taken out
+    gram: Tensor  # [1 + K, 1 + K] products of signature and columns under that noise, what the own unknowns explain taken out
 
 
 def loss(
@@ -63,7 +63,7 @@ def loss(
     ends: tuple[float, float] | None,
     excess: Sequence[Tensor] | None = None,
 ) -> Loss:
-    """Of columns against a mark: ``tables`` [B, Q, 1 + K] of every run have the mark first.
+    """Of columns against a signature: ``tables`` [B, Q, 1 + K] of every run have the signature first.
 
     The first column has a coefficient inside ``ends``, the others one of deviation 1 that grows
     with it; where ``ends`` is None no column is used. ``excess`` is where to begin.
@@ -72,15 +72,15 @@ def loss(
     best = Loss(float("inf"), (), torch.zeros(0))
     for _ in range(_ROUNDS):
         found = [
-            _eliminated(place, table, own)
-            for place, table, own in zip(stages, tables, spread, strict=True)
+            _eliminated(stage, table, own)
+            for stage, table, own in zip(stages, tables, spread, strict=True)
         ]
         gram = torch.stack([each[0] for each in found]).sum(0)
         mix, prior = _mixed(gram, ends)
         nats = 0.5 * prior
-        for k, (place, (_, rest, penalty)) in enumerate(zip(stages, found, strict=True)):
-            spread[k] = _excess(place, rest @ mix, spread[k])
-            nats += 0.5 * (_misfit(place, rest @ mix, spread[k]) + float(mix @ penalty @ mix))
+        for k, (stage, (_, rest, penalty)) in enumerate(zip(stages, found, strict=True)):
+            spread[k] = _excess(stage, rest @ mix, spread[k])
+            nats += 0.5 * (_misfit(stage, rest @ mix, spread[k]) + float(mix @ penalty @ mix))
         settled = nats > best.nats - max(_SETTLED, _RELATIVE * nats)
         if nats < best.nats:
             best = Loss(nats, tuple(spread), gram)
@@ -93,25 +93,25 @@ _ROUNDS = 12
 _SETTLED, _RELATIVE = 0.1, 3e-3
 
 
-def _eliminated(place: Stage, table: Tensor, excess: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _eliminated(stage: Stage, table: Tensor, excess: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Products of the columns, the columns, and the priors' part, all with the own unknowns at their best for each column."""
-    factor = cholesky(place.covariance + torch.diag_embed(excess * place.present))
-    size = place.own.shape[2]
+    factor = cholesky(stage.covariance + torch.diag_embed(excess * stage.present))
+    size = stage.own.shape[2]
     white = torch.linalg.solve_triangular(
-        factor, torch.cat([place.own, table], 2), upper=False
+        factor, torch.cat([stage.own, table], 2), upper=False
     ).flatten(0, 1)
     own, rest = white[:, :size], white[:, size:]
     cross = own.T @ rest
-    best = torch.cholesky_solve(cross, cholesky(own.T @ own + torch.diag(place.precision)))
+    best = torch.cholesky_solve(cross, cholesky(own.T @ own + torch.diag(stage.precision)))
     return (
         rest.T @ rest - cross.T @ best,
-        table - place.own @ best,
-        best.T @ (place.precision.unsqueeze(1) * best),
+        table - stage.own @ best,
+        best.T @ (stage.precision.unsqueeze(1) * best),
     )
 
 
 def _mixed(gram: Tensor, ends: tuple[float, float] | None) -> tuple[Tensor, float]:
-    """1 for the mark and what each column takes away, [1 + K], and the priors' part of the others than the first."""
+    """1 for the signature and what each column takes away, [1 + K], and the priors' part of the others than the first."""
     mix = torch.zeros(gram.shape[0], dtype=torch.float64)
     mix[0], share = 1.0, 1.0
     if ends is None:
@@ -134,28 +134,28 @@ _TIMES = 4
 _SMALLEST = 1e-3
 
 
-def _excess(place: Stage, rest: Tensor, start: Tensor) -> Tensor:
+def _excess(stage: Stage, rest: Tensor, start: Tensor) -> Tensor:
     """Most likely D [Q] for what is left beside noise of covariance S, as ``equations.excess_variance`` iterates it."""
-    least = 1e-6 * (place.covariance.diagonal(dim1=1, dim2=2) * place.present).mean(0)
+    least = 1e-6 * (stage.covariance.diagonal(dim1=1, dim2=2) * stage.present).mean(0)
     excess = torch.maximum(start, least)
     for _ in range(_TIMES):
         weight = torch.cholesky_inverse(
-            cholesky(place.covariance + torch.diag_embed(excess * place.present))
+            cholesky(stage.covariance + torch.diag_embed(excess * stage.present))
         )
         pull = (weight @ rest.unsqueeze(-1)).squeeze(-1).square() + (
-            weight @ place.covariance @ weight
+            weight @ stage.covariance @ weight
         ).diagonal(dim1=1, dim2=2)
-        there = (weight.diagonal(dim1=1, dim2=2) * place.present).sum(0).clamp(min=1e-30)
+        there = (weight.diagonal(dim1=1, dim2=2) * stage.present).sum(0).clamp(min=1e-30)
         excess = torch.maximum(
-            excess * ((pull * place.present).sum(0) / there).clamp(0.05, 20.0), least
+            excess * ((pull * stage.present).sum(0) / there).clamp(0.05, 20.0), least
         )
     return excess
 
 
-def _misfit(place: Stage, rest: Tensor, excess: Tensor) -> float:
+def _misfit(stage: Stage, rest: Tensor, excess: Tensor) -> float:
     """r' W r + tr(W S) - N + log det (S + D) - log det S."""
-    factor = cholesky(place.covariance + torch.diag_embed(excess * place.present))
-    weighted = torch.cholesky_solve(torch.cat([rest.unsqueeze(-1), place.covariance], 2), factor)
+    factor = cholesky(stage.covariance + torch.diag_embed(excess * stage.present))
+    weighted = torch.cholesky_solve(torch.cat([rest.unsqueeze(-1), stage.covariance], 2), factor)
     noise = weighted[..., 1:].diagonal(dim1=1, dim2=2).sum() - rest.numel()
-    volume = (log_determinant(factor) - log_determinant(cholesky(place.covariance))).sum()
+    volume = (log_determinant(factor) - log_determinant(cholesky(stage.covariance))).sum()
     return float((rest * weighted[..., 0]).sum() + noise + volume)

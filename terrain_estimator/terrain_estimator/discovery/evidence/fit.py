@@ -23,7 +23,7 @@ from terrain_estimator.model.gaussian import cholesky, log_determinant
 LONGEST_STEP = (1.0, 0.25)
 """Largest change of c [kPa] and tan phi in one step."""
 SETTLED = 0.3
-"""[1] Decrease of the objective that a step foresees, after which no other is made; it is taken into account."""
+"""[1] Decrease of the objective that a step predicts, after which no other is made; it is taken into account."""
 
 
 Evaluate = Callable[[Sequence[Query]], Sequence[Equations]]
@@ -35,7 +35,7 @@ class Fit:
     """The most probable point of one hypothesis."""
 
     point: Point
-    objective: float  # misfit and priors at the minimum, as the last step foresees it
+    objective: float  # misfit and priors at the minimum, as the last step predicts it
     log_evidence: float  # [nat] up to a constant of the runs
     given: (
         float  # [nat] the same, were the shared unknowns known to have their values at the minimum
@@ -204,7 +204,7 @@ Spreads = Callable[[Tensor, Tensor], Tensor]
 """Prior deviations [K] of the shared unknowns for their values [K] and variances [K]."""
 
 
-def foresee(
+def predict(
     evaluate: Evaluate,
     start: Point,
     shared: Shared,
@@ -212,16 +212,19 @@ def foresee(
     before: Sequence[Equations],
     spreads: Spreads | None = None,
 ) -> Fit:
-    """Where one evaluation at ``start`` foresees the minimum: rows taken as linear, weights and ``spreads`` as they follow.
+    """Where one evaluation at ``start`` predicts the minimum: rows taken as linear, weights and ``spreads`` as they follow.
 
     A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it.
     ``before`` are the equations of a fit from which the start was taken: columns of the soil
     constants and inputs around which to expand are theirs.
     """
     count = start.shared.shape[0]
-    asks = _asks(start, shared, columns, [each.by_constant for each in before])
+    queries = _asks(start, shared, columns, [each.by_constant for each in before])
     equations = evaluate(
-        [dataclasses.replace(ask, away=each.away) for ask, each in zip(asks, before, strict=True)]
+        [
+            dataclasses.replace(query, input_correction=each.input_correction)
+            for query, each in zip(queries, before, strict=True)
+        ]
     )
     normal = _normal(start, equations, shared)
     for _ in range(_REWEIGHTED):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well some runs can tell effects apart.
 
-Where effect i is missing at a typical size, its mark is what the rows change by. Effect j explains
+Where effect i is missing at a typical size, its signature is what the rows change by. Effect j explains
 a part of it, with its size in its physical range and what else is not known of j free, and the
 runs' own unknowns explain another. What is left is the expected log Bayes factor of i over j, and
 with nothing in place of j the one of i over "nothing is missing" (``expected``).
@@ -60,7 +60,7 @@ class Isolability:
 
 def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> Isolability:
     """For the runs of ``study``; ground and unexplained noise are those of the candidate ``around``."""
-    stages, found = stages_of(around), marks(study, hypotheses, around)
+    stages, found = stages_of(around), signatures(study, hypotheses, around)
     names = [each.label for each in hypotheses]
     nats = matrix(stages, found)
     excited = [k for k in range(len(names)) if float(nats[k, k]) >= LEAST]
@@ -80,7 +80,7 @@ def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidat
 
 
 def matrix(stages: Sequence[Stage], found: Sequence[Signature]) -> Tensor:
-    """Expected log Bayes factors [nat] of every mark over every other, and on the diagonal over nothing."""
+    """Expected log Bayes factors [nat] of every signature over every other, and on the diagonal over nothing."""
     nats = torch.zeros(len(found), len(found), dtype=torch.float64)
     for i, true in enumerate(found):
         others = [other for j, other in enumerate(found) if j != i]
@@ -104,7 +104,7 @@ _PROMISING = 0.01
 
 
 def table(true: Signature, others: Sequence[Signature]) -> list[Tensor]:
-    """A mark and what others can do, [B, Q, 1 + K] of each run, as :func:`expected.loss` takes them."""
+    """A signature and what others can do, [B, Q, 1 + K] of each run, as :func:`expected.loss` takes them."""
     return [
         torch.cat([mine[..., :1], *rest], 2)
         for mine, *rest in zip(true.runs, *(other.runs for other in others), strict=True)
@@ -112,7 +112,7 @@ def table(true: Signature, others: Sequence[Signature]) -> list[Tensor]:
 
 
 def _promise(gram: Tensor, columns: slice) -> float:
-    """What these columns explain of the mark in one step [nat]."""
+    """What these columns explain of the signature in one step [nat]."""
     pull, block = gram[columns, 0], gram[columns, columns]
     return 0.5 * float(pull @ torch.linalg.solve(block + torch.diag(1e-9 + 0.0 * pull), pull))
 
@@ -125,34 +125,39 @@ def stages_of(around: Candidate) -> list[Stage]:
     ]
 
 
-def marks(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> list[Signature]:
-    """Marks of hypotheses in all runs."""
+def signatures(
+    study: Study, hypotheses: Sequence[Hypothesis], around: Candidate
+) -> list[Signature]:
+    """Signatures of hypotheses in all runs."""
     nominal, mask, found = study.nominal, study.mask, around.fit
 
     def of_run(run: Blocks, where: tuple[Unknowns, Tensor]) -> list[Signature]:
-        return run_marks(nominal, run, mask, hypotheses, *where)
+        return run_signatures(nominal, run, mask, hypotheses, *where)
 
     every = study.contributions(
         of_run,
-        [(own, each.away) for own, each in zip(found.point.runs, found.equations, strict=True)],
+        [
+            (own, each.input_correction)
+            for own, each in zip(found.point.runs, found.equations, strict=True)
+        ],
     )
     return [reduce(Signature.joined, each) for each in zip(*every, strict=True)]
 
 
 @torch.inference_mode()
-def run_marks(
+def run_signatures(
     nominal: Nominal,
     run: Blocks,
     mask: Tensor,
     hypotheses: Sequence[Hypothesis],
     unknowns: Unknowns,
-    away: Tensor,
+    input_correction: Tensor,
 ) -> list[Signature]:
-    """Marks of hypotheses in one run, around ``unknowns`` and with the rows expanded ``away`` from the measured inputs."""
+    """Signatures of hypotheses in one run, around ``unknowns`` and with the rows expanded at inputs corrected by ``input_correction``."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
         return RunEquations(run, HypothesisRows(nominal, run, hypothesis.effects), mask).shortfall(
-            unknowns, values, away
+            unknowns, values, input_correction
         )
 
     nothing = rows(NOTHING, ())

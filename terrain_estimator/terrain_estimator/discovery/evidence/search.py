@@ -10,7 +10,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.evidence.fit import Evaluate, Fit, fit, foresee
+from terrain_estimator.discovery.evidence.fit import Evaluate, Fit, fit, predict
 from terrain_estimator.discovery.hypotheses.contributions import (
     Contributions,
     ContributionTask,
@@ -100,13 +100,13 @@ class Study:
         """The equations of every run at the point at which "nothing is missing" fits best: those of its Fit are a step behind."""
         found = self.nothing.fit
         none = torch.zeros(0, dtype=torch.float64)
-        asks = [
-            Query(unknowns, (), none, columns, (), before.by_constant, before.away)
+        queries = [
+            Query(unknowns, (), none, columns, (), before.by_constant, before.input_correction)
             for unknowns, columns, before in zip(
                 found.point.runs, self._plain.columns, found.equations, strict=True
             )
         ]
-        return list(self._evaluate(NOTHING)(asks))
+        return list(self._evaluate(NOTHING)(queries))
 
     def _start(self, hypothesis: Hypothesis, after: Candidate | None) -> Point:
         start = (after or self.nothing).fit.point
@@ -114,13 +114,13 @@ class Study:
         values[: start.shared.shape[0]] = start.shared
         return with_shared(start, values)
 
-    def foresee(
+    def predict(
         self, hypothesis: Hypothesis, after: Candidate | None = None
     ) -> tuple[Point, float]:
         """What one evaluation says of a hypothesis: about where it fits best, and its log evidence."""
         before = (after or self.nothing).fit
         start = self._start(hypothesis, after)
-        found = foresee(
+        found = predict(
             self._evaluate(hypothesis),
             start,
             hypothesis.shared(),
@@ -185,7 +185,7 @@ class Study:
                 [sizes.sd, _spread(values[first:].square() + variances[first:], row_of)]
             )
 
-        found = foresee(
+        found = predict(
             self._evaluate(candidate.hypothesis),
             point,
             shared,
@@ -228,33 +228,36 @@ Progress = Callable[[float, str], None]
 FITTED, REFINED = 5, 2
 """Hypotheses that are fitted in full at most, and those that are fitted until nothing moves."""
 PROMISING = 0.25
-"""[1] Share of the largest gain that is foreseen below which a hypothesis is not fitted."""
+"""[1] Share of the largest gain that is predicted below which a hypothesis is not fitted."""
 RIVAL = 0.7
 """[1] Share of the best's gain below which another need not be fitted until nothing moves: it is no rival."""
 WORTHLESS = 2.0
-"""[nat] Largest foreseen gain of hypotheses that explain nothing: then only the best is fitted, to make sure of it."""
+"""[nat] Largest predicted gain of hypotheses that explain nothing: then only the best is fitted, to make sure of it."""
 
 
 def search(
-    study: Study, hypotheses: Sequence[Hypothesis], say: Progress, after: Candidate | None = None
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    progress: Progress,
+    after: Candidate | None = None,
 ) -> list[Candidate]:
     """The most probable hypotheses, best first; ``after`` is a candidate whose effects come first in all of them.
 
-    What one evaluation foresees of each decides which are fitted.
+    What one evaluation predicts of each decides which are fitted.
     """
-    foreseen = []
+    predicted = []
     for number, hypothesis in enumerate(hypotheses):
-        say(0.5 * number / len(hypotheses), hypothesis.label)
-        foreseen.append((*study.foresee(hypothesis, after), hypothesis))
-    foreseen.sort(key=lambda each: -each[1])
+        progress(0.5 * number / len(hypotheses), hypothesis.label)
+        predicted.append((*study.predict(hypothesis, after), hypothesis))
+    predicted.sort(key=lambda each: -each[1])
     base = (after or study.nothing).fit.log_evidence
-    gain = foreseen[0][1] - base
+    gain = predicted[0][1] - base
     best = [
-        each for each in foreseen[:FITTED] if each[1] - base > max(PROMISING * gain, WORTHLESS)
-    ] or foreseen[:1]
+        each for each in predicted[:FITTED] if each[1] - base > max(PROMISING * gain, WORTHLESS)
+    ] or predicted[:1]
     candidates = []
     for number, (point, _, hypothesis) in enumerate(best):
-        say(0.5 + 0.5 * number / len(best), hypothesis.label)
+        progress(0.5 + 0.5 * number / len(best), hypothesis.label)
         candidates.append(study.fit_from(hypothesis, point))
     return _refined(study, ranked(candidates), base)
 

@@ -20,18 +20,18 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class ContributionTask:
-    """A hypothesis, the same for all runs; called on one run, it gives what that contributes at a place."""
+    """A hypothesis, the same for all runs; called on one run, it gives what that contributes at a point."""
 
     nominal: Nominal
     effects: tuple[NamedEffect, ...]
     mask: Tensor  # [R] 1 for rows that may be used
 
     @torch.inference_mode()
-    def __call__(self, blocks: Blocks, ask: Query) -> Equations:
+    def __call__(self, blocks: Blocks, query: Query) -> Equations:
         """The equations of a run."""
         return RunEquations(
             blocks, HypothesisRows(self.nominal, blocks, self.effects), self.mask
-        ).at(ask)
+        ).at(query)
 
 
 class Contributions(Protocol):

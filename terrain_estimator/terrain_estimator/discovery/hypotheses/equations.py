@@ -67,14 +67,14 @@ class Query:
     columns: Tensor  # [B, Q, F] of a flexible discrepancy
     steps: tuple[float, ...]  # of the differences by each size
     known: Tensor | None  # [B, Q, M] columns of the soil constants where they need not be computed
-    away: Tensor | None = (
+    input_correction: Tensor | None = (
         None  # inputs around which to expand the rows; where it is None they are looked for
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """One run's quadratic model around a place; the shared unknowns come last."""
+    """One run's quadratic model around a point; the shared unknowns come last."""
 
     hessian: Tensor  # [P + K, P + K] J' (S + D)^-1 J, without priors
     gradient: Tensor  # [P + K] J' (S + D)^-1 r, without priors
@@ -90,7 +90,7 @@ class Equations:
         Tensor  # [B, Q, 2 + M + 3 + K] of theta, constants, bias, velocity before and after, shared
     )
     degrees: int  # rows that are present
-    away: Tensor  # inputs around which the rows were expanded
+    input_correction: Tensor  # inputs around which the rows were expanded
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +131,17 @@ class RunEquations:
         """``mask`` [R] 1 for rows that may be used."""
         self._blocks, self._rows, self._mask = blocks, rows, mask
 
-    def at(self, ask: Query) -> Equations:
-        """The equations at a place."""
+    def at(self, query: Query) -> Equations:
+        """The equations at a point."""
         count = self._blocks.packed.shape[0]
-        unknowns, known = ask.unknowns, ask.known
-        place = LinearizationPoint(unknowns.theta, unknowns.kappa, ask.sizes)
-        away = self._rows.input_correction(place, self._mask) if ask.away is None else ask.away
-        rows = self._rows.rows(place, away, changes_too=known is None)
+        unknowns, known = query.unknowns, query.known
+        point = LinearizationPoint(unknowns.theta, unknowns.kappa, query.sizes)
+        input_correction = (
+            self._rows.input_correction(point, self._mask)
+            if query.input_correction is None
+            else query.input_correction
+        )
+        rows = self._rows.rows(point, input_correction, changes_too=known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
         average = averages(self._blocks, used)
         present = torch.cat(
@@ -164,8 +168,8 @@ class RunEquations:
         )
         short = average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
         short[:, 0] += average.measured[:, 0]
-        columns = ask.columns * present.unsqueeze(-1)
-        residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ ask.weights
+        columns = query.columns * present.unsqueeze(-1)
+        residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ query.weights
         covariance = sources @ sources.transpose(1, 2) + torch.diag_embed(spread)
         excess, factor, surplus = unexplained(covariance, residual, present)
         weighted = torch.cholesky_solve(residual.unsqueeze(-1), factor)
@@ -189,18 +193,18 @@ class RunEquations:
         by_size = [
             average.of(
                 (
-                    self._corrected(place, away, error, theta, k, step)
+                    self._corrected(point, input_correction, error, theta, k, step)
                     - self._base(rows, error, theta)
                 )
                 / step
             )
-            for k, step in enumerate(ask.steps)
+            for k, step in enumerate(query.steps)
         ]
         jacobian = torch.cat(
             [by_theta, known, fixed, *(column.unsqueeze(-1) for column in by_size), columns], -1
         )
         hessian, gradient = assembled(
-            jacobian, factor, weighted, self._blocks.ends, len(ask.sizes) + ask.weights.shape[0]
+            jacobian, factor, weighted, self._blocks.ends, len(query.sizes) + query.weights.shape[0]
         )
         misfit = float((residual * weighted.squeeze(-1)).sum()) + surplus
         ends, degrees = self._blocks.ends, int(present.sum())
@@ -217,14 +221,18 @@ class RunEquations:
             excess,
             jacobian,
             degrees,
-            away,
+            input_correction,
         )
 
-    def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], away: Tensor) -> Tensor:
-        """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's mark."""
+    def shortfall(
+        self, unknowns: Unknowns, sizes: tuple[float, ...], input_correction: Tensor
+    ) -> Tensor:
+        """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's signature."""
         count = self._blocks.packed.shape[0]
         rows = self._rows.rows(
-            LinearizationPoint(unknowns.theta, unknowns.kappa, sizes), away, changes_too=False
+            LinearizationPoint(unknowns.theta, unknowns.kappa, sizes),
+            input_correction,
+            changes_too=False,
         )
         average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
@@ -246,17 +254,19 @@ class RunEquations:
 
     def _corrected(
         self,
-        place: LinearizationPoint,
-        away: Tensor,
+        point: LinearizationPoint,
+        input_correction: Tensor,
         error: Tensor,
         theta: Tensor,
         index: int,
         step: float,
     ) -> Tensor:
-        sizes = tuple(size + step * (k == index) for k, size in enumerate(place.values))
+        sizes = tuple(size + step * (k == index) for k, size in enumerate(point.values))
         return self._base(
             self._rows.rows(
-                LinearizationPoint(place.theta, place.kappa, sizes), away, changes_too=False
+                LinearizationPoint(point.theta, point.kappa, sizes),
+                input_correction,
+                changes_too=False,
             ),
             error,
             theta,
@@ -283,7 +293,7 @@ def assembled(
     white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
     information = white.transpose(1, 2) @ white
     pull = (jacobian.transpose(1, 2) @ weighted).squeeze(-1)
-    index = places(count, first, ends, shared)
+    index = positions(count, first, ends, shared)
     pairs = (index.unsqueeze(2).expand(-1, -1, local), index.unsqueeze(1).expand(-1, local, -1))
     hessian = torch.zeros(size, size, dtype=torch.float64).index_put_(
         pairs, information, accumulate=True
@@ -293,7 +303,7 @@ def assembled(
     )
 
 
-def places(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
+def positions(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
     """Where the unknowns of each block are among those of its run: [B, first + 2 + shared]."""
     own = first + int(ends.max()) + 1
     return torch.cat(
@@ -309,10 +319,10 @@ def places(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
 def linear(equations: Equations, step: Tensor, shared: int) -> Equations:
     """The equations with the residuals that ``step`` [P + K] leaves to first order, and the excess that explains those.
 
-    Gradient and misfit are those of the place from which the step starts, under the new weights.
+    Gradient and misfit are those of the point from which the step starts, under the new weights.
     """
     local = equations.jacobian.shape[-1]
-    index = places(equations.jacobian.shape[0], local - 2 - shared, equations.ends, shared)
+    index = positions(equations.jacobian.shape[0], local - 2 - shared, equations.ends, shared)
     left = equations.residual - (equations.jacobian @ step[index].unsqueeze(-1)).squeeze(-1)
     excess, factor, surplus = unexplained(equations.covariance, left, equations.present)
     weighted = torch.cholesky_solve(equations.residual.unsqueeze(-1), factor)

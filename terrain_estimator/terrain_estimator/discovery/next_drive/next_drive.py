@@ -17,8 +17,8 @@ import torch
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.isolability import (
     Signature,
-    marks,
-    run_marks,
+    run_signatures,
+    signatures,
     stages_of,
     table,
 )
@@ -57,7 +57,7 @@ def next_drives(
     doubtful = doubtful[:MOST]
     if len(doubtful) < 2:
         return []
-    stages, known = stages_of(around), marks(study, doubtful, around)
+    stages, known = stages_of(around), signatures(study, doubtful, around)
     pairs = list(permutations(range(len(doubtful)), 2))
     now = {pair: _apart(stages, known, pair) for pair in pairs}
     theta = torch.stack([run.theta for run in around.fit.point.runs]).mean(0)
@@ -68,7 +68,7 @@ def next_drives(
             more = _seen(study, run, doubtful, theta, excess)
             if more is None:
                 continue
-            joined = [mark.joined(new) for mark, new in zip(known, more[1], strict=True)]
+            joined = [signature.joined(new) for signature, new in zip(known, more[1], strict=True)]
             for pair in (pair for pair in pairs if pair[0] == true):
                 gains[manoeuvre][pair] = _apart([*stages, more[0]], joined, pair) - now[pair]
     found = []
@@ -126,10 +126,10 @@ def _seen(
         theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks)
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
-    ask = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
+    query = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
     equations = RunEquations(
         blocks, HypothesisRows(nominal, blocks, NOTHING.effects), study.mask
-    ).at(ask)
-    return stage(equations, unknowns, excess), run_marks(
-        nominal, blocks, study.mask, doubtful, unknowns, equations.away
+    ).at(query)
+    return stage(equations, unknowns, excess), run_signatures(
+        nominal, blocks, study.mask, doubtful, unknowns, equations.input_correction
     )

@@ -139,7 +139,7 @@ def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equ
         told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64)
     )
     none = torch.zeros(0, dtype=torch.float64)
-    ask = Query(
+    query = Query(
         there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None
     )
-    return ContributionTask(nominal, model.hypothesis.effects, mask)(half.blocks, ask)
+    return ContributionTask(nominal, model.hypothesis.effects, mask)(half.blocks, query)

@@ -111,11 +111,11 @@ def _score(
 
 def _together(predicted: Predicted, there: Tensor) -> _Numbers:
     count = predicted.count[there].sum()
-    away = (predicted.error / predicted.sd)[there]
+    standardized = (predicted.error / predicted.sd)[there]
     error, expected = (
         (values[there].sum() / count).sqrt() for values in (predicted.misfit, predicted.expected)
     )
-    inside = (away.abs() < INTERVAL).sum() / torch.isfinite(away).sum()
+    inside = (standardized.abs() < INTERVAL).sum() / torch.isfinite(standardized).sum()
     return (
         float(error),
         float(predicted.surprise[there].sum() / count),
@@ -126,9 +126,9 @@ def _together(predicted: Predicted, there: Tensor) -> _Numbers:
 
 def _of(predicted: Predicted, row: int, there: Tensor) -> _Numbers:
     error, sd = predicted.error[there, row], predicted.sd[there, row]
-    away = error / sd
-    nll = (0.5 * (away.square() + math.log(2.0 * math.pi)) + sd.log()).mean()
-    return rms(error), float(nll), float((away.abs() < INTERVAL).to(error.dtype).mean()), rms(sd)
+    standardized = error / sd
+    nll = (0.5 * (standardized.square() + math.log(2.0 * math.pi)) + sd.log()).mean()
+    return rms(error), float(nll), float((standardized.abs() < INTERVAL).to(error.dtype).mean()), rms(sd)
 
 
 def rms(values: Tensor) -> float:

@@ -45,15 +45,15 @@ class Diagnosis:
 
 
 def diagnose(
-    study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, say: Progress
+    study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, progress: Progress
 ) -> Diagnosis:
     """Look at the runs of ``study`` after the verdict."""
-    say(0.95, "where it disagrees")
+    progress(0.95, "where it disagrees")
     found = tuple(disagreements(study))
-    say(0.96, "what these runs can tell apart")
+    progress(0.96, "what these runs can tell apart")
     around = study.nothing if finding.judgement.verdict is Verdict.NONE else finding.best
     apart = isolability(study, hypotheses, around)
-    say(0.97, "what to drive next")
+    progress(0.97, "what to drive next")
     return Diagnosis(
         found, apart, tuple(next_drives(study, in_doubt(finding, hypotheses, apart), around))
     )

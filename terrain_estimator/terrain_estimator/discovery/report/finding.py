@@ -30,10 +30,7 @@ class Finding:
     gains: Gains
     candidates: tuple[Candidate, ...]  # named hypotheses, the most probable first
     nothing: Candidate
-    depends: tuple[
-        Leftover, ...
-    ]  # where nothing is added: on what the residual depends, the strongest first
-    left: tuple[Leftover, ...]  # the same beside the best name
+    left: tuple[Leftover, ...]  # on what the residual of the best name depends, strongest first
 
     @property
     def best(self) -> Candidate:
@@ -46,12 +43,12 @@ class Finding:
 
 
 def investigate(
-    study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, say: Progress
+    study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, progress: Progress
 ) -> Finding:
     """Fit all hypotheses, pairs with the best one where it leaves something, and judge."""
-    say(0.05, "nothing missing")
+    progress(0.05, "nothing missing")
     free = study.with_discrepancy(study.nothing)
-    found = search(study, hypotheses, lambda share, label: say(0.1 + 0.5 * share, label))
+    found = search(study, hypotheses, lambda share, label: progress(0.1 + 0.5 * share, label))
     base = study.nothing.fit.log_evidence
     # Where neither a name nor the discrepancy comes near to gaining anything, both together do not
     # either.
@@ -60,7 +57,7 @@ def investigate(
     gains = gains_of(study.nothing, found, free, best_with)
     if gains.explainable - gains.best >= thresholds.anything:
         pairs = _beside(
-            study, hypotheses, found[0], lambda share, label: say(0.6 + 0.35 * share, label)
+            study, hypotheses, found[0], lambda share, label: progress(0.6 + 0.35 * share, label)
         )
         if pairs:
             pair_with = study.with_discrepancy(pairs[0])
@@ -78,20 +75,19 @@ def investigate(
         gains,
         tuple(found),
         study.nothing,
-        tuple(leftovers(free)),
         tuple(leftovers(best_with)),
     )
 
 
 def _beside(
-    study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, say: Progress
+    study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, progress: Progress
 ) -> list[Candidate]:
     """The most probable pairs of ``first`` and another effect."""
     names = set(first.hypothesis.names)
     others = [
         together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)
     ]
-    return search(study, others, say, after=first) if others else []
+    return search(study, others, progress, after=first) if others else []
 
 
 def settled(finding: Finding, proof: Proof | None) -> Finding:

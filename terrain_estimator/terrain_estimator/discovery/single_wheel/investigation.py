@@ -104,7 +104,7 @@ def investigate_wheel(
     given: Hypothesis,
     names: Sequence[str],
     thresholds: Thresholds,
-    say: Progress,
+    progress: Progress,
     *,
     by_trial: bool = False,
     seed: int = 0,
@@ -118,14 +118,14 @@ def investigate_wheel(
     cells = cells_of(rows, reference)
     hypotheses = of_one_wheel(names)
     model = WheelModel(bed, given, NOTHING)
-    say(0.0, "nothing missing")
+    progress(0.0, "nothing missing")
     nothing = explain(model, cells)
     found = _searched(bed, given, cells, hypotheses, nothing)
     nothing = _better(nothing, explain(model, cells, start=found[0].values[: model.first]))
     free = explain(model, cells, flexible=True, start=nothing.values)
     gains, left = _weighed(bed, given, cells, found, nothing, free)
     if gains.explainable - gains.best >= thresholds.anything:
-        say(0.3, "pairs")
+        progress(0.3, "pairs")
         best = found[0].hypothesis
         others = [together(best, each) for each in hypotheses if each != best]
         pairs = _searched(bed, given, cells, others, found[0])
@@ -142,7 +142,7 @@ def investigate_wheel(
         name: 0.0 for each in hypotheses for name in each.names
     } | judgement.probabilities
     judgement = dataclasses.replace(judgement, probabilities=probabilities)
-    say(0.6, "held-out cells")
+    progress(0.6, "held-out cells")
     named = judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
     errors = held_out(
         bed, rows, reference, [given, found[0].hypothesis if named else NOTHING], by_trial=by_trial
