@@ -222,7 +222,7 @@ def predict(
     queries = _asks(start, shared, columns, [each.by_constant for each in before])
     equations = evaluate(
         [
-            dataclasses.replace(query, input_correction=each.input_correction)
+            dataclasses.replace(query, around=each.around)
             for query, each in zip(queries, before, strict=True)
         ]
     )

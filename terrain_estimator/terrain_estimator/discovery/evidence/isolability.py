@@ -19,7 +19,7 @@ from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.search import Candidate, Study
 from terrain_estimator.discovery.hypotheses.equations import RunEquations, Unknowns
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
-from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal
+from terrain_estimator.discovery.hypotheses.rows import Expansion, HypothesisRows, Nominal
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import EFFECTS
 
@@ -131,15 +131,12 @@ def signatures(
     """Signatures of hypotheses in all runs."""
     nominal, mask, found = study.nominal, study.mask, around.fit
 
-    def of_run(run: Blocks, where: tuple[Unknowns, Tensor]) -> list[Signature]:
+    def of_run(run: Blocks, where: tuple[Unknowns, Expansion]) -> list[Signature]:
         return run_signatures(nominal, run, mask, hypotheses, *where)
 
     every = study.contributions(
         of_run,
-        [
-            (own, each.input_correction)
-            for own, each in zip(found.point.runs, found.equations, strict=True)
-        ],
+        [(own, each.around) for own, each in zip(found.point.runs, found.equations, strict=True)],
     )
     return [reduce(Signature.joined, each) for each in zip(*every, strict=True)]
 
@@ -151,13 +148,13 @@ def run_signatures(
     mask: Tensor,
     hypotheses: Sequence[Hypothesis],
     unknowns: Unknowns,
-    input_correction: Tensor,
+    around: Expansion,
 ) -> list[Signature]:
-    """Signatures of hypotheses in one run, around ``unknowns`` and with the rows expanded at inputs corrected by ``input_correction``."""
+    """Signatures of hypotheses in one run, around ``unknowns`` with the rows expanded ``around``."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
         return RunEquations(run, HypothesisRows(nominal, run, hypothesis.effects), mask).shortfall(
-            unknowns, values, input_correction
+            unknowns, values, around
         )
 
     nothing = rows(NOTHING, ())

@@ -101,7 +101,7 @@ class Study:
         found = self.nothing.fit
         none = torch.zeros(0, dtype=torch.float64)
         queries = [
-            Query(unknowns, (), none, columns, (), before.by_constant, before.input_correction)
+            Query(unknowns, (), none, columns, (), before.by_constant, before.around)
             for unknowns, columns, before in zip(
                 found.point.runs, self._plain.columns, found.equations, strict=True
             )

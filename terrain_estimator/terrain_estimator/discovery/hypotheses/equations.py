@@ -22,7 +22,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, LinearizationPoint
+from terrain_estimator.discovery.hypotheses.rows import (
+    Expansion,
+    HypothesisRows,
+    LinearizationPoint,
+)
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
@@ -67,9 +71,7 @@ class Query:
     columns: Tensor  # [B, Q, F] of a flexible discrepancy
     steps: tuple[float, ...]  # of the differences by each size
     known: Tensor | None  # [B, Q, M] columns of the soil constants where they need not be computed
-    input_correction: Tensor | None = (
-        None  # inputs around which to expand the rows; where it is None they are looked for
-    )
+    around: Expansion | None = None  # of the rows; None: where they agree best
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ class Equations:
         Tensor  # [B, Q, 2 + M + 3 + K] of theta, constants, bias, velocity before and after, shared
     )
     degrees: int  # rows that are present
-    input_correction: Tensor  # inputs around which the rows were expanded
+    around: Expansion  # of the rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,12 +138,8 @@ class RunEquations:
         count = self._blocks.packed.shape[0]
         unknowns, known = query.unknowns, query.known
         point = LinearizationPoint(unknowns.theta, unknowns.kappa, query.sizes)
-        input_correction = (
-            self._rows.input_correction(point, self._mask)
-            if query.input_correction is None
-            else query.input_correction
-        )
-        rows = self._rows.rows(point, input_correction, changes_too=known is None)
+        around = query.around or self._rows.expansion(point, self._mask)
+        rows = self._rows.rows(point, around, changes_too=known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
         average = averages(self._blocks, used)
         present = torch.cat(
@@ -193,7 +191,7 @@ class RunEquations:
         by_size = [
             average.of(
                 (
-                    self._corrected(point, input_correction, error, theta, k, step)
+                    self._corrected(point, around, error, theta, k, step)
                     - self._base(rows, error, theta)
                 )
                 / step
@@ -221,17 +219,15 @@ class RunEquations:
             excess,
             jacobian,
             degrees,
-            input_correction,
+            around,
         )
 
-    def shortfall(
-        self, unknowns: Unknowns, sizes: tuple[float, ...], input_correction: Tensor
-    ) -> Tensor:
+    def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], around: Expansion) -> Tensor:
         """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's signature."""
         count = self._blocks.packed.shape[0]
         rows = self._rows.rows(
             LinearizationPoint(unknowns.theta, unknowns.kappa, sizes),
-            input_correction,
+            around,
             changes_too=False,
         )
         average = averages(self._blocks, _block_shape(rows.used * self._mask, count, 0))
@@ -255,7 +251,7 @@ class RunEquations:
     def _corrected(
         self,
         point: LinearizationPoint,
-        input_correction: Tensor,
+        around: Expansion,
         error: Tensor,
         theta: Tensor,
         index: int,
@@ -265,7 +261,7 @@ class RunEquations:
         return self._base(
             self._rows.rows(
                 LinearizationPoint(point.theta, point.kappa, sizes),
-                input_correction,
+                around,
                 changes_too=False,
             ),
             error,

@@ -5,6 +5,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -84,6 +85,13 @@ class LinearizationPoint:
     values: tuple[float, ...]  # of the hypothesis' effects
 
 
+class Expansion(NamedTuple):
+    """The inputs of n observations around which rows are expanded."""
+
+    input_correction: Tensor  # [n, 8 A + 9] less the measured ones
+    doubt: Tensor  # [n, 3, A] as of :class:`Agreement`
+
+
 class HypothesisRows:
     """The rows of one run under one hypothesis, at any point."""
 
@@ -92,20 +100,26 @@ class HypothesisRows:
         self._nominal, self._observed = nominal, observed_of(blocks)
         self._rows = effect_rows(nominal.rover, effects, RememberedIntegrals())
 
-    def input_correction(self, point: LinearizationPoint, chosen: Tensor) -> Tensor:
-        """Return the way from the measured inputs to those at which the ``chosen`` rows agree best.
-
-        [n, 8 A + 9]; see ``agreement``.
-        """
+    def expansion(self, point: LinearizationPoint, chosen: Tensor) -> Expansion:
+        """Return the inputs at which the ``chosen`` rows agree best, see :func:`agreement`."""
         packed = self._rows.corrected(self._observed, _tensor(point.values))
-        straight = self.rows(point, torch.zeros_like(packed), changes_too=False)
+        straight = self._at(point, torch.zeros_like(packed), None, changes_too=False)
         theta = torch.cat([point.theta, torch.ones_like(point.theta[:1])])
-        return agreement(straight, packed, self._contact(point), theta, chosen).inputs - packed
+        agreed = agreement(straight, packed, self._contact(point), theta, chosen)
+        return Expansion(agreed.inputs - packed, agreed.doubt)
 
-    def rows(
-        self, point: LinearizationPoint, input_correction: Tensor, *, changes_too: bool
+    def rows(self, point: LinearizationPoint, around: Expansion, *, changes_too: bool) -> Rows:
+        """Return the expanded rows, and where asked for their changes by the constants."""
+        return self._at(point, around.input_correction, around.doubt, changes_too=changes_too)
+
+    def _at(
+        self,
+        point: LinearizationPoint,
+        input_correction: Tensor,
+        doubt: Tensor | None,
+        *,
+        changes_too: bool,
     ) -> Rows:
-        """Return the rows at corrected inputs, and where asked for their changes by the constants."""
         contact = self._contact(point)
         return self._rows.rows(
             self._observed,
@@ -113,6 +127,7 @@ class HypothesisRows:
             contact if changes_too else values_alone(contact),
             _tensor(point.values),
             point.theta * contact.column_unit[:2],
+            doubt,
         )
 
     def _contact(self, point: LinearizationPoint) -> ContactModel:

@@ -131,5 +131,5 @@ def _seen(
         blocks, HypothesisRows(nominal, blocks, NOTHING.effects), study.mask
     ).at(query)
     return stage(equations, unknowns, excess), run_signatures(
-        nominal, blocks, study.mask, doubtful, unknowns, equations.input_correction
+        nominal, blocks, study.mask, doubtful, unknowns, equations.around
     )

@@ -128,7 +128,12 @@ def _of(predicted: Predicted, row: int, there: Tensor) -> _Numbers:
     error, sd = predicted.error[there, row], predicted.sd[there, row]
     standardized = error / sd
     nll = (0.5 * (standardized.square() + math.log(2.0 * math.pi)) + sd.log()).mean()
-    return rms(error), float(nll), float((standardized.abs() < INTERVAL).to(error.dtype).mean()), rms(sd)
+    return (
+        rms(error),
+        float(nll),
+        float((standardized.abs() < INTERVAL).to(error.dtype).mean()),
+        rms(sd),
+    )
 
 
 def rms(values: Tensor) -> float:
