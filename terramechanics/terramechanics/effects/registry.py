@@ -116,7 +116,9 @@ EFFECTS = {
         ),
         Description(
             name="payload",
-            sentence="The rover carries more (or less) mass at its centre of mass than its file says.",
+            sentence=(
+                "The rover carries more (or less) mass at its centre of mass than its file says."
+            ),
             coefficient="payload_kg",
             unit="kg",
             low=-80.0,
@@ -128,8 +130,8 @@ EFFECTS = {
         Description(
             name="grousers",
             sentence=(
-                "Lugs on the rim shear the soil between them: thrust and torque that grow with slip "
-                "and saturate."
+                "Lugs on the rim shear the soil between them: thrust and torque that grow with "
+                "slip and saturate."
             ),
             coefficient="grouser_thrust_n",
             unit="N",
@@ -206,7 +208,9 @@ EFFECTS = {
         ),
         Description(
             name="latency",
-            sentence="Slip and sinkage come from images and are reported as present when they are older.",
+            sentence=(
+                "Slip and sinkage come from images and are reported as present when they are older."
+            ),
             coefficient="latency_s",
             unit="s",
             low=0.0,
@@ -265,10 +269,10 @@ def describe(name: str) -> Description:
 
 
 def make_effect(name: str, size: Size, axle: int | None = None) -> SimulatedEffect:
-    """Return the named effect for a simulation. ``size`` is a number or a tensor [batch]; 0 is none.
+    """Return the named effect for a simulation.
 
-    ``axle`` goes to an effect of one axle, 0 is the front. Raises ConfigError for a name that is
-    unknown or not simulated.
+    ``size`` is a number or a tensor [batch]; 0 has no effect. ``axle`` goes to an effect of one
+    axle, 0 is the front. Raises ConfigError for a name that is unknown or not simulated.
     """
     description = describe(name)
     if not description.planar:

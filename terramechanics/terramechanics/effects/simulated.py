@@ -47,7 +47,8 @@ class SimulatedEffect(Effect):
         none = torch.zeros_like(added.traction)
         lateral = none if added.lateral is None else added.lateral
         parts = [none, added.traction, added.torque, lateral][: forces.shape[-1]]
-        return forces + torch.stack(torch.broadcast_tensors(*parts), dim=-1)  # type: ignore[no-untyped-call]
+        alike = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
+        return forces + torch.stack(alike, dim=-1)
 
     def payload(self, where: Situation) -> Payload | None:
         """Place the law's mass where its moments have it."""
