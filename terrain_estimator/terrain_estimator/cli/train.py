@@ -239,9 +239,8 @@ def _train_one(
         for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
     ]
     data = Regression.join([draw(order, args.scheduler, args.workers) for order in orders])
-    model = build_model(
-        rover, soils, recipe.columns, recipe.hidden, PRIOR._replace(constants_sd=args.constants_sd)
-    )
+    prior = dataclasses.replace(PRIOR, constants_sd=args.constants_sd)
+    model = build_model(rover, soils, recipe.columns, recipe.hidden, prior)
     history: list[Progress] = []
     with ProgressReport(f"{name}: training on {device}") as report:
         for progress in train(model, data, recipe, device):

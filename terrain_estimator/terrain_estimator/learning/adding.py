@@ -14,7 +14,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, NamedEffect
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
-from terrain_estimator.learning.training import PRIOR, body_of
+from terrain_estimator.learning.training import body_of
 from terrain_estimator.model.effect_model import PAlpacaWithEffects, ValuePrior
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
 from terrain_estimator.model.model_file import AddedEffect, LoadedModel, Metadata, ModelFileError
@@ -72,9 +72,10 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEf
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
     plain, body = restored(loaded), body_of(loaded.rover)
-    prior = PRIOR if plain.uncertain_constants else PRIOR._replace(constants_sd=0.0)
     laws = [LAWS[name](loaded.rover) for name in names]
-    model = PAlpacaWithEffects(body, plain.constants, prior, plain.net, laws, value_prior(effects))
+    model = PAlpacaWithEffects(
+        body, plain.constants, loaded.metadata.prior, plain.net, laws, value_prior(effects)
+    )
     known = plain.state_dict()
     # what belongs to the added values lies between the constants' and the rover's own
     place, fresh = plain.uncertain_constants, model.other_precision

@@ -10,7 +10,6 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from terrain_estimator.learning.training import PRIOR
 from terrain_estimator.model.model_file import (
     FORMAT,
     Metadata,
@@ -58,8 +57,7 @@ def export(
         ),
         block=BLOCK,
         step_s=TIME_STEP,
-        prior_mean=(PRIOR.cohesion_pa, PRIOR.tan_phi),
-        prior_sd=(PRIOR.cohesion_sd_pa, PRIOR.tan_phi_sd),
+        prior=model.prior,
         rover=rover,
         soils=tuple(soils),
         training=training,

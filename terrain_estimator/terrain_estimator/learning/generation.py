@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training data in chunks with a seed each: the same data whoever draws them, in whatever order, on however many workers."""
 
+import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -68,7 +69,8 @@ def draw_chunk(chunk: Chunk) -> Regression:
     """Simulate and measure the drives of a chunk, and make their rows; a pure function of the chunk."""
     order, generator = chunk.order, generator_of(chunk)
     plant = random_plant(order.family, order.rover, chunk.size, order.share, generator)
-    spread, prior = order.constants_sd * 3.0**0.5, PRIOR._replace(constants_sd=order.constants_sd)
+    spread = order.constants_sd * 3.0**0.5
+    prior = dataclasses.replace(PRIOR, constants_sd=order.constants_sd)
     tasks = draw_tasks(
         order.rover,
         order.soil,

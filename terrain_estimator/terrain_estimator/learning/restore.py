@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python model behind a model file, for what a TorchScript module cannot do: torch.vmap and masked rows."""
 
+import dataclasses
+
 import torch
 
 from terrain_estimator.learning.training import PRIOR, build_model
@@ -22,7 +24,7 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
         )
     values = loaded.module.state_dict()
     last = values["net.layers.4.weight"]
-    prior = PRIOR if values["uncertain"].shape[1] else PRIOR._replace(constants_sd=0.0)
+    prior = loaded.metadata.prior
     rows = values["net.row_scale"].shape[0]
     columns, moments = last.shape[0] // rows, rows > len(loaded.rover.axle_x) + 2
     model = build_model(
@@ -40,7 +42,7 @@ def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
     ``exact`` takes the soil constants for exact; else they are parameters with the prior of the
     trained models.
     """
-    prior = PRIOR._replace(constants_sd=0.0) if exact else PRIOR
+    prior = dataclasses.replace(PRIOR, constants_sd=0.0) if exact else PRIOR
     model = build_model(rover, [soil], columns=1, hidden=1, prior=prior)
     _trust(model, 0.0)
     return _frozen(model)

@@ -22,10 +22,11 @@ import torch
 import terrain_estimator
 from rover_parameters.records import ConfigError, build, number
 from terrain_estimator.model.packing import AXLE_FIELDS, packed_size, scalar_fields
+from terrain_estimator.model.prior import Prior
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
-FORMAT = 2
+FORMAT = 3
 """Version of the interface: the state's fields, the packed observation, the methods."""
 MODELS = Path(terrain_estimator.__file__).parent / "models"
 DEFAULT_MODEL = "mars_rover"
@@ -91,14 +92,21 @@ class Metadata:
         Soil, ...
     ]  # that the model knows; their order is that of the state's probabilities
     training: Training
+    prior: Prior  # of ground and rover, before any measurement
     step_s: float = number(
         "time between observations that the model was trained for", "s", 0.0, exclusive=True
     )
-    prior_mean: tuple[float, float] = number("prior mean of c [Pa] and tan phi", "Pa, 1")
-    prior_sd: tuple[float, float] = number(
-        "prior standard deviation of c [Pa] and tan phi", "Pa, 1", 0.0, exclusive=True
-    )
     effects: tuple[AddedEffect, ...] = ()
+
+    @property
+    def prior_mean(self) -> tuple[float, float]:
+        """Prior means of c [Pa] and tan phi."""
+        return self.prior.cohesion_pa, self.prior.tan_phi
+
+    @property
+    def prior_sd(self) -> tuple[float, float]:
+        """Prior standard deviations of c [Pa] and tan phi."""
+        return self.prior.cohesion_sd_pa, self.prior.tan_phi_sd
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,6 +59,7 @@ class Physics(nn.Module):
         stay when the ground changes.
         """
         super().__init__()
+        self.prior = prior  # for the metadata; the scripted module has the buffers
         self.axles, self.gravity, self.radius, self.width = (
             body.axles,
             body.gravity,

@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a model is told before anything is measured: the rover, the spread of ground, and how well a soil is known."""
+"""The knowledge before any measurement: the rover, the spread of ground, and how well a soil is known."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from rover_parameters.records import number
 from terramechanics.contact.stresses import CONSTANTS
 from terramechanics.vehicle.suspension import Geometry
 
@@ -23,17 +25,31 @@ class RoverBody(NamedTuple):
     geometry: Geometry
 
 
-class Prior(NamedTuple):
-    """Means and standard deviations before anything was measured."""
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Means and standard deviations before any measurement."""
 
-    cohesion_pa: float
-    cohesion_sd_pa: float
-    tan_phi: float
-    tan_phi_sd: float
-    mass_sd: float  # [1] of the rover's mass, relative to the rover file's
-    centre_of_mass_sd: float  # [m] of its centre of mass along the body
-    acceleration_bias_sd: float  # [m/s^2] of the imu
-    constants_sd: float  # [1] of each soil constant, relative; 0 takes them for exact
+    cohesion_pa: float = number("prior mean of the cohesion", "Pa")
+    cohesion_sd_pa: float = number(
+        "prior standard deviation of the cohesion", "Pa", 0.0, exclusive=True
+    )
+    tan_phi: float = number("prior mean of the tangent of the friction angle")
+    tan_phi_sd: float = number("prior standard deviation of tan phi", "1", 0.0, exclusive=True)
+    mass_sd: float = number(
+        "standard deviation of the rover's mass, relative to the rover file's",
+        "1",
+        0.0,
+        exclusive=True,
+    )
+    centre_of_mass_sd: float = number(
+        "standard deviation of the centre of mass along the body", "m", 0.0, exclusive=True
+    )
+    acceleration_bias_sd: float = number(
+        "standard deviation of the imu's acceleration bias", "m/s^2", 0.0, exclusive=True
+    )
+    constants_sd: float = number(
+        "relative standard deviation of each soil constant; 0 makes them exact", "1", 0.0
+    )
 
 
 UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
