@@ -27,7 +27,7 @@ class RunError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class RecordedRun:
-    """What one drive measured."""
+    """The measurements of one drive."""
 
     name: str
     packed: Tensor  # [T, 8 A + 9] observations of terrain_estimator.model.packing
@@ -36,20 +36,20 @@ class RecordedRun:
 
 
 class Refusals:
-    """How many observations were refused, and why the first of each kind was."""
+    """Counts of refused observations, with the first reason of each kind."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Begin without any."""
         self._counts: Counter[Outcome] = Counter()
         self._first: dict[Outcome, str] = {}
 
     def add(self, outcome: Outcome, detail: str) -> None:
-        """One more."""
+        """Count one more."""
         self._counts[outcome] += 1
         self._first.setdefault(outcome, detail)
 
     def __str__(self) -> str:
-        """In words, the most frequent first."""
+        """Return the counts in words, the most frequent first."""
         said = (
             f"{count} {outcome.name} ({self._first[outcome]}): {outcome.advice}"
             for outcome, count in self._counts.most_common()
@@ -64,7 +64,9 @@ def run_of(
     config: CoreConfig,
     refusals: Refusals,
 ) -> RecordedRun:
-    """The run that these observations make, screened as the estimator does; those that it refuses are added to ``refusals``.
+    """Return the run of these observations, screened as the estimator does.
+
+    Refused ones are added to ``refusals``.
 
     Raises:
         RunError: none of them can be used, and why.
@@ -99,7 +101,7 @@ def run_of(
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """What the discrepancy of a block may depend on, [B, A] or [B, 1], smooth in time.
+    """The signals on which a discrepancy may depend, [B, A] or [B, 1], smooth in time.
 
     Measured signals are means over the two neighbouring blocks, never of the block itself: the
     noise of a signal moves the rows of its own block, so that residuals correlate with it where
@@ -129,7 +131,7 @@ class Blocks:
     signals: Signals
 
     def between(self, first: int, last: int) -> "Blocks":
-        """Blocks ``first`` to ``last - 1`` as a run of their own."""
+        """Return blocks ``first`` to ``last - 1`` as a run of their own."""
         here = slice(first, last)
         ends = self.ends[here] - self.ends[first, 0]
         signals = Signals(*(getattr(self.signals, item.name)[here] for item in fields(Signals)))
@@ -138,12 +140,12 @@ class Blocks:
         )
 
     def follows(self) -> Tensor:
-        """Whether each block goes on where the one before it ended, [B] bool."""
+        """Return whether each block continues the one before, [B] bool."""
         joined = self.ends[1:, 0] == self.ends[:-1, 1]
         return torch.cat([torch.zeros(1, dtype=torch.bool), joined])
 
     def pieces(self, length: int) -> list[int]:
-        """Numbers of the first blocks of pieces of ``length`` linked blocks, one after the other."""
+        """Return the first blocks of pieces of ``length`` linked blocks, one after the other."""
         found, first = [], 0
         for number, joined in enumerate(self.follows().tolist()):
             first = first if joined else number
@@ -185,7 +187,7 @@ _FEWEST = 5
 
 
 def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[bool]]:
-    """First observation of each whole block, and whether its velocity is not that of the block before."""
+    """Return the first observation of each whole block, and whether the block begins anew."""
     starts: list[int] = []
     begins: list[bool] = []
     first, count, fresh = 0, 0, True
@@ -202,7 +204,7 @@ def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[boo
 
 
 def _rim_rate(packed: Tensor, axles: int, radius: float) -> Tensor:
-    """Mean wheel rate of each block from velocity and slip, where no encoder tells it."""
+    """Return the mean wheel rate of each block from velocity and slip, without an encoder."""
     rim = (
         packed[..., 8 * axles : 8 * axles + 1] / (1.0 - packed[..., :axles].clamp(max=0.9)) / radius
     )
@@ -224,7 +226,10 @@ def _signals(packed: Tensor, speed: Tensor, time: Tensor) -> Signals:
 
 
 def _around(means: Tensor, time: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean of the blocks before and after each, and the slope between them; at an end the only neighbour and no slope."""
+    """Return the mean of the blocks before and after each, and the slope between them.
+
+    At an end the only neighbour and no slope.
+    """
     seconds = time.mean(1, keepdim=True)
     before, after = torch.cat([means[1:2], means[:-1]]), torch.cat([means[1:], means[-2:-1]])
     apart = torch.cat([seconds[1:], seconds[-2:-1]]) - torch.cat([seconds[1:2], seconds[:-1]])

@@ -93,7 +93,7 @@ class StressIntegrals(nn.Module):
 
 
 class EffectRows(nn.Module):
-    """Rows of one rover under several laws; ``values`` [n or 1, V] are theirs, one behind the other."""
+    """Rows of one rover under several laws; their values [n or 1, V] follow one another."""
 
     def __init__(
         self, laws: Sequence[Law], mass_kg: float, integrals: nn.Module | None = None
@@ -105,7 +105,7 @@ class EffectRows(nn.Module):
         self.integrals = StressIntegrals() if integrals is None else integrals
 
     def size_moments(self, mean: Tensor, variance: Tensor) -> Tensor:
-        """Return mean and variance [J, 2] of every size, where those of the values [V] are given."""
+        """Return mean and variance [J, 2] of every size from those of the values [V]."""
         means, variances = (
             mean.split_with_sizes(self.counts),
             variance.split_with_sizes(self.counts),
@@ -139,7 +139,7 @@ class EffectRows(nn.Module):
     def forces(
         self, inputs: ContactInputs, wheel_rate: Tensor, contact: ContactModel, values: Tensor
     ) -> Tensor:
-        """Return :func:`wheel_forces` with the effects on the contact in them, [..., n, A, 3, 3]."""
+        """Return :func:`wheel_forces` with the effects in them, [..., n, A, 3, 3]."""
         own = values.split_with_sizes(self.counts, 1)
         for k, law in enumerate(self.laws):
             inputs = law.contact(inputs, own[k], wheel_rate)

@@ -32,9 +32,19 @@ from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 
 SIZES = {
-    "slope_bias": 0.02, "bulldozing": 2e4, "drive_drag": 2.0, "coulomb_drag": 1.5, "payload": 40.0, "grousers": 60.0, "slip_sinkage": 0.5,
-    "multipass": 1.0, "odometry_scale": 0.06, "sinkage_bias": 0.004, "rate_dependence": 0.3, "exit_angle": 0.2,
-}  # fmt: skip
+    "slope_bias": 0.02,
+    "bulldozing": 2e4,
+    "drive_drag": 2.0,
+    "coulomb_drag": 1.5,
+    "payload": 40.0,
+    "grousers": 60.0,
+    "slip_sinkage": 0.5,
+    "multipass": 1.0,
+    "odometry_scale": 0.06,
+    "sinkage_bias": 0.004,
+    "rate_dependence": 0.3,
+    "exit_angle": 0.2,
+}
 TILT = SIZES["slope_bias"]
 
 
@@ -44,7 +54,7 @@ def plain() -> LoadedModel:
 
 
 def driven(model: LoadedModel, name: str, size: float, seconds: float, seed: int = 3) -> Drive:
-    """An S1 drive on the model's first soil with the library's law."""
+    """Return an S1 drive on the model's first soil with the library's law."""
     generator = torch.Generator().manual_seed(seed)
     ground = Ground.constant(model.metadata.soils[0])
     return simulate(
@@ -59,12 +69,13 @@ def measured(drive: Drive, seed: int = 4) -> list[Observation]:
 
 
 def in_python(plain: LoadedModel, *effects: Sized) -> LoadedModel:
-    """The model with effects without the time that compiling takes; that the compiled one is the same has a test of its own."""
+    """Return the model with effects uncompiled; the compiled one has a test of its own."""
     added = tuple(
         AddedEffect(each.name, describe(each.name).unit, each.mean, each.sd) for each in effects
     )
     module = with_effects(plain, effects)
-    return LoadedModel(module, dataclasses.replace(plain.metadata, effects=added))  # type: ignore[arg-type]
+    metadata = dataclasses.replace(plain.metadata, effects=added)
+    return LoadedModel(module, metadata)  # type: ignore[arg-type]
 
 
 def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
@@ -73,7 +84,10 @@ def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
 
 
 def residuals(model: PAlpacaWithEffects, drive: Drive, size: float) -> torch.Tensor:
-    """The most that a row of an exact drive leaves over with the effect at ``size`` times the prior mean, in units of its scale."""
+    """Return the largest rest of a row of an exact drive, in units of its scale.
+
+    The effect is at ``size`` times the prior mean.
+    """
     packed = measure_tasks(drive, Noise(factor=0.0), torch.Generator().manual_seed(0)).measured[0]
     packed = torch.cat([packed[:, :-2], drive.sample.wheel_rate[0], packed[:, -2:]], 1)
     theta = torch.cat(
@@ -139,13 +153,22 @@ def test_the_exported_model_gives_the_numbers_of_the_python_model(
     loaded, module = load_model(str(tmp_path / "model.pt")), with_effects(plain, effects)
     assert loaded.metadata == metadata
     assert [(each.name, each.unit, each.mean, each.sd) for each in loaded.effects] == [
-        ("payload", "kg", 10.0, 5.0), ("rate_dependence", "1", 0.0, 0.2)
-    ]  # fmt: skip
+        ("payload", "kg", 10.0, 5.0),
+        ("rate_dependence", "1", 0.0, 0.2),
+    ]
     assert metadata.parameters[-8:] == (
-        "payload", "payload_1", "payload_2", "rate_dependence", "mass", "centre_of_mass", "acceleration_bias", "velocity"
-    )  # fmt: skip
+        "payload",
+        "payload_1",
+        "payload_2",
+        "rate_dependence",
+        "mass",
+        "centre_of_mass",
+        "acceleration_bias",
+        "velocity",
+    )
     assert loaded.model_id == f"{plain.model_id}+payload+rate_dependence"
-    with torch.inference_mode(), torch.jit.optimized_execution(should_optimize=False):  # type: ignore[attr-defined]
+    plainly = torch.jit.optimized_execution(should_optimize=False)  # type: ignore[attr-defined]
+    with torch.inference_mode(), plainly:
         here, there = module.initial(), loaded.module.initial()
         for observation in measured(driven(plain, "payload", 10.0, 1.2)):
             packed = pack(observation, observation.torque, 0.1, linked=True, rates=True)
@@ -198,7 +221,8 @@ def test_a_wrong_effect_is_refused_by_name(
 def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedModel) -> None:
     values = plain.module.state_dict()
     values["of_old"] = values.pop("stencil_moves")
-    old = dataclasses.replace(plain, module=SimpleNamespace(state_dict=lambda: values))  # type: ignore[arg-type]
+    other = SimpleNamespace(state_dict=lambda: values)
+    old = dataclasses.replace(plain, module=other)  # type: ignore[arg-type]
     with pytest.raises(
         ModelFileError,
         match=(

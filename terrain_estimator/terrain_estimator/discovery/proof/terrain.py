@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The terrain along a recorded track, from what the rover measured of its own attitude: an input of rollouts, as wheel rates are."""
+"""The terrain along a recorded track, from the rover's own attitude: an input of rollouts."""
 
 from dataclasses import dataclass
 
@@ -32,7 +32,9 @@ class SlopeTrack:
 
 
 def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
-    """The track of linked observations [n, 8 A + 9]: a smoothing spline through the slopes below all wheels.
+    """Return the track of linked observations [n, 8 A + 9].
+
+    A smoothing spline through the slopes below all wheels.
 
     How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and
     Wahba 1979).
@@ -63,7 +65,7 @@ def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
 
 
 def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
-    """The observations [n, 8 A + 9] with their angles measured once more: what that changes is what their noise does."""
+    """Return the observations [n, 8 A + 9] with noise added to their angles."""
     again = packed.clone()
     for first, count in ((4 * axles, axles), (8 * axles + 2, 1)):
         here, spread = slice(first, first + count), slice(first + count, first + 2 * count)
@@ -74,7 +76,7 @@ def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
 
 
 def profile_of(track: SlopeTrack, origins: Tensor, length: float, rover: Rover) -> Sampled:
-    """The profile of episodes that start at ``origins`` [batch] [m] and go ``length`` [m] at most."""
+    """Return the profile of episodes from ``origins`` [batch] [m], ``length`` [m] at most."""
     reach = max(rover.axle_x) + 2.0 * rover.wheel_radius
     start = min(rover.axle_x) - 2.0 * rover.wheel_radius
     count = int((length + reach - start) / SPACING) + 2
@@ -102,7 +104,10 @@ def _binned(
 
 
 def _smooth(x: np.ndarray, y: np.ndarray, w: np.ndarray, sharpest: float) -> BSpline:
-    """The spline of least cross-validation error; smoother where it bends more sharply than wheels could follow."""
+    """Return the spline of least cross-validation error.
+
+    Smoother where it bends more sharply than wheels could follow.
+    """
     spline, penalty = make_smoothing_spline(x, y, w), 1e-6
     while np.abs(spline.derivative()(x)).max() > sharpest and penalty < 1e9:
         penalty *= 10.0
