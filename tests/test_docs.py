@@ -108,7 +108,9 @@ def commands(page: Path) -> Iterator[tuple[str, str, str]]:
 def modules(page: Path) -> Iterator[tuple[str, str]]:
     """Module and arguments of every `python -m`, those that make hands on included; pytest and what is no module of ours are left out."""
     for text in code(page):
-        yield from re.findall(rf"python3? -m ((?:tests|benchmarks|docs|studies)[\w.]*)({ENDS})", text)
+        yield from re.findall(
+            rf"python3? -m ((?:tests|benchmarks|docs|studies)[\w.]*)({ENDS})", text
+        )
         for target, arguments in re.findall(r'make ([a-z-]+) ARGS="([^"]*)"', text):
             for module in re.findall(r"python -m ([\w.]+).* \$\(ARGS\)", targets()[target]):
                 if module != "pytest":
@@ -347,7 +349,9 @@ def test_lists_are_indented_for_the_site() -> None:
 
 
 def test_the_readme_has_at_most_900_words() -> None:
-    text = re.sub(r"<!--.*?-->", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = re.sub(
+        r"<!--.*?-->", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL
+    )
     assert len(text.split()) <= 900
 
 

@@ -13,9 +13,7 @@ import pytest
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import ConversionConfig, CoreConfig
-from terrain_estimator.messaging.conversion import Conversion
-from terrain_estimator.messaging.conversion import Converter
-from terrain_estimator.messaging.conversion import nose_up_pitch
+from terrain_estimator.messaging.conversion import Conversion, Converter, nose_up_pitch
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
