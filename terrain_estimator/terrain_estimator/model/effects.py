@@ -15,7 +15,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.model.packing import RATES
+from terrain_estimator.model.packing import (
+    view_of,
+    with_pitch,
+    with_sinkage,
+    with_slip_and_sd,
+    with_torque,
+)
 from terrain_estimator.model.prior import RoverBody
 from terrain_estimator.model.rows import ContactModel, with_body
 from terramechanics.effects.laws import (
@@ -51,11 +57,6 @@ def scaled(touching: Touching, exponent: Tensor, stiffness: Tensor) -> Touching:
     parts = (n * exponent, k_c * stiffness, k_phi * stiffness, shear_modulus, c1, c2)
     columns = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
     return Touching(touching.slip, touching.sinkage, torch.stack(columns, -1), touching.exit_angle)
-
-
-def replaced(packed: Tensor, first: int, value: Tensor) -> Tensor:
-    """Packed observations [n, P] with ``value`` [n, J] in the J places from ``first`` on."""
-    return torch.cat([packed[:, :first], value, packed[:, first + value.shape[1] :]], 1)
 
 
 class Law(nn.Module):
@@ -108,8 +109,8 @@ class SlopeBias(Law):
 
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
         """See Law."""
-        place = 8 * self.axles + 2
-        return replaced(packed, place, packed[:, place : place + 1] - values)
+        pitch = view_of(packed, self.axles).pitch - values[:, 0]
+        return with_pitch(packed, pitch, self.axles)
 
 
 class OdometryScale(Law):
@@ -121,10 +122,8 @@ class OdometryScale(Law):
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
         """See Law."""
         error = uneven(values[:, :1], values[:, 1:], self.order)
-        slip, deviation = packed[:, : self.axles], packed[:, self.axles : 2 * self.axles]
-        return replaced(
-            packed, 0, torch.cat([slip_behind(slip, error), (1.0 + error) * deviation], 1)
-        )
+        view = view_of(packed, self.axles)
+        return with_slip_and_sd(packed, slip_behind(view.slip, error), (1.0 + error) * view.slip_sd)
 
 
 class SinkageBias(Law):
@@ -132,10 +131,8 @@ class SinkageBias(Law):
 
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
         """See Law."""
-        place = 2 * self.axles
-        return replaced(
-            packed, place, sinkage_behind(packed[:, place : place + self.axles], values)
-        )
+        sinkage = view_of(packed, self.axles).sinkage
+        return with_sinkage(packed, sinkage_behind(sinkage, values))
 
 
 class DriveDrag(Law):
@@ -143,12 +140,8 @@ class DriveDrag(Law):
 
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
         """See Law."""
-        place = 6 * self.axles
-        return replaced(
-            packed,
-            place,
-            packed[:, place : place + self.axles] - self.loss(rates(packed, self.axles), values),
-        )
+        view = view_of(packed, self.axles)
+        return with_torque(packed, view.torque - self.loss(view.wheel_rate, values))
 
     def loss(self, rate: Tensor, values: Tensor) -> Tensor:
         """Torque that is lost [n, A] [N m]."""
@@ -302,8 +295,3 @@ NOT_ONLINE = {
     "lateral_bulldozing": "it acts sideways, which a planar rover does not show",
 }
 """Why the others cannot be estimated online, and what to do instead."""
-
-
-def rates(packed: Tensor, axles: int, first: int = RATES) -> Tensor:
-    """Wheel rates [n, A] [rad/s] of packed observations."""
-    return packed[:, 8 * axles + first : 9 * axles + first]

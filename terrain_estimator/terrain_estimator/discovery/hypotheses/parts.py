@@ -11,6 +11,14 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.model.packing import (
+    PackedView,
+    view_of,
+    with_pitch,
+    with_sinkage,
+    with_slip,
+    with_slip_and_sd,
+)
 from terramechanics.effects import make_effect
 from terramechanics.effects.laws import (
     GROUSER_SLIP,
@@ -144,7 +152,7 @@ def plant_of(parts: tuple[Part, ...], values: tuple[float, ...]) -> Plant:
 def undone(
     parts: tuple[Part, ...], values: tuple[float, ...], packed: Tensor, blocks: Blocks
 ) -> Tensor:
-    """Packed observations [n, 8 A + 9] with what the effects do to the sensors taken back."""
+    """Packed observations [n, P] with what the effects do to the sensors taken back."""
     for part, own in zip(parts, _split(parts, values), strict=True):
         if part.name == "odometry_scale":
             packed = _without_scale(packed, own[0], own[1], blocks)
@@ -153,46 +161,37 @@ def undone(
     return packed
 
 
-def _axle_part(packed: Tensor, blocks: Blocks, index: int) -> tuple[slice, Tensor]:
-    axles = blocks.wheel_rate.shape[-1]
-    here = slice(index * axles, (index + 1) * axles)
-    return here, packed[:, here]
-
-
-def _with(packed: Tensor, here: slice, value: Tensor) -> Tensor:
-    changed = packed.clone()
-    changed[:, here] = value
-    return changed
+def _view(packed: Tensor, blocks: Blocks) -> PackedView:
+    return view_of(packed, blocks.wheel_rate.shape[-1])
 
 
 def _without_tilt(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
-    pitch = 8 * blocks.wheel_rate.shape[-1] + 2
-    return _with(packed, slice(pitch, pitch + 1), packed[:, pitch : pitch + 1] - size)
+    pitch = _view(packed, blocks).pitch - size
+    return with_pitch(packed, pitch, blocks.wheel_rate.shape[-1])
 
 
 def _without_scale(packed: Tensor, size: float, unevenness: float, blocks: Blocks) -> Tensor:
-    here, slip = _axle_part(packed, blocks, 0)
-    spread, sd = _axle_part(packed, blocks, 1)
-    error = UnevenScale(size, unevenness).error(slip.shape[1])
-    return _with(_with(packed, here, slip_behind(slip, error)), spread, (1.0 + error) * sd)
+    view = _view(packed, blocks)
+    error = UnevenScale(size, unevenness).error(view.slip.shape[1])
+    return with_slip_and_sd(packed, slip_behind(view.slip, error), (1.0 + error) * view.slip_sd)
 
 
 def _without_depth(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
-    here, sinkage = _axle_part(packed, blocks, 2)
-    return _with(packed, here, sinkage_behind(sinkage, torch.tensor(size, dtype=torch.float64)))
+    sinkage = _view(packed, blocks).sinkage
+    return with_sinkage(packed, sinkage_behind(sinkage, torch.tensor(size, dtype=torch.float64)))
 
 
 def _without_delay(packed: Tensor, size: float, blocks: Blocks) -> Tensor:
     """Slip and sinkage moved on by ``size`` [s] along their slope between the neighbouring blocks."""
-    here, slip = _axle_part(packed, blocks, 0)
-    depth, sinkage = _axle_part(packed, blocks, 2)
+    view = _view(packed, blocks)
     per_block = blocks.packed.shape[1]
     faster, deeper = (
         rate.repeat_interleave(per_block, 0)
         for rate in (blocks.signals.slip_rate, blocks.signals.sinkage_rate)
     )
-    moved = _with(packed, here, in_slip_range(slip + size * faster))
-    return _with(moved, depth, torch.maximum(sinkage + size * deeper, SHALLOWEST * sinkage))
+    moved = with_slip(packed, in_slip_range(view.slip + size * faster))
+    depth = torch.maximum(view.sinkage + size * deeper, SHALLOWEST * view.sinkage)
+    return with_sinkage(moved, depth)
 
 
 _UNDO: dict[str, Callable[[Tensor, float, Blocks], Tensor]] = {

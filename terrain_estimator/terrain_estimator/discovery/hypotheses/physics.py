@@ -16,6 +16,7 @@ from torch import Tensor
 from terrain_estimator.discovery.hypotheses.parts import Part, plant_of, undone
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
+from terrain_estimator.model.packing import view_of, with_torque
 from terrain_estimator.model.prior import uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
@@ -112,11 +113,11 @@ class Laws:
             episode=torch.arange(count),
             place=torch.full((count, axles), math.nan, dtype=torch.float64),
             rate=blocks.wheel_rate.flatten(0, 1),
-            velocity=self._flat[:, 8 * axles],
+            velocity=view_of(self._flat, axles).velocity,
         )
 
     def likely(self, place: LinearizationPoint, chosen: Tensor) -> Tensor:
-        """How far the inputs are, where all rows agree best, from the measured ones: [n, 8 A + 9], see ``agreement``."""
+        """How far the inputs are, where all rows agree best, from the measured ones: [n, P], see ``agreement``."""
         plant_, contact, packed = self._at(place)
         rows = self._rows(packed, packed, values_alone(contact), place, plant_)
         theta = torch.cat([place.theta, torch.ones_like(place.theta[:1])])
@@ -137,13 +138,8 @@ class Laws:
         if any(effect.payload(where) is not None for effect in acting.effects):
             contact = _loaded(contact, nominal.rover, acting.body(where))
         packed = undone(self.parts, place.values, self._flat, self._blocks)
-        axles = nominal.rover.axles
-        torque = packed[:, 6 * axles : 7 * axles] - acting.friction(where)
-        return (
-            acting,
-            contact,
-            torch.cat([packed[:, : 6 * axles], torque, packed[:, 7 * axles :]], 1),
-        )
+        torque = view_of(packed, nominal.rover.axles).torque - acting.friction(where)
+        return acting, contact, with_torque(packed, torque)
 
     def _rows(
         self,
