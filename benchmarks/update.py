@@ -23,7 +23,7 @@ ROUNDS = 3  # the fastest counts: what else the machine does only slows it down
 def microseconds(model: LoadedModel, packed: torch.Tensor) -> tuple[float, float]:
     """Return the mean of all observations, and the median of those that close a block.
 
-    ``drives`` are packed [N, T, 8 A + 9].
+    ``drives`` are packed [N, T, P].
     """
     module, block = model.module, model.metadata.block
     means, closing = [], []

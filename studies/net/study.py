@@ -110,6 +110,7 @@ def _trace(model: PAlpaca, drives: MeasuredDrives) -> Trace:
 
 
 def _score(model: PAlpaca, trace: Trace, drives: MeasuredDrives) -> CellScore:
-    # a plant with hidden effects has no bound
-    unknown = torch.full((*trace.mean.shape, 2), torch.nan, dtype=torch.float64)
-    return score(judge(trace, drives, unknown, model.prior_sd))
+    unknown = torch.full(
+        (*trace.mean.shape, 2), torch.nan, dtype=torch.float64
+    )  # the bound of a plant with hidden effects
+    return score(judge(trace, drives, unknown, model.hypotheses.prior_sd))
