@@ -74,7 +74,7 @@ def add_seed(parser: ArgumentParser) -> None:
 
 
 def random_domain() -> int:
-    """Draw a ROS domain that probably nobody uses."""
+    """Draw a ROS domain that is probably unused."""
     return random.SystemRandom().randint(1, 101)
 
 
