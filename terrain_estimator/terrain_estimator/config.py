@@ -508,8 +508,8 @@ class DashboardConfig:
         "TCP port of the page; 0: a free one, which the log names", "1", 0, 65535, default=8090
     )
     address: str = entry(
-        "address to listen on; 127.0.0.1: this machine only; 0.0.0.0: everyone who reaches it,"
-        " without protection",
+        "address to listen on; 127.0.0.1: this machine only; 0.0.0.0: every machine that reaches"
+        " it, without protection",
         "127.0.0.1",
     )
     rate: float = number("highest rate at which the page is updated", "Hz", 1.0, 20.0, default=5.0)

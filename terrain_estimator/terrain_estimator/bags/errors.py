@@ -4,7 +4,7 @@
 
 
 class BagError(ValueError):
-    """A bag cannot be read or written; the message names the file and says what to do."""
+    """A bag cannot be read or written; the message names the file and the remedy."""
 
 
 class BagExistsError(BagError):

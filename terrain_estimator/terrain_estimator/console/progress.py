@@ -37,15 +37,15 @@ class ProgressReport:
             else None
         )
         self._task = self._bar.add_task(title, total=1.0, note="") if self._bar else None
-        self._started_s = self._said_s = time.monotonic()
+        self._started_s = self._shown_s = time.monotonic()
 
     def at(self, share: float, note: str = "") -> None:
         """Show the share of the job that is done, 0 to 1, followed by ``note``."""
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=share, note=note)
-        elif time.monotonic() - self._said_s > LINE_PERIOD_S and share > 0.0:
-            self._said_s = time.monotonic()
-            left_s = (self._said_s - self._started_s) * (1.0 - share) / share
+        elif time.monotonic() - self._shown_s > LINE_PERIOD_S and share > 0.0:
+            self._shown_s = time.monotonic()
+            left_s = (self._shown_s - self._started_s) * (1.0 - share) / share
             sys.stderr.write(
                 f"{self._title}: {share:.0%}, {left_s:.0f} s left {note}".rstrip() + "\n"
             )

@@ -58,7 +58,7 @@ class LiveModel:
         self._session, self._config = session, config
         self.revision = 0  # grows with every message
         self._now: dict[str, Values] = {}
-        self._heard_s: dict[str, float] = {}
+        self._received_s: dict[str, float] = {}
         self._wheels: tuple[str, ...] = ()
         self._generation = -1
         self._begin()
@@ -99,7 +99,7 @@ class LiveModel:
             self._wheels = tuple(values["wheel"])
             self._begin()
             self._advance(stamp_ns(message) * 1e-9, now_s)
-        self._now[topic], self._heard_s[topic] = values, now_s
+        self._now[topic], self._received_s[topic] = values, now_s
         self.revision += 1
         if not math.isnan(self._stamp_s):
             for each in reported_states(topic, values):
@@ -132,7 +132,7 @@ class LiveModel:
         fresh = {
             topic: values
             for topic, values in self._now.items()
-            if now_s - self._heard_s[topic] < STALE_S
+            if now_s - self._received_s[topic] < STALE_S
         }
         estimate, place, health = (
             fresh.get(topic, {}) for topic in ("terrain_estimate", "odom", "estimator_health")
@@ -171,7 +171,10 @@ class LiveModel:
             "whole": self._whole.since(known.whole),
             "journal": [asdict(event) for event in self._journal.since(known.journal)],
             "now": self._now,
-            "ages": {topic: round(now_s - heard_s, 3) for topic, heard_s in self._heard_s.items()},
+            "ages": {
+                topic: round(now_s - received_s, 3)
+                for topic, received_s in self._received_s.items()
+            },
             "time": finite(self._stamp_s),
             "origin": finite(self._origin_s),
         }

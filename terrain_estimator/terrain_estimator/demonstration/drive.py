@@ -42,22 +42,21 @@ class Recording:
 
 def add_duration(parser: ArgumentParser, duration_s: float) -> None:
     """Add the option ``--duration``."""
+    _add_positive(parser, "--duration", duration_s, "simulated time [s]")
+
+
+def _add_positive(parser: ArgumentParser, name: str, default: float, meaning: str) -> None:
     parser.add_argument(
-        "--duration",
+        name,
         type=real(0.0, exclusive=True),
-        default=duration_s,
-        help="simulated time [s] (default: %(default)s)",
+        default=default,
+        help=f"{meaning} (default: %(default)s)",
     )
 
 
 def add_pace(parser: ArgumentParser, factor: float) -> None:
     """Add the options ``--real-time-factor`` and ``--domain-id``."""
-    parser.add_argument(
-        "--real-time-factor",
-        type=real(0.0, exclusive=True),
-        default=factor,
-        help="simulated time over real time (default: %(default)s)",
-    )
+    _add_positive(parser, "--real-time-factor", factor, "simulated time over real time")
     parser.add_argument(
         "--domain-id",
         type=int,
@@ -74,7 +73,7 @@ def add_seed(parser: ArgumentParser) -> None:
 
 
 def random_domain() -> int:
-    """Draw a ROS domain that probably nobody uses."""
+    """Draw a ROS domain that is probably unused."""
     return random.SystemRandom().randint(1, 101)
 
 

@@ -294,7 +294,7 @@ def test_what_is_no_bag_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[s
     (tmp_path / "run.mcap").touch()
     with pytest.raises(SystemExit):
         main([str(tmp_path / "run.mcap"), "--replace"])
-    assert "is no folder" in capsys.readouterr().err
+    assert "is not a folder" in capsys.readouterr().err
 
 
 def test_a_whole_bag_stays_whole(tmp_path: Path) -> None:

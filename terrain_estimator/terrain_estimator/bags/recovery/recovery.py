@@ -98,8 +98,8 @@ class _Recovering:
         expected: list[int | None] = []
         for path in files:
             torn = self._result.damage.torn
-            span, said = self._recover(path)
-            expected.append(said)
+            span, stated = self._recover(path)
+            expected.append(stated)
             if span.count:
                 spans[path.name] = span
                 self._result.cut = self._result.damage.torn - torn
@@ -125,23 +125,23 @@ class _Recovering:
         with path.open("rb") as file, target.open("xb") as out:
             if not file.read(len(MAGIC)).startswith(MAGIC):
                 self._result.notes.append(f"{path} is no MCAP file, or nothing is left of it")
-                span, said = TimeSpan(), None
+                span, stated = TimeSpan(), None
             else:
                 with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-                    span, said = self._copy(data, path, Copier(out))
+                    span, stated = self._copy(data, path, Copier(out))
                 out.flush()
                 os.fsync(out.fileno())
         if not span.count:
             target.unlink()
-        return span, said
+        return span, stated
 
     def _copy(self, data: mmap, path: Path, copier: Copier) -> tuple[TimeSpan, int | None]:
-        span, said, counts = TimeSpan(), None, Counter[str]()
+        span, stated, counts = TimeSpan(), None, Counter[str]()
         channels: dict[int, Channel] = {}
         schemas: dict[int, str] = {}
         for record in salvage(data, path, self._result.damage):
             if record.opcode == Opcode.STATISTICS:
-                said = _message_count(record)
+                stated = _message_count(record)
             content = self._take(record, copier)
             match content:
                 case Schema():
@@ -167,7 +167,7 @@ class _Recovering:
         copier.take(Metadata(name="recover_bag", metadata={"file": path.name} | left_out))
         custom = self._stored.custom if self._stored else {}
         copier.finish({"serialized_metadata": dump(information(topics, {path.name: span}, custom))})
-        return span, said
+        return span, stated
 
     def _take(self, record: Record, copier: Copier) -> McapRecord | None:
         """Copy a record; return None where it is not copied or cannot be."""
