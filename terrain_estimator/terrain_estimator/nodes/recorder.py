@@ -53,9 +53,9 @@ class Source:
 class RecorderNode(ManagedNode):
     """Subscribe to topics as their publishers appear, with the quality of service that they offer.
 
-    The log time is the node's clock at reception: with ``use_sim_time`` simulated time, and the node
-    subscribes once /clock runs, so that a player's clock agrees with the stamps. The publish time is
-    that of the publisher's DDS. "Configure" opens a bag, "activate" records to it, "clean up"
+    The log time is the node's clock at reception: with ``use_sim_time`` simulated time, and the
+    node subscribes once /clock runs, so that a player's clock agrees with the stamps. The publish
+    time is that of the publisher's DDS. "Configure" opens a bag, "activate" records to it, "clean up"
     finishes it.
     """
 
@@ -195,7 +195,7 @@ class RecorderNode(ManagedNode):
             self._fail(self._bag, error)
 
     def _follow(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
-        """Subscribe to a topic that has appeared, and anew where its publishers offer another QoS."""
+        """Subscribe to a topic that has appeared, again where its publishers offer another QoS."""
         source = self._sources.get(name)
         type_name = (
             source.topic.count.type_name
@@ -306,7 +306,7 @@ class RecorderNode(ManagedNode):
         return self._adding.pop(name).result() if self._adding[name].done() else None
 
     def _next_log_time_ns(self) -> int:
-        """Return the time of the clock, or that of the last message where the clock has stepped back.
+        """Return the time of the clock, never before that of the last message.
 
         Readers sort by log time, and would mix the messages before and after the step.
         """
