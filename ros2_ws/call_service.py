@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 service call` of machines without a ROS 2 installation: ros2_ws/bin/ros2 starts it."""
+"""Call a service once: `ros2 service call` for machines without a ROS 2 installation.
+
+ros2_ws/bin/ros2 starts it.
+"""
 
 import argparse
 import importlib
@@ -13,25 +16,25 @@ import yaml
 from rclpy.node import Node
 
 APPEAR_S = 10.0
-"""Discovery takes a second, or some on a busy machine."""
+"""Discovery takes a second, and longer on a busy machine."""
 ANSWER_S = 120.0
-"""A recorder that is cleaned up waits for its disk, and compresses what it has recorded."""
+"""A recorder waits for its disk at "clean up", and compresses its bag."""
 
 
 class CallError(Exception):
-    """What is wrong with the command, or with the service."""
+    """An error in the command, or of the service."""
 
 
 class Message(Protocol):
-    """Any message of rclpy's classes."""
+    """Message of one of rclpy's classes."""
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
-        """See rosidl_generator_py."""
+        """Return the type of each field by its name, as rosidl_generator_py does."""
 
 
 def main() -> int:
-    """Call a service, and print what it answers. Returns 0 where it answers, 1 where it does not, 2 where the command is wrong."""
+    """Call a service and print its answer; return 0, 1 without an answer, 2 for a wrong command."""
     parser = argparse.ArgumentParser(prog="ros2 service call", description="Calls a service once.")
     parser.add_argument("name", help="of the service, such as /planner/resume")
     parser.add_argument("type", help="such as std_srvs/srv/Trigger")
@@ -66,13 +69,13 @@ def main() -> int:
 
 
 def refuse(code: int, error: object) -> int:
-    """Say what is wrong; returns the exit code."""
+    """Print an error; return the exit code."""
     sys.stderr.write(f"ros2 service call: {error}\n")
     return code
 
 
 def service_class(name: str) -> type[Any]:
-    """The class of a type such as ``std_srvs/srv/Trigger``. Raises CallError where there is none."""
+    """Return the class of a type such as ``std_srvs/srv/Trigger``. Raises CallError."""
     package, _, rest = name.partition("/")
     try:
         kind: type[Any] = getattr(
@@ -84,7 +87,7 @@ def service_class(name: str) -> type[Any]:
 
 
 def filled(message: Message, values: object, where: str) -> Message:
-    """The message with these fields set. Raises CallError where one is unknown or of another type."""
+    """Return the message with these fields set. Raises CallError for a wrong name or type."""
     if not isinstance(values, dict):
         raise CallError(
             f"{where}: {values!r} is no mapping of fields to values, such as {{transition: {{id:"
@@ -111,7 +114,7 @@ def filled(message: Message, values: object, where: str) -> Message:
 
 
 def answer(node: Node, name: str, kind: type[Any], request: Message) -> object:
-    """What the service says. Raises CallError where it is not there, or says nothing."""
+    """Return the answer of the service. Raises CallError where it is missing or does not answer."""
     client = node.create_client(kind, name)
     if not client.wait_for_service(timeout_sec=APPEAR_S):
         listed = node.get_service_names_and_types()

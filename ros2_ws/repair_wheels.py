@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the ROS wheels of a virtual environment fit to build against, and writes the set-up scripts that /opt/ros/jazzy has.
+"""Make the ROS wheels of an environment fit for builds, and write the scripts of /opt/ros/jazzy.
 
 Run with the environment's own interpreter after every installation. Repeating it changes nothing.
 """
@@ -22,12 +22,12 @@ BAKED_NUMPY = re.compile(r'/opt/python/[^;"\s]*/numpy/_?core/include')
 HEADER = """\
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-# Written by ros2_ws/prepare: plays the part of /opt/ros/jazzy/setup.sh for the wheels in this environment.
+# Written by ros2_ws/prepare in place of /opt/ros/jazzy/setup.sh, for the wheels in this environment.
 """
 
 # Quoted and expanded only where set, so that it holds under `set -u` and in folders with spaces.
-# _ROS_WHEELS_BOOTSTRAP_COMPLETE tells the wheels that LD_LIBRARY_PATH is right already, which saves
-# each process a second exec.
+# With _ROS_WHEELS_BOOTSTRAP_COMPLETE the wheels leave LD_LIBRARY_PATH alone, which saves each process
+# a second exec.
 BODY = """
 _te_venv={venv}
 _te_prepend() {{
@@ -53,12 +53,12 @@ unset -f _te_prepend
 
 
 def shell_quoted(text: str) -> str:
-    """Returns text as one word of a POSIX shell."""
+    """Return text as one word of a POSIX shell."""
     return "'" + text.replace("'", "'\\''") + "'"
 
 
 def repair_cmake_files(prefix: Path) -> None:
-    """Replaces the baked header folders in every CMake file of the wheels; raises RuntimeError where one is left."""
+    """Replace the baked header folders in all CMake files. Raises RuntimeError for one left."""
     python_headers = sysconfig.get_path("include")
     for path in prefix.glob("share/*/cmake/*.cmake"):
         text = path.read_text(encoding="utf-8")
@@ -76,7 +76,7 @@ def repair_cmake_files(prefix: Path) -> None:
 
 
 def write_setup_scripts(prefix: Path) -> None:
-    """Writes setup.sh, setup.bash and their local_ forms (which colcon's own install/setup.bash looks for)."""
+    """Write setup.sh, setup.bash and the local_ forms that colcon looks for."""
     bundled = sorted(str(path) for path in Path(sysconfig.get_path("platlib")).glob("ros_*.libs"))
     libraries = ":".join([str(prefix / "lib"), *bundled])
     text = HEADER + BODY.format(venv=shell_quoted(str(prefix)), libraries=shell_quoted(libraries))
@@ -85,7 +85,7 @@ def write_setup_scripts(prefix: Path) -> None:
 
 
 def main() -> None:
-    """Repairs the environment of the running interpreter."""
+    """Repair the environment of the running interpreter."""
     prefix = Path(sys.prefix)
     repair_cmake_files(prefix)
     write_setup_scripts(prefix)

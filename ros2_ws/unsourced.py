@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a program says, in place of a traceback, that was started without the workspace's environment.
+"""Explain in a line, instead of a traceback, that a shell has not sourced the workspace.
 
 ros2_ws/compile copies this module into .venv, whose interpreters import it as they start: so it
 imports next to nothing.
@@ -16,11 +16,12 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 PACKAGES = ("msg_defs", "rover_parameters", "rover_sim_node", "terrain_estimator", "terramechanics")
-SETUP = os.path.join(os.path.dirname(sys.prefix), "ros2_ws", "setup.bash")  # noqa: PTH118, PTH120 - pathlib takes longer than all of this
+# pathlib would take longer to import than all of this
+SETUP = os.path.join(os.path.dirname(sys.prefix), "ros2_ws", "setup.bash")  # noqa: PTH118, PTH120
 
 
 def advice(package: str) -> str:
-    """One line."""
+    """Return the line to print."""
     return (
         f"{package} is not in this environment: source the workspace in this shell, then start"
         f" again:  . {SETUP}"
@@ -28,11 +29,11 @@ def advice(package: str) -> str:
 
 
 class LastFinder:
-    """Is asked for a module when nobody else has it: the words reach those who handle the error themselves, as ``python -m`` does."""
+    """Finder of last resort, whose error also reaches programs that handle import errors."""
 
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> None:
-        """See importlib.abc.MetaPathFinder. Raises ModuleNotFoundError for a package of the workspace."""
+        """Return None; raise ModuleNotFoundError for a package of the workspace."""
         del path, target
         package = name.partition(".")[0]
         # In the repository's root Python takes the folders of the packages for packages: those have
@@ -42,7 +43,10 @@ class LastFinder:
 
 
 def say(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """See sys.excepthook. Executables look for the distribution of their package, whose name has hyphens."""
+    """Print the advice for a missing package of the workspace, else the traceback.
+
+    An executable looks for its package's distribution, whose name has hyphens.
+    """
     package = (error.name or "").replace("-", "_") if isinstance(error, ModuleNotFoundError) else ""
     if package in PACKAGES:
         sys.stderr.write(f"{advice(package)}\n")

@@ -51,8 +51,8 @@ def run(
 def set_at_signals(stop: threading.Event) -> None:
     """Set ``stop`` at SIGINT, SIGTERM and SIGHUP: Ctrl-C, a service manager, a lost connection.
 
-    An ignored SIGHUP stays ignored, as nohup wants it. Shells ignore SIGINT in the background, where
-    it has to end a node all the same.
+    An ignored SIGHUP stays ignored, as nohup wants it. An ignored SIGINT does not: shells
+    ignore it in the background, where it has to end a node too.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:

@@ -27,9 +27,9 @@ def given(node: Node) -> dict[str, Any]:
 def declare(node: Node, config: type[Config], declared_elsewhere: Container[str] = ()) -> Config:
     """Read all parameters of a configuration and declare them read-only.
 
-    With ``--dump-config``, print them and end. ROS ignores a parameter that a node does not declare,
-    and a parameter file without a section for the node; here both are errors. A list of strings is
-    accepted for words separated by spaces.
+    With ``--dump-config``, print them and end. ROS ignores a parameter that a node does not
+    declare, and a parameter file without a section for the node; here both are errors. A list of
+    strings is accepted for words separated by spaces.
 
     Args:
         node: made with ``automatically_declare_parameters_from_overrides=True``, which makes the
@@ -70,7 +70,7 @@ def declare(node: Node, config: type[Config], declared_elsewhere: Container[str]
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
-    """Return the descriptor, with the range in words and, where ROS has a form for it, as numbers."""
+    """Return the descriptor, with the range in words and, where ROS can hold it, as numbers."""
     descriptor = ParameterDescriptor(
         description=entry.meaning, additional_constraints=entry.limits, read_only=True
     )

@@ -55,8 +55,8 @@ def _words(value: object) -> object:
 def read_parameters(path: Path, node: str) -> dict[str, Any]:
     """Read the parameters, by flat name, that a file has for a node; later sections win.
 
-    ``node`` is a full name such as ``/rover1/estimator``. Parameters of ROS and of quality of service
-    are left out: they have no meaning outside of a node.
+    ``node`` is a full name such as ``/rover1/estimator``. Parameters of ROS and of quality of
+    service are left out: they have no meaning outside of a node.
 
     Raises:
         ConfigError: the file cannot be read, is no parameter file, or has no section that matches

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated drive with the nodes of one rover:  ros2 launch terrain_estimator drive.launch.py schedule:=S4 planner:=true.
+"""Start a simulated drive with the nodes of one rover.
+
+For example: ros2 launch terrain_estimator drive.launch.py schedule:=S4 planner:=true
 
 Ends when the simulator ends; where several drives are included, when all have ended.
 """
@@ -58,7 +60,7 @@ ARGUMENTS = SIMULATOR | ROVER
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Starts the simulator and the nodes of a rover; stops these when the simulator has ended."""
+    """Start the simulator and the nodes of a rover; stop these when the simulator has ended."""
     declared = [
         DeclareLaunchArgument(
             name,
@@ -118,7 +120,7 @@ def _readers(value: dict[str, str]) -> list[str]:
 
 
 def _takes_imu(node: str, value: dict[str, str]) -> bool:
-    """Whether a node reads the imu, too; for one that is told not to, the drive would wait in vain."""
+    """Return whether a node subscribes to the imu; else the drive would wait in vain."""
     path, name = (
         Path(value["config"], f"{node}.yaml"),
         f"/{value['namespace'].strip('/')}/{node}".replace("//", "/"),

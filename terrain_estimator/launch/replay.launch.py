@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes of one rover on a recording, played by `ros2 bag play`:  ros2 launch terrain_estimator replay.launch.py bag:=bags/first.
+"""Start the nodes of one rover on a recording, played by `ros2 bag play`.
+
+For example: ros2 launch terrain_estimator replay.launch.py bag:=bags/first
 
 They live in the recording's time. Ends when the player ends. For the estimates alone `ros2 run
 terrain_estimator replay` is faster, and exact.
@@ -46,7 +48,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Starts the nodes of a rover and the player; stops the nodes when the player has ended."""
+    """Start the nodes of a rover and the player; stop the nodes when the player has ended."""
     declared = [
         DeclareLaunchArgument(
             name,
@@ -65,7 +67,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _player(context: LaunchContext) -> list[ExecuteProcess | RegisterEventHandler]:
-    """Plays the inputs alone: the recorded estimates would stand beside the new ones."""
+    """Play the inputs alone: the recorded estimates would mix with the new ones."""
     value = {
         name: LaunchConfiguration(name).perform(context)
         for name in ("bag", "rate", "delay", "namespace")

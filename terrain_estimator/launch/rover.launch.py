@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes of one rover:  ros2 launch terrain_estimator rover.launch.py velocity:=visual_odometry planner:=true.
+"""Start the nodes of one rover.
+
+For example: ros2 launch terrain_estimator rover.launch.py velocity:=visual_odometry planner:=true
 
 The rover publishes what docs/messages.md says. The other launch files include this one. Without a
 ROS installation start the executables by `ros2 run`.
@@ -17,7 +19,7 @@ from terrain_estimator.topics import RECORDED_TOPICS
 
 SWITCH = ["true", "false"]
 PATIENCE_S = "60"
-"""[s] after Ctrl-C: the recorder compresses its bag before it ends, the estimator takes what waits in its queues."""
+"""[s] after Ctrl-C, in which the recorder compresses its bag."""
 ARGUMENTS = {
     "namespace": ("", "of all topics and nodes"),
     "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
@@ -68,7 +70,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Declares the arguments, and starts the nodes that they ask for."""
+    """Declare the arguments, and start the chosen nodes."""
     declared = [
         DeclareLaunchArgument(
             name,
@@ -82,7 +84,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
-    """What is empty is left to the parameter file, and without one to the node's default."""
+    """Return the chosen nodes; an empty value leaves a parameter to the file or its default."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     if value["velocity"] and value["model"] and not value["rover"]:
         message = (
@@ -114,7 +116,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
 
 
 def _topics(value: dict[str, str]) -> str:
-    """What the recorder records beside its own choice, where these nodes run; empty where none does."""
+    """Return all topics to record where planner or map run, else "" for the default."""
     more = [
         topic
         for switch, topic in (("planner", "traction_advice"), ("map", "terrain_map"))
@@ -140,7 +142,7 @@ def _node(name: str, value: dict[str, str], given: dict[str, str]) -> Node:
 
 
 def _file(folder: str, name: str) -> list[str]:
-    """The node's parameter file, where the folder has one."""
+    """Return the node's parameter file, where the folder has one."""
     if folder and not Path(folder).is_dir():
         message = f"config:={folder}: no such folder"
         raise FileNotFoundError(message)

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two simulated rovers, each in its namespace and on its ground:  ros2 launch terrain_estimator two_rovers.launch.py duration:=30.0.
+"""Start two simulated rovers, each in its namespace and on its ground.
+
+For example: ros2 launch terrain_estimator two_rovers.launch.py duration:=30.0
 
 For real rovers start rover.launch.py once in each namespace. Ends when both drives have ended.
 """
@@ -43,7 +45,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Includes the drive of one rover twice, each with a seed of its own."""
+    """Include the drive of one rover twice, each with a seed of its own."""
     declared = [
         DeclareLaunchArgument(
             name,
@@ -59,7 +61,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _drive(which: str, seed: int) -> GroupAction:
-    """In a group, so that the arguments of one rover do not become the other's."""
+    """Include a drive in a group, which keeps its arguments from the other rover."""
     namespace = LaunchConfiguration(which)
     given = {
         "namespace": namespace,

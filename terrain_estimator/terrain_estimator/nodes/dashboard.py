@@ -55,7 +55,10 @@ class Dashboard(Node):
         )
 
     def _take_all(self) -> None:
-        """Serve the waiting callbacks. After one empty turn of the executor's own, more may wait."""
+        """Serve the waiting callbacks; stop after two turns in a row without a message.
+
+        A single empty turn may be one of the executor's own.
+        """
         empty = 0
         for _ in range(DEPTH * len(TOPICS)):
             before = self._taken

@@ -142,7 +142,7 @@ class Watch(Node):
 
 
 def live_line(last: dict[str, Message]) -> str:
-    """Format the time, both parameters with 95 % intervals and truth, mean slip and mean sinkage."""
+    """Format time, both parameters with 95 % intervals and truth, mean slip and sinkage."""
     estimate, truth = last["terrain_estimate"], last.get(TRUTH)
     cohesion = (estimate.cohesion, estimate.cohesion_lower_95, estimate.cohesion_upper_95)
     tan_phi = (estimate.tan_phi, estimate.tan_phi_lower_95, estimate.tan_phi_upper_95)
@@ -157,8 +157,8 @@ def live_line(last: dict[str, Message]) -> str:
             f" kPa{'' if truth is None else f', truth {truth.cohesion * 1e-3:.2f}'}"
         ),
         (
-            "tan phi"
-            f" {_interval(tan_phi, 1.0, '.3f')}{'' if truth is None else f', truth {truth.tan_phi:.3f}'}"
+            f"tan phi {_interval(tan_phi, 1.0, '.3f')}"
+            f"{'' if truth is None else f', truth {truth.tan_phi:.3f}'}"
         ),
         f"slip {slip:5.2f}",
         f"sinkage {sinkage * 1e3:5.1f} mm",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Quasi-static equilibria of single wheels: sinkage under a load, slip under a torque, and what they allow."""
+"""Quasi-static equilibria of single wheels: sinkage under a load, slip under a torque."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ _nodes = cache(quadrature)
 
 @dataclass(frozen=True, slots=True)
 class WheelGround:
-    """A rover's wheels and the ground below each of them: all that its forces depend on besides slip and sinkage."""
+    """Wheels of a rover and the ground below each, on which their forces depend."""
 
     radius: float
     width: float
@@ -52,13 +52,16 @@ class WheelGround:
         plant: Plant | None = None,
         where: Situation | None = None,
     ) -> "WheelGround":
-        """The wheels of ``rover``, forces by quadrature with ``points`` nodes a side."""
+        """Make the wheels of ``rover``; ``points`` is the number of quadrature nodes a side."""
         return cls(
             rover.wheel_radius, rover.wheel_width, constants, strength, _nodes(points), plant, where
         )
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
-        """N, T [N] and M [N m] of one wheel, shape [..., 3]; at a slip angle [..., 4] with the lateral force [N]."""
+        """Return N, T [N] and M [N m] of one wheel, shape [..., 3].
+
+        At a slip angle the shape is [..., 4], with the lateral force [N].
+        """
         contact = ContactInputs(
             slip, sinkage, self.constants, self.strength, slip_angle=self.slip_angle
         )
@@ -80,7 +83,7 @@ class WheelGround:
         return forces
 
     def rows(self, index: Tensor) -> "WheelGround":
-        """The same for some of the episodes."""
+        """Return these wheels for some of the episodes."""
         where = None if self.where is None else self.where.rows(index)
         angle = None if self.slip_angle is None else self.slip_angle[index]
         return WheelGround(
@@ -98,7 +101,7 @@ class WheelGround:
 def equilibrium_sinkage(
     wheel: WheelGround, slip: Tensor, load: Tensor, start: Tensor | None = None
 ) -> Tensor:
-    """Sinkage [m] at which one wheel carries ``load`` [N] at ``slip``; all of the same shape [...].
+    """Return the sinkage [m] at which one wheel carries ``load`` [N] at ``slip``; shapes [...].
 
     N rises with z nearly like a power of z, so this is Newton in logarithms, kept in a bracket by
     bisection. A load that is not positive gives the shallowest, one that no depth carries the
@@ -133,7 +136,7 @@ def equilibrium_sinkage(
 def slip_under_torque(
     wheel: WheelGround, torque: Tensor, load: Tensor, start: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Slip [1] and sinkage [m] at which one wheel carries ``load`` [N] and takes ``torque`` [N m]; shapes [...].
+    """Return slip [1] and sinkage [m] of a wheel under a load [N] and a torque [N m]; shapes [...].
 
     M rises with slip at constant load. A torque beyond what the ground can take ends at MAX_SLIP,
     one below at MIN_SLIP.
@@ -142,12 +145,15 @@ def slip_under_torque(
 
 
 def free_rolling(wheel: WheelGround, load: Tensor) -> tuple[Tensor, Tensor]:
-    """Slip [1] and sinkage [m] at which a wheel under ``load`` [N] neither pulls nor holds back (T = 0)."""
+    """Return slip [1] and sinkage [m] of a wheel without traction (T = 0) under ``load`` [N]."""
     return _slip_search(wheel, load, None, lambda forces: forces[..., 1])
 
 
 def drawbar_capability(rover: Rover, constants: Tensor, strength: Tensor) -> Tensor:
-    """Largest T / N [1] that an evenly loaded wheel on level ground reaches below 60 % slip; [batch, 6], [batch, 2] -> [batch]."""
+    """Return the largest T / N [1] below 60 % slip: [batch, 6], [batch, 2] -> [batch].
+
+    The wheel is evenly loaded, on level ground.
+    """
     wheel = WheelGround.of(rover, constants.unsqueeze(-2), strength.unsqueeze(-2), points=8)
     slip = torch.linspace(0.1, 0.6, 6, dtype=torch.float64).expand(strength.shape[0], -1)
     load = torch.full_like(slip, rover.weight / len(rover.wheels))
@@ -158,7 +164,7 @@ def drawbar_capability(rover: Rover, constants: Tensor, strength: Tensor) -> Ten
 def _slip_search(
     wheel: WheelGround, load: Tensor, start: Tensor | None, excess: Excess
 ) -> tuple[Tensor, Tensor]:
-    """The slip at which ``excess``, which rises with slip, is zero while the wheel carries its load."""
+    """Return the slip at which ``excess``, which rises with slip, is zero under the load."""
     depth = start
 
     def trial(slip: Tensor) -> Tensor:

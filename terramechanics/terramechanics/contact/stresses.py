@@ -43,7 +43,7 @@ MAX_SLIP = 0.95
 
 
 def quadrature(points: int = 6) -> Tensor:
-    """Gauss-Legendre nodes and weights on [0, 1], shape [2, points], float64.
+    """Return the Gauss-Legendre nodes and weights on [0, 1], shape [2, points], float64.
 
     6 points keep the error of every force near 1e-6 of the largest force of that wheel for the
     preset soils, 24 below 1e-8.
@@ -53,13 +53,13 @@ def quadrature(points: int = 6) -> Tensor:
 
 
 def entry_angle(sinkage: Tensor, radius: float) -> Tensor:
-    """Entry angle theta_1 = acos(1 - z / r) [rad], written so that shallow sinkage loses no digits."""
+    """Return the entry angle theta_1 = acos(1 - z / r) [rad], exact for shallow sinkage too."""
     depth = torch.clamp(sinkage / (2.0 * radius), 1e-12, 0.499999)
     return 2.0 * torch.asin(torch.sqrt(depth))
 
 
 def stress_ratio(slip: Tensor, constants: Tensor) -> Tensor:
-    """theta_m / theta_1 = c1 + c2 i [1], the place of the largest normal stress (Banerjee et al. eq. 12)."""
+    """Return theta_m / theta_1 = c1 + c2 i [1], at the largest stress (Banerjee et al. eq. 12)."""
     return torch.addcmul(constants[..., 4], constants[..., 5], slip)
 
 
@@ -71,14 +71,19 @@ def in_range(
     lowest: float = MIN_SLIP,
     highest: float = MAX_SLIP,
 ) -> Tensor:
-    """Where the model holds: lowest <= i <= highest, 0 < z < r and 0 < theta_m < theta_1. NaN is never in range."""
+    """Return where lowest <= i <= highest, 0 < z < r and 0 < theta_m < theta_1.
+
+    This is the range of the model. NaN is never in range.
+    """
     ratio = stress_ratio(slip, constants)
     sunk = (sinkage > 0.0) & (sinkage < radius)
     return sunk & (slip >= lowest) & (slip <= highest) & (ratio > 0.0) & (ratio < 1.0)
 
 
 def shear_reversal_angle(slip: Tensor, theta_1: Tensor) -> Tensor:
-    """Angle in (0, theta_1) at which the shear displacement j changes its sign, for braked wheels (i < 0) [rad].
+    """Return the angle [rad] in (0, theta_1) at which j changes its sign, for wheels with i < 0.
+
+    j is the shear displacement.
 
     j = 0 where the mean of cos over [theta, theta_1] equals 1 / (1 - i). Newton from the
     small-angle root; where j keeps its sign the answer is an end of the interval, so that it can
@@ -99,7 +104,10 @@ def shear_reversal_angle(slip: Tensor, theta_1: Tensor) -> Tensor:
 def _split_nodes(
     theta_0: Tensor, theta_1: Tensor, theta_m: Tensor, u: Tensor, weight: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Nodes and weights on [0, u_0] and [u_0, 1], u_0 the substituted place of the kink theta_0; shapes [2 P, ...]."""
+    """Return nodes and weights on [0, u_0] and [u_0, 1]; shapes [2 P, ...].
+
+    u_0 is the substituted place of the kink theta_0.
+    """
     front = torch.sqrt(torch.clamp(theta_1 - theta_0, min=0.0) / (theta_1 - theta_m))
     rear = torch.sqrt(torch.clamp(theta_0, min=0.0) / theta_m)
     kink = torch.where(theta_0 > theta_m, front, rear).clamp(0.0, 1.0)
@@ -109,10 +117,50 @@ def _split_nodes(
 
 
 def _shared(lag: Tensor, sideways: Tensor) -> tuple[Tensor, Tensor]:
-    """-E and -E_y for -j / K and -j_y / K: one limit for both directions."""
+    """Return -E and -E_y for -j / K and -j_y / K: one limit for both directions."""
     whole = torch.sqrt(lag**2 + sideways**2)
     share = -torch.expm1(-whole) / torch.clamp(whole, min=1e-30)
     return lag * share, sideways * share
+
+
+def _mobilised(
+    theta: Tensor,
+    theta_1: Tensor,
+    sine: Tensor,
+    slip: Tensor,
+    stretch: Tensor,
+    slip_angle: Tensor | None,
+    braked: bool,  # noqa: FBT001 - torch.jit.script
+) -> tuple[Tensor, Tensor]:
+    """Return -E and -E_y [2, P, ...] [1], the shares of the shear strength that are mobilised.
+
+    ``stretch`` is radius / K. Without a slip angle -E_y has no meaning.
+    """
+    # -j / K
+    lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * stretch
+    if slip_angle is not None:
+        return _shared(lag, (theta - theta_1) * ((1.0 - slip) * torch.tan(slip_angle) * stretch))
+    return -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag), lag
+
+
+def _force_rows(
+    step: Tensor, normal: Tensor, mobilised: Tensor, sine: Tensor, cosine: Tensor, radius: float
+) -> Tensor:
+    """Integrate the stresses: rows N, T, M, columns c, tan(phi), 1; shape [3, 3, ...].
+
+    ``step`` is the arc of each node times the width [m^2], ``normal`` its normal force [N].
+    """
+    stresses = torch.stack([step * mobilised, normal * mobilised, normal])
+    integrals = torch.stack(
+        [
+            (stresses * sine).sum([1, 2]),
+            (stresses * cosine).sum([1, 2]),
+            radius * stresses.sum([1, 2]),
+        ]
+    )
+    by_sine, by_cosine, _ = integrals[:, 2].unbind(0)
+    constant = torch.stack([by_cosine, -by_sine, torch.zeros_like(by_sine)])
+    return torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1)
 
 
 def wheel_forces(
@@ -125,7 +173,7 @@ def wheel_forces(
     exit_angle: Tensor | None = None,
     slip_angle: Tensor | None = None,
 ) -> Tensor:
-    """Coefficients of N, T [N] and M [N m] of one wheel, affine in (c [Pa], tan(phi)).
+    """Return the coefficients of N, T [N] and M [N m] of one wheel, affine in (c [Pa], tan(phi)).
 
     ``slip`` [...] and ``sinkage`` [...] [m] broadcast with ``constants`` [..., 6] (order
     CONSTANTS); ``nodes`` comes from :func:`quadrature`. Returns [..., 3, 3]: rows N, T, M; columns
@@ -147,9 +195,8 @@ def wheel_forces(
     """
     theta_1 = entry_angle(sinkage, radius)
     theta_m = theta_1 * torch.clamp(stress_ratio(slip, constants), 1e-3, 1.0 - 1e-3)
-    u, weight = nodes.view([2, -1] + [1] * theta_m.dim()).unbind(
-        0
-    )  # nodes first: what is computed of many wheels is contiguous
+    # nodes first, so that the values of many wheels are contiguous
+    u, weight = nodes.view([2, -1] + [1] * theta_m.dim()).unbind(0)
     braked = any_of(slip < 0.0)
     if braked:
         reach = torch.zeros_like(theta_1) if exit_angle is None else exit_angle
@@ -169,32 +216,12 @@ def wheel_forces(
 
     theta = torch.stack([theta_1 - front, behind])  # [2, P, ...], as all of both sides
     sine, cosine = torch.sin(theta), torch.cos(theta)
-    lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * (
-        radius / shear_modulus
-    )  # -j / K
-    sideways = lag
-    if slip_angle is None:
-        mobilised = (
-            -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag)
-        )  # this is -E
-    else:
-        mobilised, sideways = _shared(
-            lag,
-            (theta - theta_1) * ((1.0 - slip) * torch.tan(slip_angle) * (radius / shear_modulus)),
-        )
+    mobilised, sideways = _mobilised(
+        theta, theta_1, sine, slip, radius / shear_modulus, slip_angle, braked
+    )
     step = torch.stack([length * arc, rear * arc])
     normal = sigma * step
-    stresses = torch.stack([step * mobilised, normal * mobilised, normal])
-    integrals = torch.stack(
-        [
-            (stresses * sine).sum([1, 2]),
-            (stresses * cosine).sum([1, 2]),
-            radius * stresses.sum([1, 2]),
-        ]
-    )
-    by_sine, by_cosine, _ = integrals[:, 2].unbind(0)
-    constant = torch.stack([by_cosine, -by_sine, torch.zeros_like(by_sine)])
-    rows = torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1)
+    rows = _force_rows(step, normal, mobilised, sine, cosine, radius)
     if slip_angle is not None:
         lateral = torch.stack([step * sideways, normal * sideways, torch.zeros_like(sideways)]).sum(
             [1, 2]
@@ -206,7 +233,7 @@ def wheel_forces(
 def wheel_forces_linear_stress(
     slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float
 ) -> Tensor:
-    """The same coefficients under linear stresses: the closed form f0 to f4 (Banerjee et al. eqs. 8 to 14).
+    """Return the coefficients under linear stresses, f0 to f4 (Banerjee et al. eqs. 8 to 14).
 
     sigma and tau rise linearly from 0 at theta_1 to their largest values at theta_m; behind it
     sigma falls to 0 and tau to c at theta = 0. Shapes and units as in :func:`wheel_forces`. The

@@ -13,7 +13,7 @@ MAX_ITERATIONS = 24
 REFRESH = 5
 """Iterations between two Jacobians by differences; Broyden's update serves in between."""
 LARGEST_MOVE = 0.5
-"""[1] Bound of every component of one move: unknowns are logarithms, slips and velocities in units of the rover's."""
+"""[1] Bound of a move: unknowns are logarithms, slips and velocities in units of the rover."""
 
 Rows = Callable[[Tensor, Tensor], Tensor]
 """Function of unknowns [rows, m] and of the indices [rows] of their episodes."""
@@ -26,7 +26,9 @@ def bracketed_root(
     tolerance: float,
     evaluations: int = 40,
 ) -> Tensor:
-    """Root of a rising function of one unknown in [low, high], elementwise (regula falsi, Illinois variant).
+    """Return the root in [low, high] of a rising function of one unknown, elementwise.
+
+    The method is regula falsi, Illinois variant.
 
     Where the function has no root inside, the end nearer to it. Stops when every bracket is
     narrower than ``tolerance``; every third trial is the middle, so that it always gets there.
@@ -55,7 +57,9 @@ def bracketed_root(
 def quasi_newton(
     residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, Tensor]
 ) -> tuple[Tensor, Tensor]:
-    """Solve residual(u) = 0 for every episode, from ``start`` [batch, m], inside ``limits`` ([m], [m]).
+    """Solve residual(u) = 0 for every episode from ``start`` [batch, m] inside ``limits``.
+
+    ``limits`` is ([m], [m]).
 
     Newton with Broyden's update of the Jacobian in between; episodes drop out as they converge.
     Returns the unknowns [batch, m], the last iterate where there is no solution, and where they are
@@ -84,7 +88,7 @@ def quasi_newton(
 
 
 def _move(slope: Tensor, value: Tensor) -> Tensor:
-    """Newton's move, bounded; none where the Jacobian is singular."""
+    """Return Newton's move, bounded; zero where the Jacobian is singular."""
     move, broken = torch.linalg.solve_ex(slope, -value.unsqueeze(-1))
     move = move.squeeze(-1)
     return torch.where((broken != 0).unsqueeze(-1) | ~move.isfinite(), 0.0, move).clamp(
@@ -93,7 +97,7 @@ def _move(slope: Tensor, value: Tensor) -> Tensor:
 
 
 def _broyden(slope: Tensor, move: Tensor, change: Tensor) -> Tensor:
-    """The Jacobian nearest to ``slope`` that explains the change of the residual over the last move."""
+    """Return the Jacobian nearest to ``slope`` that explains the change over the last move."""
     missed = change - torch.einsum("...ij,...j->...i", slope, move)
     along = move / (move**2).sum(-1, keepdim=True).clamp(min=1e-30)
     return slope + missed.unsqueeze(-1) * along.unsqueeze(-2)

@@ -11,7 +11,7 @@ PRESETS = Path(__file__).parent
 
 
 def preset_path(kind: str, name: str | Path) -> Path:
-    """File of the preset ``name``, or ``name`` itself where it is the path of a YAML file.
+    """Return the file of the preset ``name``, or ``name`` where it is the path of a YAML file.
 
     Raises ConfigError that lists the presets of this kind (soils, rovers).
     """
@@ -29,5 +29,5 @@ def preset_path(kind: str, name: str | Path) -> Path:
 
 
 def preset_names(kind: str) -> tuple[str, ...]:
-    """Names of the presets of one kind, sorted."""
+    """Return the names of the presets of one kind, sorted."""
     return tuple(sorted(path.stem for path in (PRESETS / kind).glob("*.yaml")))

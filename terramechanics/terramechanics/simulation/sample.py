@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is true of a simulated rover: a sample, and the samples of a whole drive."""
+"""True values of a simulated rover: a sample, and the samples of a whole drive."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from terramechanics.vehicle.rover import Rover
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What is true at time t_j; slip, forces, torque and acceleration hold over (t_{j-1}, t_j].
+    """True values at t_j; slip, forces, torque and acceleration hold over (t_{j-1}, t_j].
 
     Shapes [batch] and [batch, axles], in a Drive [batch, time] and [batch, time, axles].
     """
@@ -40,7 +40,7 @@ class Sample:
     strength: Tensor  # [..., axles, 2] c [Pa] and tan(phi) below the wheel
 
     def specific_force(self, gravity: float) -> Tensor:
-        """What an accelerometer along body x reads: dv/dt + g sin ab [m/s^2]."""
+        """Return the specific force along body x: dv/dt + g sin ab [m/s^2]."""
         return self.acceleration + gravity * torch.sin(self.pitch)
 
 
@@ -51,10 +51,8 @@ class Drive:
     rover: Rover
     sample: Sample
     start_velocity: Tensor  # [batch] [m/s] v_0, one step before the first sample
-    seen: (
-        Sample  # what the sensors are given: the true sample, unless an effect acts between the two
-    )
+    seen: Sample  # the input of the sensors: the true sample, unless an effect alters it
 
     def measurable(self) -> Tensor:
-        """[batch, time] bool: the rover moves, is not stuck, and every wheel is in the range of the model."""
+        """Return where the rover moves and the model holds for every wheel, [batch, time]."""
         return ~self.sample.stuck & ~self.sample.standing & self.sample.valid.all(-1)

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Named drives: what is commanded to the wheels, and on which terrain. Accuracy depends on them more than on the method.
+"""Named drives: the commands to the wheels, and the terrain.
+
+The accuracy of an estimate depends on them more than on the method.
 
 S1 every axle at its own wheel rate, a sum of two slow sines, over random hills S2 wheel torques
 redrawn every step from one band for 20 s, then from one of half the torque, on level ground S3
@@ -33,7 +35,7 @@ PROFILES = ("flat", "hills")
 
 
 class Command(Enum):
-    """What the numbers of a command mean."""
+    """Meaning of the numbers of a command."""
 
     RATE = "wheel rate [rad/s]"
     TORQUE = "torque of one wheel [N m]"
@@ -47,13 +49,19 @@ class Schedule(Protocol):
     """Velocity with which a drive starts, [batch] [m/s]."""
 
     def command(self, time: float) -> Tensor:
-        """Command of every axle [batch, axles] for the step that ends at ``time`` [s]. Steps are asked for in order."""
+        """Return the command of every axle [batch, axles] for the step that ends at ``time`` [s].
+
+        The steps are asked for in order.
+        """
         ...
 
 
 @dataclass(slots=True)
 class SineRates:
-    """S1, S3, S4: w = (v0 / r) (1 + depth (0.6 sin(2 pi f1 t + p1) + 0.4 sin(2 pi f2 t + p2))) (1 + square wave)."""
+    """Wheel rates of S1, S3 and S4: two sines and a square wave.
+
+    w = (v0 / r) (1 + depth (0.6 sin(2 pi f1 t + p1) + 0.4 sin(2 pi f2 t + p2))) (1 + square wave)
+    """
 
     start_velocity: Tensor  # [batch] v0
     radius: float  # [m]
@@ -77,7 +85,10 @@ class SineRates:
 
 @dataclass(slots=True)
 class TorqueBands:
-    """S2: torques uniform between ``low`` and ``high`` [batch] [N m], redrawn every step; half of them in the second band."""
+    """Torques of S2, uniform between ``low`` and ``high`` [batch] [N m], drawn for every step.
+
+    In the second band they are halved.
+    """
 
     start_velocity: Tensor
     low: Tensor
@@ -106,9 +117,9 @@ SQUARE_PERIOD = 2.0
 BAND_DURATION = 20.0
 """[s] Time for which S2 stays in its first band."""
 SECOND_BAND = 0.5
-"""[1] Torques of the second band of S2, in units of the first: the rover gains speed in the first and loses it in the second."""
+"""[1] Torques of the second band of S2 in units of the first: there the rover loses speed."""
 HIGHEST_TORQUE = 1.6
-"""[1] Upper end of the first band, in units of the torque at which a wheel neither pulls nor holds back."""
+"""[1] Upper end of the first band, in units of the free-rolling torque."""
 HIGHEST_SLIP = 0.6
 """[1] Slip that no torque of S2 exceeds under an even load."""
 
@@ -116,7 +127,7 @@ HIGHEST_SLIP = 0.6
 def make_schedule(
     name: str, rover: Rover, ground: Ground, batch: int, generator: torch.Generator
 ) -> Schedule:
-    """The schedule of that name with its random numbers drawn. Raises ValueError that lists the names."""
+    """Make a named schedule, random numbers drawn. Raises ValueError that lists the names."""
     if name not in SCHEDULES:
         raise ValueError(f"unknown schedule {name!r}; known schedules are {', '.join(SCHEDULES)}")
     slowest, fastest = rover.cruise_speed
@@ -135,7 +146,7 @@ def make_schedule(
 def make_profile(
     name: str, schedule: str, rover: Rover, ground: Ground, batch: int, generator: torch.Generator
 ) -> Profile:
-    """Flat ground or random hills by name; the empty name is the profile that belongs to the schedule. Raises ValueError."""
+    """Make flat ground or random hills; "" is the profile of the schedule. Raises ValueError."""
     name = name or ("hills" if schedule in ("S1", "S4") else "flat")
     if name == "flat":
         return Flat()
@@ -151,7 +162,9 @@ def make_profile(
 
 
 def _first_band(rover: Rover, ground: Ground, batch: int) -> tuple[Tensor, Tensor]:
-    """Ends of the first band of S2 [N m], [batch] each: on the first patch and under an even load every torque in it pulls.
+    """Return the ends [batch] [N m] of the first band of S2.
+
+    On the first patch and under an even load every torque in it pulls.
 
     The upper end is HIGHEST_TORQUE times the free-rolling torque, on weak ground the torque at
     HIGHEST_SLIP.

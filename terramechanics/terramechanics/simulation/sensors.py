@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sensor noise: what the rover measures of a true sample, with the standard deviations that its sensors publish.
+"""Sensor noise: measured values of a true sample, with the published standard deviations.
 
 Every deviation is computed from the MEASURED value, since a sensor does not know the true one.
 """
@@ -19,7 +19,7 @@ from terramechanics.vehicle.rover import Rover
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Standard deviations per sample, independent; a relative and a constant part are added in quadrature."""
+    """Standard deviations of a sample, independent; relative and constant parts in quadrature."""
 
     slip_relative: float = number("part of the slip", "1", 0.0, default=0.05)
     slip: float = number("constant part of the slip's deviation", "1", 0.0, default=0.005)
@@ -41,7 +41,10 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """Measured values and standard deviations (``_sd``); shapes as in the Sample. Wheel rates are exact, as is the bogie's angle."""
+    """Measured values and standard deviations (``_sd``); shapes as in the Sample.
+
+    Wheel rates are exact, as is the bogie's angle.
+    """
 
     slip: Tensor
     slip_sd: Tensor
@@ -62,11 +65,11 @@ class Measurement:
 
 
 LEAST_FACTOR = 1e-3
-"""[1] Published deviations are those of at least this factor: a deviation of zero would be no honest statement."""
+"""[1] Least factor of the published deviations: none is zero."""
 
 
 def per_wheel(rover: Rover, sample: Sample) -> Sample:
-    """The sample with one value for every named wheel instead of every axle, in the order of the rover file."""
+    """Return the sample with a value for every wheel, in the order of the rover file."""
     axle = torch.tensor(rover.wheel_axle)
     names = (
         "slip",
@@ -90,7 +93,7 @@ def per_wheel(rover: Rover, sample: Sample) -> Sample:
 
 
 def acceleration_bias(noise: Noise, batch: int, generator: torch.Generator) -> Tensor:
-    """The constant bias of the accelerometers of a batch of rovers, [batch] [m/s^2]."""
+    """Draw the constant bias of the accelerometers of a batch of rovers, [batch] [m/s^2]."""
     return (
         noise.factor
         * noise.acceleration
@@ -106,7 +109,9 @@ def measure(
     generator: torch.Generator,
     correlation: float = 0.0,
 ) -> Measurement:
-    """Measure one sample or a whole drive. ``bias`` from :func:`acceleration_bias` broadcasts against the sample's velocity.
+    """Measure one sample or a whole drive.
+
+    ``bias`` from :func:`acceleration_bias` broadcasts against the sample's velocity.
 
     ``correlation`` [1] of the noise of two samples that follow each other; other than 0 needs a
     whole drive.
@@ -144,13 +149,16 @@ def measure(
 def measure_drive(
     rover: Rover, sample: Sample, noise: Noise, generator: torch.Generator, correlation: float = 0.0
 ) -> Measurement:
-    """Measure a batch of whole drives, [batch, time, ...]: one accelerometer bias a drive; ``correlation`` as in :func:`measure`."""
+    """Measure a batch of drives [batch, time, ...], each with its own accelerometer bias.
+
+    ``correlation`` as in :func:`measure`.
+    """
     bias = acceleration_bias(noise, sample.velocity.shape[0], generator)
     return measure(rover, sample, noise, bias.unsqueeze(-1), generator, correlation)
 
 
 def _coloured(white: Tensor, correlation: float) -> Tensor:
-    """Noise of unit variance [batch, time, ...] in which each sample keeps ``correlation`` of the one before."""
+    """Draw noise of unit variance [batch, time, ...] with ``correlation`` between neighbours."""
     fresh = math.sqrt(1.0 - correlation**2)
     series = [white[:, 0]]
     for now in white[:, 1:].unbind(1):

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Longitudinal dynamics of a planar rocker-bogie rover on deformable ground, in steps of 0.1 s, batched over episodes."""
+"""Longitudinal dynamics of a planar rocker-bogie rover on deformable ground.
+
+Steps last 0.1 s; episodes are computed in batches.
+"""
 
 import dataclasses
 import math
@@ -45,7 +48,7 @@ LONG_STEP = 1e3
 
 
 class Simulation:
-    """Steps a batch of rovers. The same inputs give the same samples; nothing here is random."""
+    """Simulation of a batch of rovers; the same inputs give the same samples."""
 
     def __init__(
         self,
@@ -56,7 +59,9 @@ class Simulation:
         time_step: float = TIME_STEP,
         plant: Plant | None = None,
     ) -> None:
-        """Rovers at x = 0 with ``start_velocity`` [batch] [m/s], wheels rolling without slip; steps of ``time_step`` [s].
+        """Start at x = 0 with ``start_velocity`` [batch] [m/s] and wheels that roll without slip.
+
+        A step lasts ``time_step`` [s].
 
         ``plant`` holds the effects that act besides the nominal model.
         """
@@ -86,7 +91,7 @@ class Simulation:
         self._stuck = torch.zeros(batch, dtype=torch.bool)
 
     def settle(self, command: Tensor) -> None:
-        """Start in the steady state that belongs to the wheel rates ``command`` [batch, axles] [rad/s]."""
+        """Start in the steady state of the wheel rates ``command`` [batch, axles] [rad/s]."""
         contacts = self._contacts(
             self._pose,
             Command.RATE,
@@ -102,7 +107,7 @@ class Simulation:
         self.rate = command.clone()
 
     def step(self, kind: Command, command: Tensor) -> Sample:
-        """One step under ``command`` [batch, axles], wheel rates or torques by ``kind``."""
+        """Simulate a step under ``command`` [batch, axles]: wheel rates or torques, by ``kind``."""
         self.position = self.position + self.time_step * self.velocity * torch.cos(self._pose.pitch)
         self._pose = pose = solve_pose(self.rover, self.profile, self.position, self._pose)
         lowest = SLOWEST / self.rover.wheel_radius
@@ -138,7 +143,7 @@ class Simulation:
         return sample
 
     def sensed(self, sample: Sample) -> Sample:
-        """What the sensors are given of the latest sample, before noise; to be called once a step."""
+        """Return the latest sample as the sensors get it, before noise; call it once a step."""
         return sample if self.plant is None else self.plant.sensed(sample)
 
     def _situation(self, pose: Pose, rate: Tensor) -> Situation | None:
@@ -177,7 +182,7 @@ class Simulation:
         return solve_rates(step, command, sinkage, 2.0 * self.velocity - self._last_velocity)
 
     def _carried(self, pose: Pose, where: Situation | None, slip: Tensor) -> Tensor:
-        """Sinkages at ``slip`` under the loads of a rover without traction."""
+        """Return the sinkages at ``slip`` under the loads of a rover without traction."""
         zero = torch.zeros_like(slip)
         load = wheel_loads(self.rover, pose, zero, zero, self._body(where))
         return equilibrium_sinkage(self._wheel(pose, where, POINTS), slip, load)
@@ -185,7 +190,7 @@ class Simulation:
     def _standing(
         self, pose: Pose, where: Situation | None, contacts: Contacts, standing: Tensor
     ) -> Contacts:
-        """Replace the contacts of rovers that stand: the wheels hold the slope in equal parts, without slip."""
+        """Replace the contacts of standing rovers: wheels share the slope equally, without slip."""
         if not bool(standing.any()):
             return contacts
         body = self._body(where)
@@ -259,7 +264,7 @@ def start(
     time_step: float = TIME_STEP,
     plant: Plant | None = None,
 ) -> tuple[Simulation, Schedule]:
-    """A simulation that is ready for its first step, and the schedule that drives it.
+    """Make a simulation that is ready for its first step, and the schedule that drives it.
 
     ``schedule`` and ``profile`` are names or objects; without a profile the schedule's own is
     drawn. Named schedules of wheel rates start in their steady state, those of torques with wheels
@@ -288,7 +293,10 @@ def simulate(
     profile: str | Profile = "",
     plant: Plant | None = None,
 ) -> Drive:
-    """A batch of drives of ``duration_s``, begun as by :func:`start`; the same state of the generator gives the same drives."""
+    """Simulate a batch of drives of ``duration_s``, begun as by :func:`start`.
+
+    The same state of the generator gives the same drives.
+    """
     simulation, schedule = start(
         rover, ground, schedule, generator, batch, profile, TIME_STEP, plant
     )
@@ -302,7 +310,7 @@ def simulate(
 
 
 def _series(samples: Sequence[Sample]) -> Sample:
-    """Samples in order, with a time axis behind the batch axis."""
+    """Stack samples in order, with a time axis behind the batch axis."""
     return Sample(
         *(
             torch.stack([getattr(sample, item.name) for sample in samples], dim=1)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The ground along the track: patches of soil with sharp or gradual transitions, batched over episodes."""
+"""The ground along the track: patches of soil with sharp or gradual transitions, in batches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from terramechanics.terrain.soil import Soil
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """Soil from ``start`` [m] along the track on; it is reached gradually over ``transition`` [m], sharply for 0.
+    """Soil from ``start`` [m] along the track on, after a transition of ``transition`` [m].
 
     ``constants`` [6] or [batch, 6] in the order of CONSTANTS; ``strength`` [2] or [batch, 2]: c
     [Pa], tan(phi) [1].
@@ -28,7 +28,7 @@ class Patch:
 
     @classmethod
     def of(cls, soil: Soil, start: float = 0.0, transition: float = 0.0) -> "Patch":
-        """A patch of one soil."""
+        """Make a patch of one soil."""
         return cls(soil.constants(), soil.strength(), start, transition, soil.name)
 
 
@@ -36,7 +36,10 @@ class Ground:
     """Soil constants and strength as functions of the place along the track."""
 
     def __init__(self, patches: Sequence[Patch]) -> None:
-        """The first patch reaches back to the start of the track. Raises ValueError where the patches are out of order."""
+        """Order the patches; the first one reaches back to the start of the track.
+
+        Raises ValueError where they are out of order.
+        """
         if not patches:
             raise ValueError("a ground needs at least one patch of soil")
         for before, after in pairwise(patches):
@@ -49,14 +52,17 @@ class Ground:
 
     @classmethod
     def constant(cls, soil: Soil) -> "Ground":
-        """One soil everywhere."""
+        """Make ground of one soil everywhere."""
         return cls([Patch.of(soil)])
 
     @classmethod
     def random_strength(
         cls, soil: Soil, batch: int, generator: torch.Generator, **ranges: tuple[float, float]
     ) -> "Ground":
-        """One soil with random c and phi in each episode: uniform in ``cohesion`` [Pa] and ``friction_angle`` [rad]."""
+        """Make ground of one soil with random c and phi in each episode.
+
+        They are uniform in ``cohesion`` [Pa] and ``friction_angle`` [rad].
+        """
         unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
         low, high = torch.tensor(
             [ranges.get("cohesion", COHESION), ranges.get("friction_angle", FRICTION_ANGLE)],
@@ -67,7 +73,10 @@ class Ground:
         return cls([Patch(soil.constants(), strength, name=soil.name)])
 
     def at(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Soil constants [batch, axles, 6] and strength [batch, axles, 2] at the places ``x`` [batch, axles] [m]."""
+        """Return soil constants [batch, axles, 6] and strength [batch, axles, 2].
+
+        ``x`` [batch, axles] [m] are the places.
+        """
         first = self.patches[0]
         constants = _spread(first.constants).expand(*x.shape, 6)
         strength = _spread(first.strength).expand(*x.shape, 2)
@@ -78,7 +87,7 @@ class Ground:
         return constants, strength
 
     def patch_at(self, x: float) -> int:
-        """Index of the last patch that starts at or before ``x`` [m]."""
+        """Return the index of the last patch that starts at or before ``x`` [m]."""
         reached = [index for index, patch in enumerate(self.patches) if patch.start <= x]
         return reached[-1] if reached else 0
 
@@ -90,12 +99,12 @@ FRICTION_ANGLE = (0.2617993877991494, 0.7853981633974483)
 
 
 def _spread(values: Tensor) -> Tensor:
-    """[6] or [batch, 6] to a shape that broadcasts with [batch, axles, 6]."""
+    """Reshape [6] or [batch, 6] to broadcast with [batch, axles, 6]."""
     return values.unsqueeze(-2)
 
 
 def _share(x: Tensor, patch: Patch) -> Tensor:
-    """Share of the patch's soil at x [1], from 0 before it to 1 behind its transition."""
+    """Return the share of the patch's soil at x [1]: 0 before it, 1 behind its transition."""
     if patch.transition == 0.0:
         return (x >= patch.start).to(x.dtype)
     return ((x - patch.start) / patch.transition).clamp(0.0, 1.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Terrain profiles: the height of the ground along the track, with its slope and curvature, batched over episodes."""
+"""Terrain profiles: height, slope and curvature of the ground along the track, in batches."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class Profile(Protocol):
     """The ground along the track."""
 
     def shape(self, x: Tensor) -> Shape:
-        """Height, slope and second derivative at the horizontal places ``x`` [batch, ...] [m]."""
+        """Return height, slope and second derivative at the places ``x`` [batch, ...] [m]."""
         ...
 
 
@@ -26,21 +26,21 @@ class Flat:
     """Level ground at height 0."""
 
     def shape(self, x: Tensor) -> Shape:
-        """See Profile."""
+        """Return height, slope and second derivative at ``x`` [batch, ...] [m]."""
         zero = torch.zeros_like(x)
         return zero, zero, zero
 
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """Level ground up to ``start`` [m], then a constant ``grade`` [rad], blended over ``blend`` [m] of the track."""
+    """Level ground up to ``start`` [m], then a ``grade`` [rad], blended over ``blend`` [m]."""
 
     grade: float
     start: float = 2.0
     blend: float = 1.0
 
     def shape(self, x: Tensor) -> Shape:
-        """See Profile. The slope rises as u^2 (3 - 2 u)."""
+        """Return height, slope and second derivative; the slope rises as u^2 (3 - 2 u)."""
         u = ((x - self.start) / self.blend).clamp(0.0, 1.0)
         beyond = (x - self.start - self.blend).clamp(min=0.0)
         slope = math.tan(self.grade)
@@ -50,14 +50,14 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True)
 class StepProfile:
-    """A rounded step of height ``rise`` [m] that starts at ``start`` [m] and is ``length`` [m] long."""
+    """A rounded step of height ``rise`` [m] and ``length`` [m] that starts at ``start`` [m]."""
 
     rise: float
     start: float = 2.0
     length: float = 1.0
 
     def shape(self, x: Tensor) -> Shape:
-        """See Profile. The height is rise (u - sin(2 pi u) / (2 pi))."""
+        """Return height, slope and second derivative; height is rise (u - sin(2 pi u) / (2 pi))."""
         u = ((x - self.start) / self.length).clamp(0.0, 1.0)
         angle = 2.0 * math.pi * u
         height = self.rise * (u - torch.sin(angle) / (2.0 * math.pi))
@@ -67,7 +67,9 @@ class StepProfile:
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """Slopes at equal distances, joined by cubics; before the first and behind the last the slope stays what it is there.
+    """Slopes at equal distances, joined by cubics.
+
+    Before the first and behind the last the slope is constant.
 
     ``slope`` [batch, places] [1] and ``curvature`` [batch, places] [1/m], its derivative, at
     ``start`` [m] + k ``spacing`` [m].
@@ -79,7 +81,7 @@ class Sampled:
     spacing: float
 
     def shape(self, x: Tensor) -> Shape:
-        """See Profile. Slopes are Hermite's cubics, the height their integral."""
+        """Return height, slope and second derivative; slopes are Hermite's cubics."""
         last = self.slope.shape[1] - 1
         place = (x.reshape(x.shape[0], -1) - self.start) / self.spacing
         index = place.floor().clamp(0.0, last - 1.0).long()
@@ -120,7 +122,7 @@ class Hills:
     phase: Tensor
 
     def shape(self, x: Tensor) -> Shape:
-        """See Profile."""
+        """Return height, slope and second derivative at ``x`` [batch, ...] [m]."""
         extra = x.dim() - 1
         mean = self.mean.reshape(self.mean.shape[:1] + (1,) * extra)
         size = self.phase.shape[:1] + (1,) * extra + self.phase.shape[1:]
@@ -142,7 +144,9 @@ MEAN_SLOPE = math.radians(2.0)
 
 
 def random_hills(batch: int, capability: Tensor, generator: torch.Generator) -> Hills:
-    """Hills of four random sines each. No slope exceeds STEEPEST or half of ``capability`` [batch] (drawbar pull / weight).
+    """Draw hills of four sines each, no steeper than STEEPEST or half of ``capability`` [batch].
+
+    The capability is drawbar pull / weight [1].
 
     The mean slope is uniform in +-MEAN_SLOPE; the sines together take between 40 and 100 % of what
     is left to STEEPEST.

@@ -16,7 +16,10 @@ from terramechanics.presets import preset_names, preset_path
 
 @dataclass(frozen=True, slots=True)
 class Soil:
-    """One soil in SI units (Bekker's k_c and k_phi, Wong and Reece 1967). The moduli depend on n: depths are in metres."""
+    """One soil in SI units (Bekker's k_c and k_phi, Wong and Reece 1967).
+
+    The moduli depend on n: depths are in metres.
+    """
 
     name: str
     n: float = number("sinkage exponent", "1", 0.0, 3.0, exclusive=True)
@@ -37,23 +40,23 @@ class Soil:
     )
 
     def constants(self) -> Tensor:
-        """The soil constants in the order of CONSTANTS, shape [6], float64."""
+        """Return the soil constants in the order of CONSTANTS, shape [6], float64."""
         return torch.tensor([getattr(self, name) for name in CONSTANTS], dtype=torch.float64)
 
     def strength(self) -> Tensor:
-        """Cohesion [Pa] and tan(phi) [1], shape [2], float64."""
+        """Return cohesion [Pa] and tan(phi) [1], shape [2], float64."""
         return torch.tensor([self.cohesion, self.tan_phi], dtype=torch.float64)
 
     def with_values(self, **values: float) -> "Soil":
-        """A copy with some of its numbers replaced."""
+        """Return a copy with some of its numbers replaced."""
         return dataclasses.replace(self, **values)  # type: ignore[arg-type]
 
 
 def load_soil(name: str | Path) -> Soil:
-    """The preset of that name, or the soil in that YAML file. Raises ConfigError that names what is wrong."""
+    """Load a preset by its name, or a soil from a YAML file. Raises ConfigError."""
     return load(Soil, preset_path("soils", name))
 
 
 def soil_names() -> tuple[str, ...]:
-    """Names of the soils that come with the package."""
+    """Return the names of the soils that come with the package."""
     return preset_names("soils")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a rover can pull on a plane slope: the quasi-static equilibrium of all wheels at one slip."""
+"""Pull of a rover on a plane slope: quasi-static equilibrium of all wheels at one slip."""
 
 from dataclasses import dataclass, replace
 
@@ -13,21 +13,24 @@ from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import level_pose
 
 ROUNDS = 3
-"""Times that loads and tractions are put in agreement: each leaves some per cent of the error of the one before."""
+"""Iterations of loads and tractions; each leaves some per cent of the error before it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Climb:
     """Rovers on slopes, all wheels of each at one slip; [batch] each."""
 
-    pull: Tensor  # [N] sum of the wheels' traction along the slope, to hold against m (dv/dt + g sin slope)
+    # [N] sum of the wheels' traction along the slope, against m (dv/dt + g sin slope)
+    pull: Tensor
     sinkage: Tensor  # [m] mean over the axles
 
 
 def climb(
     rover: Rover, constants: Tensor, strength: Tensor, slope: Tensor, slip: Tensor, points: int = 6
 ) -> Climb:
-    """Pull and sinkage on plane slopes ``slope`` [batch] [rad], positive uphill, with all wheels at ``slip`` [batch] [1].
+    """Return pull and sinkage on plane slopes with all wheels at ``slip`` [batch] [1].
+
+    ``slope`` [batch] [rad] is positive uphill.
 
     ``constants`` [batch, 6] in the order of CONSTANTS, ``strength`` [batch, 2]: c [Pa], tan(phi)
     [1]. Loads follow from the balances of suspension.py; the forces come from the stress integrals

@@ -43,14 +43,15 @@ SEARCHES = 20
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """What the wheels do in one step: [batch, axles] each, and whether the equations were solved [batch]."""
+    """Contacts of the wheels in one step [batch, axles], and where they are ``solved`` [batch]."""
 
     slip: Tensor
     sinkage: Tensor
     forces: Tensor  # [batch, axles, 3] N, T [N], M [N m] of one wheel
     velocity: Tensor  # [batch] at the end of the step [m/s]
     solved: Tensor
-    obeyed: Tensor  # [batch, axles] the command holds: the slip that it asks for is in the range of the model
+    # [batch, axles] the commanded slip is in the range of the model
+    obeyed: Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +78,17 @@ class StepEquations:
         duration: float,
         body: BodyLoad | None = None,
     ) -> "StepEquations":
-        """The step from ``velocity`` over ``duration`` in ``pose``; ``body`` is by default that of the rover."""
+        """Set up the step from ``velocity`` over ``duration`` in ``pose``.
+
+        ``body`` is by default that of the rover.
+        """
         body = body or BodyLoad.of(rover)
         return cls(
             rover, pose, wheel, coarse, body, balance_matrix(rover, pose, body), velocity, duration
         )
 
     def rows(self, index: Tensor) -> "StepEquations":
-        """The same for some of the episodes."""
+        """Return the equations of some of the episodes."""
         pose = Pose(*(getattr(self.pose, name)[index] for name in Pose.__slots__))
         wheel, coarse = self.wheel.rows(index), self.coarse.rows(index)
         return StepEquations(
@@ -99,7 +103,7 @@ class StepEquations:
         )
 
     def imbalance(self, forces: Tensor, velocity: Tensor) -> Tensor:
-        """Imbalances [batch, 4] in units of the weight and of weight times wheelbase."""
+        """Return the imbalances [batch, 4] in units of the weight and of weight times wheelbase."""
         target = balance_target(
             self.body, self.pose.pitch, (velocity - self.velocity) / self.duration
         )
@@ -108,12 +112,12 @@ class StepEquations:
 
     @property
     def scale(self) -> Tensor:
-        """Units of the four balances."""
+        """Return the units of the four balances."""
         weight, base = self.rover.weight, self.rover.axle_x[0] - self.rover.axle_x[-1]
         return torch.tensor([weight, weight, weight * base, weight * base], dtype=torch.float64)
 
     def sensitivities(self, slip: Tensor, sinkage: Tensor) -> tuple[Tensor, Tensor]:
-        """Change of the balances with log(sinkage) and with slip of every axle, [batch, 4, axles] each."""
+        """Return the derivatives by log(sinkage) and slip of every axle, [batch, 4, axles] each."""
         small = 1e-6
         slips = torch.stack([slip, slip, slip + small])
         sinkages = torch.stack([sinkage, sinkage * (1.0 + small), sinkage])
@@ -125,12 +129,15 @@ class StepEquations:
 
 
 def slip_at(rover: Rover, velocity: Tensor, rate: Tensor) -> Tensor:
-    """Slip i = 1 - v / (r w) of ``rate`` [batch, axles] [rad/s] at ``velocity`` [batch] [m/s]."""
+    """Return slip 1 - v / (r w); ``rate`` w [batch, axles] [rad/s], ``velocity`` v [batch] [m/s]."""
     return 1.0 - velocity.unsqueeze(-1) / (rover.wheel_radius * rate)
 
 
 def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> Contacts:
-    """Contacts for commanded wheel rates [batch, axles] [rad/s], all positive; ``sinkage`` and ``velocity`` are the start."""
+    """Solve the contacts for commanded wheel rates [batch, axles] [rad/s], all positive.
+
+    ``sinkage`` and ``velocity`` are the start.
+    """
     speed = step.rover.wheel_radius * rate
     unit = speed.mean(-1)
     unknown = torch.cat([sinkage.log(), (velocity / unit).unsqueeze(-1)], dim=-1)
@@ -168,12 +175,15 @@ def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Te
 
 
 def solve_torques(step: StepEquations, torque: Tensor, sinkage: Tensor, slip: Tensor) -> Contacts:
-    """Contacts for commanded torques of one wheel [batch, axles] [N m]; ``sinkage`` and ``slip`` are the start."""
+    """Solve the contacts for commanded torques of one wheel [batch, axles] [N m].
+
+    ``sinkage`` and ``slip`` are the start.
+    """
     unit = step.rover.weight * step.rover.wheel_radius / len(step.rover.wheels)
     axles = step.rover.axles
 
     def saturated(slips: Tensor, missing: Tensor) -> Tensor:
-        """Wheels at the end of the range of slip that would have to go on: their slip stays, the torque is not reached."""
+        """Return the wheels at the end of the range of slip that do not reach their torque."""
         return ((slips >= MAX_SLIP) & (missing < 0.0)) | ((slips <= MIN_SLIP) & (missing > 0.0))
 
     def residual(u: Tensor, index: Tensor) -> Tensor:
@@ -219,14 +229,14 @@ def solve_torques(step: StepEquations, torque: Tensor, sinkage: Tensor, slip: Te
 
 
 def _clamped(slip: Tensor) -> Tensor:
-    """Slip inside the range of the contact model; beyond it the forces stay those of the range's end."""
+    """Clamp slip to the range of the contact model, beyond which the forces stay constant."""
     return slip.clamp(MIN_SLIP, MAX_SLIP)
 
 
 def _depth_limits(
     step: StepEquations, others: tuple[float, float], count: int
 ) -> tuple[Tensor, Tensor]:
-    """Lowest and highest value of log(sinkage) of every axle, followed by ``count`` other unknowns."""
+    """Return the limits of log(sinkage) of every axle, followed by ``count`` other unknowns."""
     radius, axles = step.rover.wheel_radius, step.rover.axles
     low = [math.log(SHALLOWEST * radius)] * axles + [others[0]] * count
     high = [math.log(DEEPEST * radius)] * axles + [others[1]] * count
@@ -236,7 +246,7 @@ def _depth_limits(
 def _solve(
     residual: Rows, jacobian: Rows, start: Tensor, limits: tuple[Tensor, Tensor], search: Search
 ) -> tuple[Tensor, Tensor]:
-    """quasi_newton, and where it fails once more from what a slow, bracketing ``search`` of those episodes finds."""
+    """Solve by quasi_newton, and where it fails once more from a slow ``search``."""
     unknown, solved = quasi_newton(residual, jacobian, start, limits)
     left = (~solved).nonzero().squeeze(-1)
     if left.numel() > 0:
@@ -252,7 +262,7 @@ def _solve(
 
 
 def _search_rates(step: StepEquations, rate: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
-    """Sinkages and end velocity by a search for the velocity, with the quasi-static sinkages of each trial.
+    """Search for the end velocity, with the quasi-static sinkages of each trial.
 
     The net force falls with velocity, the inertial force rises, so there is one root. A wheel that
     would have to be pulled down has no solution.
@@ -275,7 +285,7 @@ def _search_rates(step: StepEquations, rate: Tensor, start: Tensor) -> tuple[Ten
 
 
 def _search_torques(step: StepEquations, torque: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
-    """Sinkages and slips wheel by wheel: loads from the statics, slip from the torque, in turn."""
+    """Search for sinkage and slip wheel by wheel: loads from statics, slip from torque, in turn."""
     traction, slip, depth = torch.zeros_like(torque), torch.zeros_like(torque), start
     for _ in range(4):
         load = wheel_loads(step.rover, step.pose, traction, torque, step.body)
@@ -285,7 +295,10 @@ def _search_torques(step: StepEquations, torque: Tensor, start: Tensor) -> tuple
 
 
 def carried(step: StepEquations, slip: Tensor, start: Tensor, rounds: int) -> Tensor:
-    """Sinkages [batch, axles] [m] at which the wheels carry their loads at given ``slip``: loads and tractions in turn."""
+    """Return the sinkages [batch, axles] [m] that carry the loads at ``slip``.
+
+    Loads and tractions are computed in turn.
+    """
     depth = start
     for _ in range(rounds):
         forces = step.wheel.forces(slip, depth)

@@ -11,7 +11,7 @@ from terramechanics.presets import preset_names, preset_path
 
 @dataclass(frozen=True, slots=True)
 class Wheel:
-    """One wheel: the name it has in messages, its axle (0 is the front), and its side."""
+    """One wheel: its name in messages, its axle (0 is the front), and its side."""
 
     name: str
     axle: int = number("axle, counted from the front", "1", 0)
@@ -24,7 +24,9 @@ class Wheel:
 
 @dataclass(frozen=True, slots=True)
 class Rover:
-    """A planar rover with three axles: the body (rocker) carries the front wheels, a bogie the middle and rear ones.
+    """A planar rover with three axles.
+
+    The body (rocker) carries the front wheels, a bogie the middle and rear ones.
 
     x points forward from the middle of the body; heights are above the ground on which the wheels
     stand unsunk. Left and right move alike, so that one wheel stands for ``wheels_per_axle`` and
@@ -89,7 +91,7 @@ class Rover:
 
     @property
     def wheels_per_axle(self) -> int:
-        """Number of wheels on one axle: what a planar wheel stands for."""
+        """Number of wheels on one axle, for which one planar wheel stands."""
         return len(self.wheels) // self.axles
 
     @property
@@ -109,10 +111,10 @@ class Rover:
 
 
 def load_rover(name: str | Path) -> Rover:
-    """The preset of that name, or the rover in that YAML file. Raises ConfigError that names what is wrong."""
+    """Load a preset by its name, or a rover from a YAML file. Raises ConfigError."""
     return load(Rover, preset_path("rovers", name))
 
 
 def rover_names() -> tuple[str, ...]:
-    """Names of the rovers that come with the package."""
+    """Return the names of the rovers that come with the package."""
     return preset_names("rovers")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Planar rocker-bogie: kinematics on a terrain profile, and the force and moment balances of its two bodies.
+"""Planar rocker-bogie: kinematics on a terrain profile, and the balances of its two bodies.
 
 Frames: x forward, z up, rotations nose-up positive. The body frame has its origin on the ground
 line below the middle of the body. Wheels roll on the undisturbed profile: sinkage is small beside
@@ -22,12 +22,12 @@ MAX_ITERATIONS = 30
 
 
 class TerrainError(ValueError):
-    """The rover cannot roll over that terrain."""
+    """A terrain over which the rover cannot roll."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """How the rover stands on the profile. Angles in rad, lengths in m."""
+    """Pose of the rover on the profile. Angles in rad, lengths in m."""
 
     x: Tensor  # [batch] horizontal place of the body's origin
     height: Tensor  # [batch] of the body's origin
@@ -39,13 +39,16 @@ class Pose:
 
 
 def shifted_centre(centre: Tensor, moment: Tensor, mass: Tensor) -> Tensor:
-    """Centre of mass [m] of a body that weighs ``mass`` [kg] with a load whose moment about ``centre`` is ``moment`` [kg m]."""
+    """Return the centre of mass [m] of a body of ``mass`` [kg] with a load.
+
+    ``moment`` [kg m] is that of the load about ``centre``.
+    """
     return centre + moment / mass
 
 
 @dataclass(frozen=True, slots=True)
 class BodyLoad:
-    """The rover's mass and the outer forces on it; numbers, or tensors [batch] where episodes differ."""
+    """Mass of the rover and outer forces on it: numbers, or tensors [batch]."""
 
     gravity: float  # [m/s^2]
     mass: float | Tensor  # [kg]
@@ -57,7 +60,7 @@ class BodyLoad:
 
     @classmethod
     def of(cls, rover: Rover) -> "BodyLoad":
-        """The body as the rover file has it."""
+        """Return the body as the rover file has it."""
         return cls(rover.gravity, rover.mass, rover.centre_of_mass_x, rover.centre_of_mass_height)
 
     @property
@@ -66,7 +69,7 @@ class BodyLoad:
         return self.mass * self.gravity
 
     def loaded(self, mass: Tensor, x: Tensor, height: Tensor) -> "BodyLoad":
-        """The body with ``mass`` [batch] [kg] more at ``x`` and ``height`` [batch] [m]."""
+        """Return the body with ``mass`` [batch] [kg] more at ``x`` and ``height`` [batch] [m]."""
         total = self.mass + mass
         old = (
             torch.as_tensor(self.x, dtype=torch.float64),
@@ -79,7 +82,10 @@ class BodyLoad:
         return BodyLoad(self.gravity, total, centre[0], centre[1], self.outer)
 
     def pulled(self, along: Tensor, up: Tensor, x: float, height: float) -> "BodyLoad":
-        """The body with a force ``along``, ``up`` [batch] [N] more that acts at ``x``, ``height`` [m]; payload comes first."""
+        """Return the body with a force more, ``along`` and ``up`` [batch] [N].
+
+        It acts at ``x``, ``height`` [m]; add the payload first.
+        """
         moment = (x - self.x) * up - (height - self.height) * along
         force = torch.stack([along, up, moment, torch.zeros_like(along)], dim=-1)
         return BodyLoad(
@@ -91,7 +97,7 @@ class BodyLoad:
         )
 
     def rows(self, index: Tensor) -> "BodyLoad":
-        """The same for some of the episodes."""
+        """Return the body in some of the episodes."""
         if self.outer is None and not isinstance(self.mass, Tensor):
             return self
         mass, x, height = (
@@ -104,7 +110,7 @@ class BodyLoad:
 
 
 class Geometry(NamedTuple):
-    """Where the forces of a rover act, in the body frame; for functions that TorchScript compiles."""
+    """Points of action of the forces in the body frame, for functions compiled by TorchScript."""
 
     axle_x: Tensor  # [axles] [m]
     centre: Tensor  # [2] centre of mass [m], or [n, 1, 2]
@@ -113,7 +119,7 @@ class Geometry(NamedTuple):
 
 
 def geometry_of(rover: Rover) -> Geometry:
-    """The geometry of ``rover``."""
+    """Return the geometry of ``rover``."""
     centre = torch.tensor(
         (rover.centre_of_mass_x, rover.centre_of_mass_height), dtype=torch.float64
     )
@@ -124,7 +130,10 @@ def geometry_of(rover: Rover) -> Geometry:
 
 
 def axle_places(geometry: Geometry, bogie: Tensor) -> Tensor:
-    """x and z of the axles in the body frame, [..., axles, 2] [m], with the bogie turned by ``bogie`` [...] [rad] nose-up."""
+    """Return x and z of the axles in the body frame, [..., axles, 2] [m].
+
+    ``bogie`` [...] [rad] is the angle of the bogie, nose-up.
+    """
     sine, cosine = torch.sin(bogie).unsqueeze(-1), torch.cos(bogie).unsqueeze(-1)
     arm, drop = geometry.axle_x[1:] - geometry.pivot[0], geometry.radius - geometry.pivot[1]
     along = geometry.pivot[0] + arm * cosine - drop * sine
@@ -140,7 +149,7 @@ def axle_places(geometry: Geometry, bogie: Tensor) -> Tensor:
 
 
 def along_body(contact_angle: Tensor) -> Tensor:
-    """What N, T, M of a wheel do along body x: [..., axles, 3] for angles [..., axles]."""
+    """Return the components of N, T, M along body x: [..., axles, 3] for angles [..., axles]."""
     return torch.stack(
         [-torch.sin(contact_angle), torch.cos(contact_angle), torch.zeros_like(contact_angle)],
         dim=-1,
@@ -148,7 +157,10 @@ def along_body(contact_angle: Tensor) -> Tensor:
 
 
 def directions(contact_angle: Tensor) -> Tensor:
-    """What N, T, M of a wheel do along body x, along body z and about the axle: [..., axles, 3, 3] for angles [..., axles]."""
+    """Return the components of N, T, M along body x and z and about the axle.
+
+    Shape [..., axles, 3, 3] for angles [..., axles].
+    """
     along = along_body(contact_angle)
     minus_sine, cosine, zero = along.unbind(-1)
     up = torch.stack([cosine, -minus_sine, zero], dim=-1)
@@ -156,7 +168,7 @@ def directions(contact_angle: Tensor) -> Tensor:
 
 
 def balances(geometry: Geometry, axle: Tensor, action: Tensor) -> Tensor:
-    """Force and moment balances as functions of N, T, M of one wheel an axle: shape [..., 4, axles, 3].
+    """Return the force and moment balances per N, T, M of a wheel: [..., 4, axles, 3].
 
     Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre
     of mass [N m], moment of the bogie about its pivot [N m]. The bogie has no mass, so its row sums
@@ -173,7 +185,10 @@ def balances(geometry: Geometry, axle: Tensor, action: Tensor) -> Tensor:
 
 
 def level_pose(rover: Rover, x: Tensor) -> Pose:
-    """The pose on level ground at height 0, body origin at ``x`` [batch] [m]: a start for :func:`solve_pose`."""
+    """Return the pose on level ground at height 0, body origin at ``x`` [batch] [m].
+
+    It is a start for :func:`solve_pose`.
+    """
     zero = torch.zeros_like(x)
     axle_x = torch.tensor(rover.axle_x, dtype=x.dtype)
     axle = torch.stack([axle_x, torch.full_like(axle_x, rover.wheel_radius)], dim=-1).expand(
@@ -184,7 +199,7 @@ def level_pose(rover: Rover, x: Tensor) -> Pose:
 
 
 def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
-    """The pose in which all wheels touch the profile, body origin at ``x`` [batch] [m].
+    """Solve the pose in which all wheels touch the profile, body origin at ``x`` [batch] [m].
 
     Newton in height, pitch, bogie angle and the places of contact, from ``start``. A wheel of
     radius r that touches the ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan
@@ -241,7 +256,10 @@ def _corrected(
     slope: Tensor,
     gap: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """One Newton step of height, pitch and bogie angle that closes the ``gap`` of every wheel; ``axle`` are x and z, [batch, 3] [m] all."""
+    """Return one Newton step of height, pitch and bogie angle that closes every ``gap``.
+
+    ``axle`` holds x and z; shapes are [batch, 3] [m].
+    """
     (x_axle, z_axle), (x, height, pitch, bogie) = axle, state
     pivot = torch.tensor([[rover.bogie_pivot_x, rover.bogie_pivot_height]], dtype=x.dtype)
     x_pivot, z_pivot = _to_world(pivot.expand(*x.shape, 1, 2), x, height, pitch)
@@ -258,7 +276,7 @@ def _corrected(
 
 
 def balance_matrix(rover: Rover, pose: Pose, body: BodyLoad | None = None) -> Tensor:
-    """Balances of the rover as functions of the wheels' N, T, M: shape [batch, 4, axles, 3].
+    """Return the balances per N, T, M of the wheels: shape [batch, 4, axles, 3].
 
     The rows are those of :func:`balances`; all wheels of an axle are counted. ``body`` is by
     default that of the rover.
@@ -274,7 +292,7 @@ def balance_matrix(rover: Rover, pose: Pose, body: BodyLoad | None = None) -> Te
 
 
 def _per_axle(value: float | Tensor) -> Tensor:
-    """A number as it is, [batch] as [batch, 1]."""
+    """Return a number as it is, [batch] as [batch, 1]."""
     return (
         value.unsqueeze(-1)
         if isinstance(value, Tensor)
@@ -283,7 +301,10 @@ def _per_axle(value: float | Tensor) -> Tensor:
 
 
 def balance_target(body: BodyLoad, pitch: Tensor, acceleration: Tensor) -> Tensor:
-    """What the balances of :func:`balance_matrix` sum to, [batch, 4]: m (dv/dt + g sin ab), m g cos ab, 0, 0 less outer forces."""
+    """Return the sums of the balances of :func:`balance_matrix`, [batch, 4].
+
+    They are m (dv/dt + g sin ab), m g cos ab, 0, 0, less outer forces.
+    """
     zero = torch.zeros_like(pitch)
     along = body.mass * acceleration + body.weight * torch.sin(pitch)
     target = torch.stack([along, body.weight * torch.cos(pitch), zero, zero], dim=-1)
@@ -293,7 +314,9 @@ def balance_target(body: BodyLoad, pitch: Tensor, acceleration: Tensor) -> Tenso
 def wheel_loads(
     rover: Rover, pose: Pose, traction: Tensor, torque: Tensor, body: BodyLoad | None = None
 ) -> Tensor:
-    """Normal force N [batch, axles] [N] of one wheel of each axle, for given traction [N] and torque [N m] of one wheel.
+    """Return the normal force N [batch, axles] [N] of one wheel of each axle.
+
+    ``traction`` [N] and ``torque`` [N m] are those of one wheel.
 
     Solves the vertical balance, the moment of the whole rover and the moment of the bogie. A
     negative load means that the rover would lift that wheel.

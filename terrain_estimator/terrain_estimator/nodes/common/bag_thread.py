@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag that is recorded beside the node's thread, which a disk that hangs does not hold up."""
+"""Record a bag in a thread of its own, so that a disk that hangs does not stop the node."""
 
 import itertools
 import math
@@ -19,21 +19,24 @@ from terrain_estimator.bags.writing.worker import Worker
 from terrain_estimator.config import RecorderConfig
 
 MOMENT_S = 0.5
-"""What the disk has not taken by then waits in memory, and the node goes on: a message is late, callbacks are not."""
+"""Longest wait for a write: later messages wait in memory, and callbacks are served."""
 BACKLOG_BYTES = 64 << 20
-"""Of messages that wait so: six minutes of the default topics."""
+"""Largest backlog in memory: six minutes of the default topics."""
 OVERHEAD_BYTES = 2000
-"""Of a message that waits, beside its own."""
+"""Memory of a waiting message beside its data."""
 UNNAMED = "bags"
-"""The folder of bags whose name is not given."""
+"""The folder of bags without a given name."""
 PATIENCE_S = 30.0
-"""For so long the end of a recording waits for a disk that takes nothing: three times what /diagnostics call an error, a third of what
-systemd gives a service to end."""
+"""Longest wait of the end of a recording for a disk that takes nothing.
+
+Three times the lateness that /diagnostics reports as an error, and a third of the time that systemd
+gives a service to end.
+"""
 ResultT = TypeVar("ResultT")
 
 
 class BagThread:
-    """A bag that one thread alone makes, writes and finishes, for as long as its disk takes."""
+    """Bag that one thread makes, writes and finishes, as fast as the disk allows."""
 
     def __init__(self, config: RecorderConfig) -> None:
         """Make the bag.
@@ -58,19 +61,19 @@ class BagThread:
 
     @property
     def hangs(self) -> bool:
-        """Whether what is given now waits in memory."""
+        """True where new actions wait in memory."""
         return self._worker.behind_s > MOMENT_S
 
     @property
     def late_s(self) -> float:
-        """By how much [s] a power cut would cost more than the interval between two fsync now."""
+        """Loss [s] that a power cut would cause now, beyond the interval between two fsync."""
         return max(self.bag.late_s, self._worker.behind_s)
 
     def give(self, action: Callable[[], ResultT], size: int = 0) -> Future[ResultT]:
-        """Do this with the bag after what was given before, and return when it is done, unless the disk hangs.
+        """Queue an action on the bag; return when it is done, unless the disk hangs.
 
         Args:
-            action: raises nothing that may go unheard.
+            action: its errors are in the future alone.
             size: [bytes] of the message that it holds.
 
         Raises:
@@ -89,7 +92,7 @@ class BagThread:
         return done
 
     def abandon(self) -> None:
-        """Leave the bag as it is."""
+        """Leave the bag unfinished."""
         self.abandoned = True
         self._worker.give(self.bag.abandon)
 
@@ -97,7 +100,7 @@ class BagThread:
         """Finish the bag.
 
         Args:
-            late: is told in the thread what came of it where the disk answered later.
+            late: called in the thread with the result, where the disk answers later.
 
         Raises:
             OSError: the disk is full or broken.
@@ -133,7 +136,7 @@ class BagThread:
         )
 
     def _awaited(self, done: Future[Any], bag_moved_s: Callable[[], float]) -> bool:
-        """Whether it was done before the disk had taken nothing for PATIENCE_S."""
+        """Return False where the disk takes nothing for PATIENCE_S before it is done."""
         begun_s = time.monotonic()
         while not done.done():
             moved_s = max(begun_s, self._worker.moved_s, bag_moved_s())
@@ -145,7 +148,10 @@ class BagThread:
 
 
 def _new_bag(config: RecorderConfig) -> BagWriter:
-    """Where no name is given, that of the second may be taken: by another recorder, or before a reboot without a clock of its own."""
+    """Make the bag; without a given name, number those of the same second.
+
+    Two bags have one second where two recorders start, or a clock is reset by a reboot.
+    """
     values = {name: str(value) for name, value in effective(config).items()}
     record_to = partial(
         BagWriter,

@@ -52,7 +52,7 @@ def explain_silence(node: Node, topic: str, type_name: str, qos: QoSProfile) -> 
 
 
 class PairingMonitor:
-    """Log once that messages arrive on all topics but never with matching stamps, and when they do."""
+    """Log once that messages arrive on all topics without matching stamps, and when they match."""
 
     def __init__(self, node: Node, topics: Iterable[str], patience_s: float = PATIENCE_S) -> None:
         """Begin with no message received; wait ``patience_s`` before a warning."""

@@ -183,10 +183,12 @@ class ManagedNode(LifecycleNode):
             ),
         )
 
-    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 - rclpy's mangled name
-        """Refuse a transition that the state does not allow; rclpy's exception would end the process."""
+    # rclpy's own method, by its mangled name
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802
+        """Refuse a transition that the state does not allow; rclpy would end the process."""
         try:
-            return super()._LifecycleNodeMixin__on_change_state(request, response)  # type: ignore[misc]
+            change = super()._LifecycleNodeMixin__on_change_state  # type: ignore[misc]
+            return change(request, response)
         except RuntimeError as error:
             self.get_logger().error(
                 f"transition {request.transition.label or request.transition.id} refused in state"

@@ -36,10 +36,10 @@ def check_overrides(given: Mapping[str, Any], topics: Iterable[str]) -> None:
     ]
     for name, value in given.items():
         if name not in known:
-            raise ConfigError(
-                f"unknown parameter {name}:"
-                f" {nearest(name, known) if known else 'this node has no quality of service to override'}"
+            hint = (
+                nearest(name, known) if known else "this node has no quality of service to override"
             )
+            raise ConfigError(f"unknown parameter {name}: {hint}")
         if name.endswith(".depth") and not (type(value) is int and 1 <= value <= MAX_DEPTH):
             raise ConfigError(
                 f"parameter {name}: expected a whole number from 1 to {MAX_DEPTH}, got {value!r}"

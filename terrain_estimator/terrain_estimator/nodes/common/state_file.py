@@ -108,7 +108,7 @@ class StateFileWriter:
 
 
 def check_state_path(path: Path) -> None:
-    """Raise StateFileError where a state cannot be written to ``path``, or would replace another file."""
+    """Raise StateFileError where no state can be written to ``path``, or another file is there."""
     if not path.parent.is_dir():
         raise StateFileError(
             f"{path}: there is no folder {path.parent}: make it, or name another file by the"
@@ -193,13 +193,15 @@ def restore(pipeline: Pipeline, path: Path, logger: RcutilsLogger) -> bool:
         aside = _free_name(path)
         with suppress(OSError):
             path.replace(aside)
-        logger.error(f"{error}; it is put aside as {aside}, and the prior holds")  # noqa: G004, TRY400 - rclpy's logger
+        text = f"{error}; it is put aside as {aside}, and the prior holds"
+        logger.error(text)  # noqa: TRY400 - rclpy's logger
         return False
     logger.info(f"going on from the state in {path}")  # noqa: G004
     try:
         shutil.copyfile(path, path.with_name(path.name + LOADED))
     except OSError as error:
-        logger.warning(f"the state that the node goes on from cannot be kept for replays: {error}")  # noqa: G004
+        text = f"the state that the node goes on from cannot be kept for replays: {error}"
+        logger.warning(text)
     return True
 
 
