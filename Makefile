@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages pictures docs measures workspace environment clean
+.PHONY: help demo discover test colcon-test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -18,6 +18,10 @@ discover: workspace  ## hide an effect in a simulated rover, find it blind, unse
 
 test: workspace  ## all tests, in two processes (ARGS="-n 0" for one)
 	OMP_NUM_THREADS=1 ros2_ws/with python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+colcon-test: workspace  ## the tests that each ROS package declares, as colcon runs them
+	cd ros2_ws && ./with colcon test --return-code-on-test-failure $(ARGS)
+	cd ros2_ws && ./with colcon test-result --all
 
 lint: environment  ## ruff, mypy and the import contract
 	$(VENV_PYTHON) -m ruff check

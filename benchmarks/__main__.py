@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""make bench: every speed that has a bar, beside a reference that is measured in the same run.
+"""Measure every speed that has a bar, beside a reference of the same run; called by ``make bench``.
 
 Writes out/bench.json, and after a whole run at full scale docs/benchmarks.md. Exit code 1 where a
 bar is missed; all lines are measured and written all the same.
@@ -24,7 +24,7 @@ PAGE = Path("docs/benchmarks.md")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, print and write; returns the exit code."""
+    """Measure, print and write; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="make bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def measured(name: str, effort: Effort) -> Sequence[BenchmarkLine]:
-    """The lines of one module as they come; where it fails a line that says so, which misses its bar."""
+    """Return the lines of one module; where it fails, the last one names the error and misses its bar."""
     found: list[BenchmarkLine] = []
     try:
         for line in importlib.import_module(f"benchmarks.{name}").lines(effort):
@@ -84,7 +84,7 @@ def measured(name: str, effort: Effort) -> Sequence[BenchmarkLine]:
 
 
 def show(line: BenchmarkLine) -> None:
-    """One line on the terminal."""
+    """Print one line."""
     bar = (
         ""
         if line.bar is None

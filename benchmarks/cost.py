@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How time grows with the number of features, wheels and bags and with the length of a run: docs/images/cost.png."""
+"""Growth of time with features, wheels, bags and length of a run: docs/images/cost.png."""
 
 import contextlib
 import io
@@ -43,13 +43,13 @@ class Growth:
 
     @property
     def exponent(self) -> float:
-        """p of time ~ size^p, over the upper half of the sizes, where what is constant counts least."""
+        """Exponent p of time ~ size^p, over the upper half of the sizes."""
         upper = slice(len(self.sizes) // 2 - 1, None)
         return float(np.polyfit(np.log(self.sizes[upper]), np.log(self.seconds[upper]), 1)[0])
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """The exponents; the picture is drawn of a whole run alone."""
+    """Yield the exponents; only a whole run draws the picture."""
     torch.set_num_threads(1)
     found = [by_features(effort), by_wheels(effort), by_bags(effort), by_length(effort)]
     if effort.scale == 1.0:
@@ -66,7 +66,7 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
 
 
 def by_features(effort: Effort) -> Growth:
-    """Mean time of an observation with models of more and more parameters."""
+    """Measure the mean time of an observation with models of more and more parameters."""
     model = load_model()
     seen = observations(model, effort.seconds(30.0, least=4.0))
     sizes = [17, 20, 26, 38, 62][: effort.count(5, least=2)]
@@ -81,13 +81,13 @@ def by_features(effort: Effort) -> Growth:
 
 
 def by_wheels(effort: Effort) -> Growth:
-    """Sinkage of more and more wheels at once under their load."""
+    """Measure the sinkage of more and more wheels at once under their load."""
     sizes = [10**power for power in range(1, 6)][: effort.count(5, least=2)]
     return Growth("wheels", "", sizes, [_sinkage_s(size) for size in sizes])
 
 
 def by_bags(effort: Effort) -> Growth:
-    """Replay of more and more bags, each of a drive of its own, in one command."""
+    """Measure the replay of more and more bags in one command."""
     sizes = [1, 2, 4, 8][: effort.count(4, least=2)]
     return Growth(
         "bags", "", sizes, [_replayed_s(effort.seconds(60.0, least=5.0), size) for size in sizes]
@@ -95,7 +95,7 @@ def by_bags(effort: Effort) -> Growth:
 
 
 def by_length(effort: Effort) -> Growth:
-    """Replay of longer and longer runs."""
+    """Measure the replay of longer and longer runs."""
     spans = [
         effort.seconds(60.0, least=5.0) * 4**power for power in range(effort.count(4, least=2))
     ]
@@ -103,7 +103,7 @@ def by_length(effort: Effort) -> Growth:
 
 
 def draw(found: Sequence[Growth], path: Path) -> None:
-    """One panel each on logarithmic axes, beside the line of linear cost through the last point."""
+    """Draw a panel for each on logarithmic axes, with linear cost through the last point."""
     with mpl.rc_context({"svg.hashsalt": "cost", "font.size": 9}):
         figure = Figure(figsize=(9.0, 2.6), layout="constrained")
         for axes, growth in zip(np.atleast_1d(figure.subplots(1, len(found))), found, strict=True):
@@ -122,7 +122,7 @@ def draw(found: Sequence[Growth], path: Path) -> None:
 
 
 def _sinkage_s(wheels: int) -> float:
-    """Time for wheels of the Mars rover on loose sand, evenly loaded."""
+    """Return the time for wheels of the Mars rover on loose sand, evenly loaded."""
     rover, soil = load_rover("mars_rover"), load_soil("loose_sand")
     wheel = WheelGround.of(rover, soil.constants(), soil.strength(), 12)
     slip = torch.linspace(0.05, 0.6, wheels, dtype=torch.float64)

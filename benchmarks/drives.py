@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives of any length in constant memory: a short one over and over, with stamps and sequence numbers that go on."""
+"""Drives of any length in constant memory: a short one repeated, with continuous stamps."""
 
 import copy
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ from terrain_estimator.topics import Make, Message
 from tests.drives import STEP_NS, Event, drive_messages
 
 PIECE_S = 120.0
-"""[s] Of the drive that is repeated."""
+"""[s] Duration of the drive that is repeated."""
 
 
 def long_drive(make: Make, seconds: float, seed: int = 1) -> Iterator[Event]:
-    """The five input topics at 10 Hz for ``seconds`` of simulated time, by stamp."""
+    """Yield the five input topics at 10 Hz for ``seconds`` of simulated time, by stamp."""
     steps = round(seconds * 1e9 / STEP_NS)
     piece = list(drive_messages(make, min(PIECE_S, seconds), seed))
     first, length = piece[0][1], len({stamp for _, stamp, _ in piece})
@@ -40,7 +40,7 @@ def _moved(make: Make, message: Message, stamp_ns: int, steps: int) -> Message:
 
 
 def observations(model: LoadedModel, seconds: float, seed: int = 1) -> list[Observation]:
-    """What the estimator makes of such a drive; the model is warm after it."""
+    """Return the observations of such a drive; the model is warm after it."""
     pipeline = Pipeline(model, EstimatorConfig())
     sets = (
         complete

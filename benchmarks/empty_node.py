@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The reference of the live figures: a node with the estimator's topics that answers every imu message, counts, and estimates nothing."""
+"""Reference of the live figures: a node with the estimator's topics that answers and estimates nothing.
+
+It answers every imu message, and counts what it receives.
+"""
 
 from functools import partial
 
@@ -14,11 +17,11 @@ from terrain_estimator.topics import ESTIMATE, HEALTH, INPUT_TYPES, Message
 
 QOS = QoSProfile(depth=50)
 PERIOD_S = 1.0
-"""[s] Of its health, as the estimator's."""
+"""[s] Period of its health, as the estimator's."""
 
 
 class EmptyNode(Node):
-    """Takes what the estimator takes."""
+    """Node with the inputs of the estimator."""
 
     def __init__(self) -> None:
         """Subscribe to the inputs; the imu's message is the last of a set."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator at 10 Hz in a process of its own: from the last topic to the estimate, and what the node takes of the machine."""
+"""The estimator node at 10 Hz: latency from the last topic to the estimate, processor and memory."""
 
 import math
 import time
@@ -17,7 +17,7 @@ HIGH_MS, SHARE, MEMORY_MB = 10.0, 5.0, 350.0
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """Latency, processor and memory, beside a node that answers without estimating."""
+    """Yield latency, processor and memory, beside a node that answers without estimating."""
     seconds = effort.seconds(SECONDS, least=3.0)
     latencies, share, memory, lost = observed(ESTIMATOR, seconds)
     bare, bare_share, bare_memory, _ = observed(EMPTY, seconds)
@@ -54,7 +54,10 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
 
 
 def observed(node: str, seconds: float) -> tuple[list[float], float, float, int]:
-    """Latencies of all sets [ms], share of a core [%], resident memory [MB], and how many sets had no answer: infinite latencies."""
+    """Return latencies [ms], share of a core [%], resident memory [MB] and sets without an answer.
+
+    A set without an answer has an infinite latency.
+    """
     steps = round(seconds * RATE_HZ)
     with facing(node) as (rover, process):
         instants = sets(WARM_UP + steps)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A line of the table: what was measured, its bar, and a named reference that was measured in the same run."""
+"""Lines of the table: a figure, its bar, and a named reference of the same run."""
 
 import math
 from dataclasses import KW_ONLY, dataclass
@@ -22,18 +22,18 @@ class BenchmarkLine:
 
     @property
     def ratio(self) -> float:
-        """Value over that of the reference."""
+        """Ratio of the value to that of the reference."""
         return self.value / self.against if self.against else math.nan
 
     @property
     def met(self) -> bool:
-        """Whether the bar is reached."""
+        """True where the bar is reached."""
         if self.bar is None:
             return True
         return self.value >= self.bar if self.least else self.value <= self.bar
 
     def record(self) -> dict[str, object]:
-        """For a JSON file; null for what is not finite."""
+        """Return the line for a JSON file; null for what is not finite."""
         numbers = {
             "value": self.value,
             "bar": self.bar,
@@ -56,14 +56,14 @@ class BenchmarkLine:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much is measured: 1 for figures that are published, less to see that the commands work."""
+    """Scale of lengths and repetitions: 1 for published figures, less to test the commands."""
 
     scale: float = 1.0
 
     def count(self, full: int, least: int = 1) -> int:
-        """A number of repetitions."""
+        """Scale a number of repetitions."""
         return max(least, round(full * self.scale))
 
     def seconds(self, full: float, least: float = 1.0) -> float:
-        """A duration [s]."""
+        """Scale a duration [s]."""
         return max(least, full * self.scale)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A rover in this process and the node under test in another, on real DDS: what goes out, and when the answer is back."""
+"""A rover in this process and the node under test in another, on real DDS."""
 
 import struct
 import sys
@@ -31,10 +31,10 @@ Set: TypeAlias = list[tuple[str, bytes]]
 STEP_S = 0.1
 DEEP = QoSProfile(depth=10000)
 STAMP = struct.Struct("<iI")
-"""Seconds and nanoseconds behind the four bytes of the encapsulation, in every message that begins with a header."""
+"""Seconds and nanoseconds after the four bytes of encapsulation, in messages with a header."""
 START_S, LAST_S = 60.0, 2.0
 COUNTED_S = 3.0
-"""[s] In which the node reports what it received: its health comes once a second."""
+"""[s] Time for the node to report its count of messages: its health comes once a second."""
 ESTIMATOR, EMPTY = "estimator", "a node that answers without estimating"
 WARM_UP = 50
 """Observations before anything is measured."""
@@ -44,26 +44,25 @@ WARM_UP = 50
 class Sent:
     """One exchange."""
 
-    sent_s: dict[int, float] = field(
-        default_factory=dict
-    )  # by stamp [ns], when the last message of the set went out
-    latency_s: dict[int, float] = field(
-        default_factory=dict
-    )  # by stamp, until the estimate was here
+    # by stamp [ns]: when the last message of the set was published
+    sent_s: dict[int, float] = field(default_factory=dict)
+    # by stamp: until the estimate arrived
+    latency_s: dict[int, float] = field(default_factory=dict)
     late_s: float = 0.0  # behind its own schedule at the end
-    missed: int = 0  # messages that the node has not received, by its own count: a set without an optional one is answered all the same
+    # messages that the node has not received, by its own count; optional ones have no effect on lost
+    missed: int = 0
 
     @property
     def lost(self) -> int:
-        """Sets without an answer."""
+        """Number of sets without an answer."""
         return len(self.sent_s) - len(self.latency_s)
 
 
 class MessageSender:
-    """Sends sets of messages at a rate, and takes the time of the answers by the same clock."""
+    """Sender of sets of messages at a rate; it times the answers by the same clock."""
 
     def __init__(self, domain_id: int) -> None:
-        """A node of its own context."""
+        """Create a node with its own context."""
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
         self._node = rclpy.create_node("rover", context=self._context)
@@ -82,7 +81,7 @@ class MessageSender:
         self._now, self._received = Sent(), 0
 
     def __enter__(self) -> Self:
-        """Nothing is sent yet."""
+        """Return the sender."""
         return self
 
     def __exit__(
@@ -106,7 +105,7 @@ class MessageSender:
         )
 
     def drive(self, sets: Iterator[Set], count: int, rate_hz: float) -> Sent:
-        """Send so many sets, and wait for the last answers and for the count of what was received."""
+        """Send ``count`` sets, and wait for the last answers and for the node's count of messages."""
         self._now = now = Sent()
         before = self._received
         chosen = [next(sets) for _ in range(count)]
@@ -123,10 +122,10 @@ class MessageSender:
         end_s = time.perf_counter() + LAST_S
         while now.lost and time.perf_counter() < end_s:
             self._executor.spin_once(timeout_sec=0.01)
-        wanted, end_s = before + sum(map(len, chosen)), time.perf_counter() + COUNTED_S
-        while self._received < wanted and time.perf_counter() < end_s:
+        expected, end_s = before + sum(map(len, chosen)), time.perf_counter() + COUNTED_S
+        while self._received < expected and time.perf_counter() < end_s:
             self._executor.spin_once(timeout_sec=0.01)
-        now.missed = wanted - self._received
+        now.missed = expected - self._received
         return now
 
     def _take(self, data: bytes) -> None:
@@ -140,7 +139,7 @@ class MessageSender:
 
 @contextmanager
 def facing(node: str) -> Iterator[tuple[MessageSender, Process]]:
-    """A rover and a started ESTIMATOR, or EMPTY, that know each other."""
+    """Start ESTIMATOR or EMPTY, and yield it with a connected rover."""
     with (
         tempfile.TemporaryDirectory() as folder,
         reserve_domain_id() as domain_id,
@@ -158,7 +157,7 @@ def facing(node: str) -> Iterator[tuple[MessageSender, Process]]:
 
 
 def sets(count: int) -> Iterator[Set]:
-    """Instants of a drive, a tenth of a second apart by their stamps however fast they are sent."""
+    """Yield instants of a drive, stamped a tenth of a second apart, however fast they are sent."""
     instant: Set = []
     for topic, _, message in long_drive(message_types.make, count * STEP_S):
         instant.append((topic, serialize_message(message)))

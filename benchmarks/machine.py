@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where and with what a figure was measured."""
+"""Machine and versions of a measurement."""
 
 import importlib.metadata
 import os
@@ -17,7 +17,7 @@ LIBRARIES = ("torch", "numpy", "scipy", "rosbags", "mcap", "mcap-ros2-support", 
 
 
 def machine() -> dict[str, object]:
-    """Processor, cores, memory, system, versions, commit, date, and how busy the machine was with other things at that moment."""
+    """Return processor, cores, memory, system, versions, commit, date and present load."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
@@ -42,6 +42,6 @@ def _processor() -> str:
 
 
 def _fast_dds() -> str:
-    """Of the library that is loaded: it is no Python package, and its version is in its file's name alone."""
+    """Return the version in the file name of the loaded library, which is no Python package."""
     library = Path(get_package_prefix("rmw_fastrtps_cpp"), "lib", "libfastrtps.so").resolve()
     return library.name.partition(".so.")[2] or "unknown"

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated rover once more, as plain NumPy loops over rovers, steps and wheels with SciPy's solvers.
+"""The simulated rover as plain NumPy loops over rovers, steps and wheels with SciPy's solvers.
 
-Written from the equations alone, apart from terramechanics: the reference of its speed and a second
-opinion on its numbers.
+Written from the equations alone, independent of terramechanics: the reference of its speed and a
+check of its numbers.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,9 +18,9 @@ from terramechanics.vehicle.rover import Rover
 
 Floats: TypeAlias = NDArray[np.float64]
 POINTS = 12
-"""Quadrature nodes in front of the largest stress and behind it, as many as the simulation has."""
+"""Quadrature nodes in front of the largest stress and behind it, as in the simulation."""
 LONG_STEP = 1e3
-"""[s] After which a rover is in its steady state."""
+"""[s] Duration after which a rover is in its steady state."""
 RANGE = (-0.6, 0.95)
 """[1] Slips of the contact model; the forces beyond are those at its ends."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(POINTS)
@@ -28,7 +28,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(POINTS)
 
 @dataclass(frozen=True, slots=True)
 class NumpyTrack:
-    """One rover's ground: slope(x) = mean + SUM a_j cos(k_j x + p_j), soil constants and strength the same everywhere."""
+    """One rover's homogeneous ground, of slope(x) = mean + SUM a_j cos(k_j x + p_j)."""
 
     mean: float
     amplitude: Floats  # [sines] [1]
@@ -38,12 +38,12 @@ class NumpyTrack:
     strength: Floats  # c [Pa], tan phi [1]
 
     def height(self, x: Floats) -> Floats:
-        """[m] at the places ``x`` [n] [m]."""
+        """Return the height [m] at the places ``x`` [n] [m]."""
         waves = np.sin(np.outer(x, self.wavenumber) + self.phase)
         return self.mean * x + waves @ (self.amplitude / self.wavenumber)
 
     def angle(self, x: Floats) -> Floats:
-        """Of the slope [rad] at the places ``x`` [n] [m]."""
+        """Return the angle of the slope [rad] at the places ``x`` [n] [m]."""
         return np.arctan(
             self.mean + np.cos(np.outer(x, self.wavenumber) + self.phase) @ self.amplitude
         )
@@ -51,18 +51,21 @@ class NumpyTrack:
 
 @dataclass(frozen=True, slots=True)
 class NumpyPose:
-    """How a rover stands."""
+    """Pose of a rover on the ground."""
 
     height: float  # [m]
     pitch: float  # [rad] nose-up
     bogie: float  # [rad] nose-up, relative to the body
-    contact: Floats  # [3] [m] horizontal places where the wheels touch
+    contact: Floats  # [3] [m] horizontal places of the wheels' contacts
     angle: Floats  # [3] [rad] of the ground there relative to the body
     axle: Floats  # [3, 2] [m] in the body frame
 
 
 def wheel_forces(rover: Rover, track: NumpyTrack, slip: float, sinkage: float) -> Floats:
-    """N, T [N] and M [N m] of one wheel: Wong and Reece's stresses, integrated in front of the largest one and behind it."""
+    """Return N, T [N] and M [N m] of one wheel by Wong and Reece's stresses.
+
+    They are integrated in front of the largest stress and behind it.
+    """
     n, k_c, k_phi, shear_modulus, c1, c2 = track.soil
     cohesion, tan_phi = track.strength
     radius, width = rover.wheel_radius, rover.wheel_width
@@ -99,7 +102,7 @@ def wheel_forces(rover: Rover, track: NumpyTrack, slip: float, sinkage: float) -
 
 
 def _panels(displacement: Callable[[Floats], Floats], *, braked: bool) -> list[tuple[float, float]]:
-    """[0, 1], in two where the shear displacement changes its sign: the shear stress has a kink there."""
+    """Return [0, 1], split at the kink where the shear displacement changes its sign."""
     ends = displacement(np.array([1e-6, 1.0])) if braked else np.ones(2)
     if ends[0] * ends[1] >= 0.0:
         return [(0.0, 1.0)]
@@ -108,7 +111,7 @@ def _panels(displacement: Callable[[Floats], Floats], *, braked: bool) -> list[t
 
 
 def stand(rover: Rover, track: NumpyTrack, x: float, start: NumpyPose | None = None) -> NumpyPose:
-    """The pose in which the three wheels touch the ground, body at ``x`` [m]."""
+    """Return the pose in which the three wheels touch the ground, body at ``x`` [m]."""
     if start is None:
         start = NumpyPose(0.0, 0.0, 0.0, x + np.array(rover.axle_x), np.zeros(3), np.zeros((3, 2)))
     radius = rover.wheel_radius
@@ -135,7 +138,7 @@ def stand(rover: Rover, track: NumpyTrack, x: float, start: NumpyPose | None = N
 
 
 def axles(rover: Rover, bogie: float) -> Floats:
-    """Places of the axles in the body frame [3, 2] [m]: the front one is fixed, the others turn with the bogie."""
+    """Return the axles in the body frame [3, 2] [m]; the rear two turn with the bogie."""
     pivot = np.array([rover.bogie_pivot_x, rover.bogie_pivot_height])
     turn = np.array([[np.cos(bogie), -np.sin(bogie)], [np.sin(bogie), np.cos(bogie)]])
     flat = np.array([[x, rover.wheel_radius] for x in rover.axle_x])
@@ -143,7 +146,11 @@ def axles(rover: Rover, bogie: float) -> Floats:
 
 
 def imbalance(rover: Rover, pose: NumpyPose, forces: Floats, acceleration: float) -> Floats:
-    """Along and across the body [N], about its centre of mass and about the bogie's pivot [N m], [4]; N, T, M [3, 3] of a wheel each."""
+    """Return the residuals of the equations of motion [4].
+
+    Forces along and across the body [N], moments about its centre of mass and about the bogie's
+    pivot [N m]. ``forces`` [3, 3] are N, T, M of one wheel of each axle.
+    """
     centre = np.array([rover.centre_of_mass_x, rover.centre_of_mass_height])
     pivot = np.array([rover.bogie_pivot_x, rover.bogie_pivot_height])
     total = np.array([0.0, 0.0, 0.0, 0.0])
@@ -165,7 +172,7 @@ def imbalance(rover: Rover, pose: NumpyPose, forces: Floats, acceleration: float
 
 @dataclass(slots=True)
 class State:
-    """Of one rover between two steps."""
+    """State of one rover between two steps."""
 
     position: float  # [m]
     velocity: float  # [m/s]
@@ -177,7 +184,7 @@ class State:
 def move(
     rover: Rover, track: NumpyTrack, state: State, rate: Floats, duration: float
 ) -> tuple[Floats, Floats, float, Floats]:
-    """Slips, sinkages [3], end velocity and forces [3, 3] of an implicit step under the wheel rates ``rate`` [3]."""
+    """Return slips, sinkages [3], end velocity and forces [3, 3] of an implicit step at ``rate`` [3]."""
     unit = rover.wheel_radius * float(np.mean(rate))
 
     def contacts(unknown: Floats) -> tuple[Floats, Floats, Floats]:
@@ -205,7 +212,10 @@ def move(
 def drive(
     rover: Rover, track: NumpyTrack, start_velocity: float, commands: Floats, time_step: float
 ) -> dict[str, Floats]:
-    """One drive under the wheel rates ``commands`` [1 + steps, 3], from the steady state of the first; series by name [steps, ...]."""
+    """Simulate one drive under the wheel rates ``commands`` [1 + steps, 3].
+
+    It starts from the steady state of the first. Returns series by name [steps, ...].
+    """
     state = State(
         0.0,
         start_velocity,
@@ -243,7 +253,10 @@ def fleet(
     commands: Floats,
     time_step: float,
 ) -> list[dict[str, Floats]]:
-    """Every rover by itself; ``start_velocity`` [rovers] [m/s], ``commands`` [rovers, 1 + steps, 3] [rad/s]."""
+    """Simulate every rover by itself.
+
+    ``start_velocity`` is [rovers] [m/s], ``commands`` [rovers, 1 + steps, 3] [rad/s].
+    """
     return [
         drive(rover, *each, time_step)
         for each in zip(tracks, start_velocity.tolist(), commands, strict=True)

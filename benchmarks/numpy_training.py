@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A step of the training once more, as plain NumPy loops over tasks and blocks with gradients by hand.
+"""A training step as plain NumPy loops over tasks and blocks, with gradients by hand.
 
 Written from the equations alone (Banerjee et al. eqs. 20 to 23; Bishop 2006, sections 3.3 and 5.3):
 the reference of its speed, and a second opinion on its gradients. Without the penalties.
@@ -19,7 +19,7 @@ ADAM = (0.9, 0.999, 1e-8)
 
 @dataclass(frozen=True, slots=True)
 class TaskArrays:
-    """Regressions as in terrain_estimator.learning.regression, in arrays; the net's inputs are picked and scaled."""
+    """Regressions of terrain_estimator.learning.regression as arrays, with scaled inputs of the net."""
 
     nominal: Floats  # [tasks, blocks, Q, N]
     target: Floats  # [tasks, blocks, Q]
@@ -33,7 +33,7 @@ class TaskArrays:
 
 @dataclass(slots=True)
 class TaskBlock:
-    """One block of a task: its features [Q, N + K], and what they leave behind for the gradients."""
+    """One block of a task: its features [Q, N + K], and intermediates for the gradients."""
 
     features: Floats
     target: Floats
@@ -87,7 +87,7 @@ def _log_marginal(
     sign: float,
     gradients: list[Floats],
 ) -> float:
-    """Log density of the blocks' targets; adds ``sign`` times its gradients."""
+    """Return the log density of the blocks' targets; add ``sign`` times its gradients."""
     prior = np.concatenate([tasks.precision, np.exp(weights[-2])])
     precision, pull = np.diag(prior), prior * tasks.mean
     value = 0.5 * (np.log(prior).sum() - tasks.mean @ pull)
@@ -117,7 +117,7 @@ def _backward(
     sign: float,
     gradients: list[Floats],
 ) -> None:
-    """Gradients of the log density by one block's noise and features, and by the net's weights behind them."""
+    """Add the gradients of the log density by one block's noise, features and weights of the net."""
     residual = block.inverse @ (block.target - block.features @ posterior)
     seen = block.inverse @ block.features
     by_covariance = 0.5 * (

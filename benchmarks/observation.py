@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processor time of one observation in the core, warm and on one thread: the installed model, and one of 34 parameters."""
+"""Processor time of one observation in the core, warm, on one thread, with two models.
+
+The models are the installed one, and one of 34 parameters.
+"""
 
 import tempfile
 import time
@@ -28,7 +31,7 @@ SECONDS = 120.0
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """Median, median of those that close a block, and 99th percentile, of two models."""
+    """Yield median, median of those that close a block, and 99th percentile, of two models."""
     torch.set_num_threads(1)
     installed = load_model()
     seen = observations(installed, effort.seconds(SECONDS, least=5.0))
@@ -59,7 +62,7 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
 
 
 def microseconds(model: LoadedModel, seen: list[Observation]) -> Floats:
-    """Processor time of every update of a drive [us]: the wall time of a thread that nothing interrupts."""
+    """Return the processor time of every update of a drive [us]."""
     config = EstimatorConfig()
     warm_up(model, config)
     estimator = Estimator(model, config.core)
@@ -91,7 +94,7 @@ def closing(model: LoadedModel, seen: list[Observation]) -> NDArray[np.bool_]:
 
 
 def widened(model: LoadedModel, parameters: int, folder: Path) -> LoadedModel:
-    """A model of the same rover and soils whose net has so many columns more or less; untrained, which costs the same time."""
+    """Return a model whose net has so many columns more or less; untrained, which takes the same time."""
     metadata = model.metadata
     columns = (
         parameters
@@ -111,7 +114,7 @@ def widened(model: LoadedModel, parameters: int, folder: Path) -> LoadedModel:
 
 
 def numpy_update(parameters: int, rows: int, runs: int = 300) -> float:
-    """Median time [us] of precision += A' A, pull += A' y and one solve."""
+    """Return the median time [us] of precision += A' A, pull += A' y and one solve."""
     generator = np.random.default_rng(0)
     features, target = (
         generator.standard_normal((rows, parameters)),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The highest rate of observations, five topics each, at which the estimator node receives every message and answers every one."""
+"""Highest rate at which the estimator node receives and answers every set of five topics."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,11 @@ BAR_HZ = 500.0
 RATES_HZ = (50.0, 100.0, 200.0, 300.0, 400.0, 500.0, 700.0, 1000.0)
 SECONDS = 10.0
 LATE_S = 0.1
-"""[s] By which the sender may end late; beyond that it, and not the node, is the limit."""
+"""[s] Lateness of the sender beyond which it, and not the node, is the limit."""
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """Beside a node that answers without estimating."""
+    """Yield the rate, beside that of a node that answers without estimating."""
     seconds = effort.seconds(SECONDS, least=1.0)
     (found, why), (bare, _) = (highest(node, seconds) for node in (ESTIMATOR, EMPTY))
     yield BenchmarkLine(
@@ -31,7 +31,10 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
 
 
 def highest(node: str, seconds: float) -> tuple[float, str]:
-    """The last of RATES_HZ [Hz] before the first at which something was lost, and what ended the search; 0 where the first fails."""
+    """Return the last of RATES_HZ [Hz] before the first with a loss, and the end of the search.
+
+    0 where the first rate fails.
+    """
     best = 0.0
     with facing(node) as (rover, _):
         instants = sets(WARM_UP + sum(round(seconds * rate) for rate in RATES_HZ))

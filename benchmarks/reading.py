@@ -21,7 +21,7 @@ RUNS = 3  # of each in turn; the fastest counts: what else the machine does only
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """Time of a message, beside both libraries."""
+    """Yield the time of a message, beside both libraries."""
     with tempfile.TemporaryDirectory() as folder:
         types = Types()
         bag = write_bag(
@@ -56,13 +56,13 @@ def _in_turn(bag: Path, readers: Mapping[str, Callable[[Path], int]]) -> dict[st
 
 
 def ours(bag: Path) -> int:
-    """Decode all messages; returns their number. So do the others."""
+    """Decode all messages with this package; return their number."""
     with BagReader(bag) as reader:
         return sum(reader.decode(message) is not None for message in reader.messages())
 
 
 def by_rosbags(bag: Path) -> int:
-    """See ours."""
+    """Decode all messages with rosbags; return their number."""
     with AnyReader([bag]) as reader:
         return sum(
             reader.deserialize(data, connection.msgtype) is not None
@@ -71,7 +71,7 @@ def by_rosbags(bag: Path) -> int:
 
 
 def by_mcap(bag: Path) -> int:
-    """See ours."""
+    """Decode all messages with mcap-ros2-support; return their number."""
     with next(bag.glob("*.mcap")).open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         return sum(entry.decoded_message is not None for entry in reader.iter_decoded_messages())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Replay of a short bag and of a long one, each in a process of its own: how fast, and in how much memory.
+"""Speed and memory of the replay of a short bag and of a long one, each in a process of its own.
 
 python -m benchmarks.replaying BAG OUTPUT      # replays one and prints what it took, as JSON
 """
@@ -30,12 +30,12 @@ from tests.drives import write_bag
 BAR = 500.0
 """[1] Times real time."""
 GROWTH = 1.1
-"""[1] By which the largest memory of the long bag may exceed that of the short one."""
+"""[1] Largest ratio of the memory of the long bag to that of the short one."""
 SHORT_S, LONG_S = 600.0, 36000.0
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """Speed of both, and memory of the long one beside that of the short one."""
+    """Yield the speed of both, and the memory of the long one beside that of the short one."""
     types = Types()
     spans = [effort.seconds(full, least=20.0) for full in (SHORT_S, LONG_S)]
     memory: dict[float, float] = {}
@@ -72,9 +72,9 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
 
 
 def replayed(bag: Path, output: Path) -> tuple[float, float]:
-    """Times real time, and largest resident memory [MB] of the process, or of the one that estimates beside it where that has more."""
+    """Return the speed over real time, and the largest resident memory [MB] of either process."""
     command = [sys.executable, "-m", "benchmarks.replaying", str(bag), str(output)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - ourselves
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     if ended.returncode != 0:
         raise ChildProcessError(ended.stderr[-2000:])
     speed, memory = json.loads(ended.stdout.splitlines()[-1])
@@ -82,7 +82,7 @@ def replayed(bag: Path, output: Path) -> tuple[float, float]:
 
 
 def main(bag: str, output: str) -> None:
-    """Replay as the command does."""
+    """Replay like the command."""
     torch.set_num_threads(1)
     done = replay(Path(bag), Path(output), load_model(), EstimatorConfig(), bag_topics([], ""))
     memory = (

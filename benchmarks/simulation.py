@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of the batched simulation on hills beside plain NumPy loops of the same physics, on one core each and on all."""
+"""Speed of the batched simulation on hills, beside plain NumPy loops of the same physics."""
 
 import multiprocessing
 import os
@@ -28,7 +28,7 @@ BY_ITSELF = 2  # rovers of the loops, which take so long
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """One core batched against loops; all cores; the same with an effect; one rover at a time."""
+    """Yield one core batched against loops, all cores, the same with an effect, one rover at a time."""
     rovers = effort.count(ROVERS, least=50)
     loops = loops_speed(BY_ITSELF)
     name = "NumPy and SciPy loops over rovers, steps and wheels"
@@ -87,14 +87,14 @@ def drive(rovers: int, seed: int, effect: str = "", size: float = 0.0) -> float:
 
 
 def on_every_core(rovers: int, effect: str = "", size: float = 0.0) -> float:
-    """Sum over one process for each core of what :func:`drive` returns."""
+    """Return the sum of :func:`drive` over one process for each core."""
     cores = os.cpu_count() or 1
     with multiprocessing.get_context("spawn").Pool(cores) as pool:
         return sum(pool.starmap(drive, [(rovers, seed, effect, size) for seed in range(cores)]))
 
 
 def loops_speed(rovers: int) -> float:
-    """Rover-steps in a second of the loops."""
+    """Return the rover-steps in a second of the loops."""
     drawn = same_drives(rovers, STEPS, 0)
     begun_s = time.perf_counter()
     numpy_rover.fleet(*drawn, TIME_STEP)
@@ -104,7 +104,7 @@ def loops_speed(rovers: int) -> float:
 def same_drives(
     rovers: int, steps: int, seed: int
 ) -> tuple[Rover, list[NumpyTrack], Floats, Floats]:
-    """What :func:`drive` draws: rover, tracks, start velocities [rovers] and wheel rates [rovers, 1 + steps, 3] of as many drives."""
+    """Draw rover, tracks, start velocities [rovers] and wheel rates [rovers, 1 + steps, 3]."""
     generator = torch.Generator().manual_seed(seed)
     rover, soil = load_rover("mars_rover"), load_soil("loose_sand")
     ground = Ground.random_strength(soil, rovers, generator)

@@ -13,17 +13,18 @@ from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Adam, Floats, TaskArrays, loss_and_gradients
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.learning.training import Recipe, build_model, train
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
 BAR_MS = 30.0
-"""[ms] Of one core for a step of 20 tasks x 40 blocks: 1000 of them in half a minute."""
+"""[ms] Bar for a step of 20 tasks x 40 blocks on one core: 1000 of them in half a minute."""
 TASKS, BLOCKS, TIMED, RUNS = 40, 40, 40, 3
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """A step of the recipe without penalties, which the loops lack too, and one of the recipe as it is."""
+    """Yield a step of the recipe without penalties, which the loops lack, and one with them."""
     timed = effort.count(TIMED, least=3)
     plain = Recipe(iterations=timed, strength=0.0, positivity=0.0)
     model = model_of(plain)
@@ -47,7 +48,7 @@ def lines(effort: Effort) -> Iterator[BenchmarkLine]:
 
 
 def fastest_ms(function: Callable[[], object]) -> float:
-    """Milliseconds of one core, the least of RUNS: what else the machine does only slows it down."""
+    """Return milliseconds of one core, the least of RUNS, as other load only slows it down."""
     spent = []
     for _ in range(RUNS):
         begun_s = time.process_time()
@@ -57,21 +58,21 @@ def fastest_ms(function: Callable[[], object]) -> float:
 
 
 def model_of(recipe: Recipe) -> PAlpaca:
-    """Untrained, for the Mars rover on loose sand."""
+    """Return an untrained model for the Mars rover on loose sand."""
     return build_model(
         load_rover("mars_rover"), [load_soil("loose_sand")], recipe.columns, recipe.hidden
     )
 
 
 def batched(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
-    """All steps of the recipe."""
+    """Run all steps of the recipe."""
     model.net.requires_grad_(requires_grad=True)
     for _ in train(model, data, recipe):
         pass
 
 
 def loops_step(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
-    """One step of the loops, on as many tasks."""
+    """Run one step of the loops, on as many tasks."""
     arrays = weights_of(model, torch.zeros(recipe.columns), torch.zeros(data.target.shape[-1]))
     tasks = tasks_of(model, data.of(torch.arange(recipe.batch)))
     _, gradients = loss_and_gradients(arrays, tasks, np.full(recipe.batch, BLOCKS // 2))
@@ -82,8 +83,8 @@ def loops_step(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
 
 
 def random_data(model: PAlpaca, generator: torch.Generator) -> Regression:
-    """Of the right shapes: no number changes how long it takes."""
-    rows, columns = len(distinct_rows(model.axles)), 2 + model.uncertain.shape[1]
+    """Return data of the right shapes; the numbers do not change the time."""
+    rows, columns = len(distinct_rows(model.axles)), 2 + model.layout.constants
 
     def draw(*shape: int) -> Tensor:
         return torch.randn(TASKS, BLOCKS, *shape, generator=generator, dtype=torch.float64)
@@ -99,7 +100,7 @@ def random_data(model: PAlpaca, generator: torch.Generator) -> Regression:
 
 
 def weights_of(model: PAlpaca, log_precision: Tensor, log_noise: Tensor) -> list[Floats]:
-    """Everything that is learnt, as the loops take it."""
+    """Return everything that is learnt, for the loops."""
     layers = [part for part in model.net.layers if isinstance(part, nn.Linear)]
     learnt = [part for layer in layers for part in (layer.weight, layer.bias)]
     return [
@@ -109,24 +110,20 @@ def weights_of(model: PAlpaca, log_precision: Tensor, log_noise: Tensor) -> list
 
 
 def tasks_of(model: PAlpaca, data: Regression) -> TaskArrays:
-    """The same regressions for the loops."""
-    axles, inputs = model.axles, data.inputs.numpy()
-    wheels = inputs[..., : 8 * axles].reshape(*inputs.shape[:2], 8, axles)
-    pitch = inputs[..., 8 * axles + 2 : 8 * axles + 3]
-    seen = (
-        np.concatenate([wheels[..., 0, :], wheels[..., 2, :], wheels[..., 4, :], pitch], -1)
-        / model.net.input_scale.numpy()
-    )
+    """Return the same regressions for the loops."""
+    inputs, prior = view_of(data.inputs, model.axles), model.hypotheses
+    pitch = inputs.pitch.unsqueeze(-1)
+    seen = torch.cat([inputs.slip, inputs.sinkage, inputs.contact_angle, pitch], -1)
     others = data.nominal.shape[-1] - 2
     return TaskArrays(
         data.nominal.numpy(),
         data.target.numpy(),
         data.covariance.numpy(),
-        seen,
+        (seen / model.net.input_scale).numpy(),
         data.valid.numpy() > 0.0,
         model.net.row_scale.numpy(),
         np.concatenate(
-            [(model.prior_mean / model.unit).numpy(), np.zeros(others + model.net.columns)]
+            [(prior.prior_mean / prior.unit).numpy(), np.zeros(others + model.net.columns)]
         ),
-        np.concatenate([((model.prior_sd / model.unit) ** -2.0).numpy(), np.ones(others)]),
+        np.concatenate([((prior.prior_sd / prior.unit) ** -2.0).numpy(), np.ones(others)]),
     )

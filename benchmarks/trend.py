@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a quantity that was sampled over a long run grows, by a stated test.
+"""Test whether a quantity that was sampled over a long run grows.
 
 Of the samples after a warm-up (the first fifth) the medians of 25 equally long blocks are taken, so
 that noise that lasts shorter than a block does not pass for a trend. It grows where Mann and
@@ -19,10 +19,10 @@ from scipy import stats
 
 Values: TypeAlias = Sequence[float] | NDArray[Any]
 WARM_UP = 0.2
-"""[1] Share of the run that is left out."""
+"""[1] Share of the run, from its start, that is left out."""
 BLOCKS = 25
 SIGNIFICANCE = 1e-3
-"""[1] Probability that noise without a trend is taken for growth by the first half of the test."""
+"""[1] Probability of a false alarm by the first half of the test on noise without a trend."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Trend:
     grows: bool
 
     def record(self) -> dict[str, object]:
-        """For a JSON file."""
+        """Return the trend for a JSON file."""
         return asdict(self)
 
 
@@ -77,7 +77,7 @@ def trend(
 
 
 def counted(what: str, times: Values, counts: Values) -> Trend:
-    """A counter that must not move after the warm-up; the level is its last value."""
+    """Test a counter that must not change after the warm-up; the level is its last value."""
     time, count = np.asarray(times, dtype=float), np.asarray(counts, dtype=float)
     late = count[time >= time[0] + WARM_UP * (time[-1] - time[0])]
     grown = float(late[-1] - late[0])

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processor time of one observation in the exported model, over random drives: python -m benchmarks.update [MODEL ...].
+"""Processor time of one observation in the exported model: python -m benchmarks.update [MODEL ...].
 
 With several models (a file of the version before and one of now) the ratios to the first are
-printed too; a ratio measured side by side says more than a time, which depends on the machine.
+printed too; a ratio measured side by side depends less on the machine than a time.
 """
 
 import sys
@@ -21,7 +21,10 @@ ROUNDS = 3  # the fastest counts: what else the machine does only slows it down
 
 
 def microseconds(model: LoadedModel, packed: torch.Tensor) -> tuple[float, float]:
-    """Mean over all observations, and median of those that close a block; packed drives [N, T, 8 A + 9]."""
+    """Return the mean of all observations, and the median of those that close a block.
+
+    ``drives`` are packed [N, T, P].
+    """
     module, block = model.module, model.metadata.block
     means, closing = [], []
     with torch.inference_mode():

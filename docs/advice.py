@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""When to change a parameter: the end of a sentence "Change it ...", for every parameter of the nodes with a parameter file."""
+"""Ends of the sentences "Change it ...", for every parameter in a parameter file."""
 
 _NAMES = "if your rover is the model's, but its wheels have other names"
 _DEVIATIONS = "to the value that a calibration of your drives gives"

@@ -50,7 +50,8 @@ one,
 
 or from a file:
 
-    ros2 run terrain_estimator estimator --dump-config > estimator.yaml      # a template: all current values, with their meanings
+    # a template: all current values, with their meanings
+    ros2 run terrain_estimator estimator --dump-config > estimator.yaml
     ros2 run terrain_estimator estimator --ros-args --params-file estimator.yaml
 
 `terrain_estimator/config` has such a file for each node that runs on a rover (not for `simulator`
@@ -75,7 +76,8 @@ In addition there are ROS's own parameters, by their exact names: `use_sim_time`
 _FILE = """# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
 #
-# All parameters of {node} with their defaults, for nodes of that name in any namespace. Copy this file and keep the lines that you change:
+# All parameters of {node} with their defaults, for nodes of that name in any namespace.
+# Copy this file and keep the lines that you change:
 #   ros2 run terrain_estimator {node} --ros-args --params-file {node}.yaml
 #   ros2 launch terrain_estimator rover.launch.py config:=FOLDER        (a folder of such files)
 # Written by `make pages`: change the code, not this file.

@@ -66,7 +66,8 @@ def measured(command: str, arguments: str = "") -> str:
     """Return the line for figures that ``make COMMAND`` has measured now."""
     called = f'{command} ARGS="{arguments}"' if arguments else command
     date = datetime.now(UTC).date().isoformat()
-    return f"Measured by `make {called}` on {date} at commit {commit()}. <!-- code {digest(command)} -->"
+    place = f"on {date} at commit {commit()}"
+    return f"Measured by `make {called}` {place}. <!-- code {digest(command)} -->"
 
 
 def refreshed(text: str) -> str:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Installs the package where ament looks for it."""
+"""Install the package where ament looks for it."""
 
 from setuptools import find_packages, setup
 

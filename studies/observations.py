@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated drives as the observations that an estimator takes one by one."""
+"""Observations of simulated drives, for an estimator that takes them one by one."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ STEP_NS = 100_000_000
 
 
 def observations_of(measurement: Measurement, index: int) -> list[Observation]:
-    """Observations of one drive of a measured batch, stamped from 0.1 s on."""
+    """Return the observations of one drive of a measured batch, stamped from 0.1 s on."""
     batch, time = measurement.velocity.shape
     names = [field.name for field in dataclasses.fields(Observation) if field.name != "stamp_ns"]
     columns = {name: getattr(measurement, name) for name in names}
@@ -21,9 +21,10 @@ def observations_of(measurement: Measurement, index: int) -> list[Observation]:
         name: value[index] if value.ndim == 3 else value.expand(batch, time)[index]
         for name, value in columns.items()
     }
+    fields = ({name: _plain(value[k]) for name, value in series.items()} for k in range(time))
     return [
-        Observation((k + 1) * STEP_NS, **{name: _plain(value[k]) for name, value in series.items()})  # type: ignore[arg-type]
-        for k in range(time)
+        Observation(stamp * STEP_NS, **values)  # type: ignore[arg-type]
+        for stamp, values in enumerate(fields, 1)
     ]
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a long measurement keeps of each of its pieces, so that it can be ended at any time and gone on with later."""
+"""Records of the pieces of a long measurement, so that it can end and continue at any time."""
 
 import itertools
 import time
@@ -22,7 +22,7 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True, slots=True)
 class Piece(Generic[_Result]):
-    """Work that a process can be given, and where its result is kept."""
+    """Work for a process, and the file of its result."""
 
     work: Callable[[], _Result]
     path: Path
@@ -37,14 +37,12 @@ def write_record(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
 
 
 def read_record(path: Path) -> dict[str, NDArray[Any]] | None:
-    """A record, None where there is none; raises OSError where it cannot be read."""
+    """Read a record, None where there is none; raises OSError where it cannot be read."""
     if not path.exists():
         return None
     try:
-        with (
-            path.open("rb") as file,
-            np.load(file, allow_pickle=False) as stored,
-        ):  # numpy leaves a file that it refuses open
+        # opened here, as numpy leaves a file that it refuses open
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)
     except (ValueError, EOFError, zipfile.BadZipFile) as error:
         raise OSError(f"{path}: {error}; remove it, it is computed anew") from error
@@ -64,7 +62,7 @@ def compute(
     minutes: float,
     keep: Callable[[_Result, Path], None],
 ) -> None:
-    """Compute and keep these pieces, as many as there is time for; ``minutes`` 0: all of them."""
+    """Compute and keep these pieces, as many as ``minutes`` allow; 0: all of them."""
     end = time.monotonic() + 60.0 * minutes if minutes else float("inf")
     with ProgressReport(f"{title}: {len(missing)} pieces") as report:
         for done, (piece, result) in enumerate(_finished(missing, processes, end), 1):
@@ -75,7 +73,7 @@ def compute(
 def _finished(
     missing: Sequence[Piece[_Result]], processes: int, end: float
 ) -> Iterator[tuple[Piece[_Result], _Result]]:
-    """Results as they come; after ``end`` no piece is begun."""
+    """Yield results as they come; after ``end`` no piece is begun."""
     waiting = itertools.takewhile(lambda _: time.monotonic() < end, missing)
     if processes == 1:
         for piece in waiting:

@@ -13,7 +13,7 @@ import torch
 
 @contextmanager
 def workers(count: int) -> Iterator[ProcessPoolExecutor]:
-    """So many processes of one thread each; an exception in the context ends them at once, whatever they are at."""
+    """Start ``count`` processes of one thread each; an exception in the context kills them."""
     with ProcessPoolExecutor(count, get_context("spawn"), _begin) as pool:
         try:
             yield pool
@@ -25,6 +25,5 @@ def workers(count: int) -> Iterator[ProcessPoolExecutor]:
 
 def _begin() -> None:
     torch.set_num_threads(1)
-    signal.signal(
-        signal.SIGINT, signal.SIG_DFL
-    )  # Ctrl-C reaches every process: the first one speaks for all
+    # Ctrl-C reaches every process; only the first one reports it
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

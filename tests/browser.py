@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Opens pages in the system's chromium; tests that need it are skipped where there is none."""
+"""Open pages in the system's chromium; tests that need it are skipped where there is none."""
 
 import os
 import shutil
@@ -22,7 +22,7 @@ needs_chromium = pytest.mark.skipif(
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """A browser without a window."""
+    """Start a browser without a window."""
     # Chromium refuses its sandbox to root, as whom containers often run.
     arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
     with sync_playwright() as driver:
@@ -33,7 +33,7 @@ def chromium() -> Iterator[Browser]:
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A page, what it said on the console, and what it asked for."""
+    """A page, its console messages, and its requests."""
 
     page: Page
     said: list[str] = field(default_factory=list)
@@ -44,7 +44,7 @@ class Opened:
 def opened(
     browser: Browser, source: Path | str, width: int, scheme: str = "light"
 ) -> Iterator[Opened]:
-    """The file, without a network, or the address in a window of that width."""
+    """Open a file without a network, or an address, in a window of that width."""
     context = browser.new_context(
         viewport={"width": width, "height": 800},
         offline=isinstance(source, Path),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of every test. What starts processes has its fixtures in tests/system."""
+"""Settings of every test; fixtures for processes are in tests/system."""
 
 import hypothesis
 import torch

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated drives as messages, without a simulator process: what a bag of one holds."""
+"""Simulated drives as messages, as a bag holds them, without a simulator process."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from terrain_estimator.bags import BagWriter, Types
-from terrain_estimator.topics import INPUT_TYPES, Make
+from terrain_estimator.topics import INPUT_TYPES, Make, Message
 from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.sensors import Measurement, Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
@@ -30,7 +30,7 @@ Event = tuple[str, int, Any]  # topic, stamp [ns], message
 
 @cache
 def measured(seconds: float, seed: int) -> tuple[Sample, Measurement, Measurement]:
-    """One S1 drive on loose sand: what is true, and what the left and the right wheels measure."""
+    """Return one S1 drive on loose sand: the truth, and the measurements of both sides."""
     generator = torch.Generator().manual_seed(seed)
     strength = torch.tensor([[COHESION_PA, TAN_PHI]], dtype=torch.float64)
     ground = Ground(
@@ -42,7 +42,7 @@ def measured(seconds: float, seed: int) -> tuple[Sample, Measurement, Measuremen
 
 
 def drive_messages(make: Make, seconds: float = 10.0, seed: int = 1) -> Iterator[Event]:
-    """The five input topics at 10 Hz, by stamp; within one instant in the order of INPUT_TYPES."""
+    """Yield the five input topics at 10 Hz, by stamp, then in the order of INPUT_TYPES."""
     _, left, right = measured(seconds, seed)
     for step in range(left.velocity.shape[1]):
         stamp = START_NS + step * STEP_NS
@@ -97,10 +97,6 @@ def _fields(
     orientation = make(
         "geometry_msgs/msg/Quaternion", w=np.cos(pitch / 2), y=-np.sin(pitch / 2), x=0.0, z=0.0
     )
-    pose, twist = (
-        make("geometry_msgs/msg/Pose", orientation=orientation),
-        make("geometry_msgs/msg/Vector3", x=scalar("velocity")),
-    )
     names = list(ROVER.wheel_names)
     return {
         "wheel_slip": {
@@ -119,20 +115,7 @@ def _fields(
             "contact_angle": wheels("contact_angle"),
             "contact_angle_stddev": wheels("contact_angle_sd"),
         },
-        "odom": {
-            "header": make("std_msgs/msg/Header", stamp=header.stamp, frame_id="odom"),
-            "child_frame_id": "base_link",
-            "pose": make(
-                "geometry_msgs/msg/PoseWithCovariance",
-                pose=pose,
-                covariance=_diagonal(36, 28, scalar("pitch_sd")),
-            ),
-            "twist": make(
-                "geometry_msgs/msg/TwistWithCovariance",
-                twist=make("geometry_msgs/msg/Twist", linear=twist),
-                covariance=_diagonal(36, 0, scalar("velocity_sd")),
-            ),
-        },
+        "odom": _odom(make, header, orientation, scalar),
         "joint_states": {
             "header": header,
             "name": list(JOINTS),
@@ -147,6 +130,26 @@ def _fields(
             "linear_acceleration": make("geometry_msgs/msg/Vector3", x=scalar("acceleration")),
             "linear_acceleration_covariance": _diagonal(9, 0, scalar("acceleration_sd")),
         },
+    }
+
+
+def _odom(
+    make: Make, header: Message, orientation: Message, scalar: Callable[[str], float]
+) -> dict[str, Any]:
+    twist = make("geometry_msgs/msg/Vector3", x=scalar("velocity"))
+    return {
+        "header": make("std_msgs/msg/Header", stamp=header.stamp, frame_id="odom"),
+        "child_frame_id": "base_link",
+        "pose": make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=make("geometry_msgs/msg/Pose", orientation=orientation),
+            covariance=_diagonal(36, 28, scalar("pitch_sd")),
+        ),
+        "twist": make(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=make("geometry_msgs/msg/Twist", linear=twist),
+            covariance=_diagonal(36, 0, scalar("velocity_sd")),
+        ),
     }
 
 

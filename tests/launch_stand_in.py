@@ -1,9 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""As much of ROS's launch library as our launch files use, to see what they would start where it is not installed (it has no wheel).
+"""The part of ROS's launch library that our launch files use.
 
-It keeps what they say and resolves it: arguments with their defaults and choices, scopes of groups,
-included files.
+The library has no wheel. Where it is not installed, this stand-in shows what they would start.
+
+It keeps the declarations and resolves them: arguments with their defaults and choices, scopes of
+groups, included files.
 """
 
 import runpy
@@ -26,13 +28,24 @@ MODULES = (
     "launch_ros.actions",
 )
 NAMES = (
-    "LaunchContext", "LaunchDescription", "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "GroupAction", "IncludeLaunchDescription",
-    "OpaqueFunction", "RegisterEventHandler", "OnProcessExit", "Shutdown", "Node", "ThisLaunchFileDir",
-)  # fmt: skip
+    "LaunchContext",
+    "LaunchDescription",
+    "DeclareLaunchArgument",
+    "EmitEvent",
+    "ExecuteProcess",
+    "GroupAction",
+    "IncludeLaunchDescription",
+    "OpaqueFunction",
+    "RegisterEventHandler",
+    "OnProcessExit",
+    "Shutdown",
+    "Node",
+    "ThisLaunchFileDir",
+)
 
 
 class Kept:
-    """An entity with what it was made of."""
+    """An entity with its arguments."""
 
     def __init__(self, *positional: Any, **named: Any) -> None:
         self.positional, self.named = positional, named
@@ -44,7 +57,7 @@ class LaunchConfiguration(Kept):
 
 
 class Context:
-    """Values of the arguments that hold, and what was started."""
+    """Values of the arguments in force, and the entities that were started."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.values, self.started = folder, dict[str, str](), list[Kept]()
@@ -54,7 +67,7 @@ class Context:
         vars(self.locals).update(values)
 
     def text(self, value: Any) -> str:
-        """A text, a substitution, or a list of such."""
+        """Resolve a text, a substitution, or a list of these."""
         if isinstance(value, list | tuple):
             return "".join(map(self.text, value))
         if isinstance(value, LaunchConfiguration):
@@ -62,7 +75,7 @@ class Context:
         return str(self.folder) if isinstance(value, Kept) else str(value)
 
     def include(self, path: Path, given: dict[str, str]) -> None:
-        """Start what a file declares; an argument that it does not declare would be passed over in silence."""
+        """Start what a file declares; an unknown argument, which launch would ignore, fails."""
         entities = description(path)
         known = {
             entity.positional[0]
@@ -107,7 +120,7 @@ class Context:
 
 @contextmanager
 def library() -> Iterator[None]:
-    """The stand-in takes the place of the library's modules."""
+    """Put the stand-in in the place of the library's modules."""
     classes = {name: type(name, (Kept,), {}) for name in NAMES} | {
         "LaunchConfiguration": LaunchConfiguration
     }
@@ -120,13 +133,13 @@ def library() -> Iterator[None]:
 
 
 def description(path: Path) -> list[Kept]:
-    """The entities that a launch file declares."""
+    """Return the entities that a launch file declares."""
     entities: list[Kept] = runpy.run_path(str(path))["generate_launch_description"]().positional[0]
     return entities
 
 
 def started(path: Path, **arguments: str) -> list[Kept]:
-    """The nodes and processes that a launch file starts with these arguments."""
+    """Return the nodes and processes that a launch file starts with these arguments."""
     with library():
         context = Context(path.parent)
         context.include(path, arguments)
@@ -134,7 +147,7 @@ def started(path: Path, **arguments: str) -> list[Kept]:
 
 
 def declared(path: Path) -> dict[str, str]:
-    """Description by argument."""
+    """Return the descriptions of the arguments."""
     with library():
         return {
             entity.positional[0]: entity.named["description"]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What holds of every published number, whatever came in."""
+"""Properties of every published number, whatever the inputs."""
 
 import math
 from typing import Any
@@ -29,11 +29,14 @@ PREDICTED = (
     "measured_velocity",
 )
 MAY_BE_NAN = ("innovation", "innovation_variance")
-"""Where there was no prediction before."""
+"""Fields that are NaN where there was no prediction before."""
 
 
 def unsound(message: Any) -> list[str]:
-    """What is wrong with a terrain_estimate or motion_prediction, of rclpy's classes or of the bags'; empty where all is well."""
+    """Return the faults of a terrain_estimate or motion_prediction; empty where it is sound.
+
+    The message is of rclpy's classes or of the bags'.
+    """
     return _of_estimate(message) if hasattr(message, "covariance") else _of_prediction(message)
 
 

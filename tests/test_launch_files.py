@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the launch files would start exists: executables, parameters with their types and ranges, topics, arguments of included files."""
+"""The launch files start existing programs with existing parameters, topics and arguments."""
 
 import importlib.util
 from pathlib import Path
@@ -32,7 +32,7 @@ every_file = pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 
 
 def nodes(name: str, **arguments: str) -> dict[str, Kept]:
-    """The nodes of a launch file by namespace and executable."""
+    """Return the nodes of a launch file by namespace and executable."""
     found = started(FOLDER / name, **arguments)
     return {
         f"{node.named['namespace']}/{node.named['executable']}": node
@@ -42,7 +42,7 @@ def nodes(name: str, **arguments: str) -> dict[str, Kept]:
 
 
 def values(node: Kept) -> dict[str, Any]:
-    """The parameters of a node, checked by their definition; those of a file come first."""
+    """Return the parameters of a node, checked by their definition; those of a file come first."""
     given: dict[str, Any] = {}
     name = node.named["executable"]
     for source in node.named["parameters"]:
@@ -121,7 +121,7 @@ def test_a_drive_waits_for_every_node_that_reads_all_of_its_topics(
 def test_a_drive_does_not_wait_for_nodes_that_leave_the_imu_out(
     namespace: str, tmp_path: Path
 ) -> None:
-    """Nobody but the recorder subscribed to it, and after 30 s the simulator gave up."""
+    """The recorder alone subscribed to it, and after 30 s the simulator gave up."""
     for name in ("estimator", "planner"):
         (tmp_path / f"{name}.yaml").write_text(
             f"/**/{name}: {{ros__parameters: {{use_imu: false}}}}\n"

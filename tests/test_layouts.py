@@ -25,7 +25,7 @@ NUMBER = (bool, int, float)
 
 @cache
 def topics() -> dict[str, str]:
-    """Type by topic, from the table that a test holds to the nodes."""
+    """Return the type of every topic, from the table that a test compares with the nodes."""
     rows = re.findall(
         r"^\| `(/?[\w/]+)` \| `([\w/]+)` \|",
         (ROOT / "docs/messages.md").read_text(encoding="utf-8"),
@@ -43,7 +43,10 @@ def foxglove() -> dict[str, Any]:
 
 
 def value_at(topic: str, parts: list[str]) -> object:
-    """What a message of the topic has there. Raises KeyError and AttributeError that name what does not exist."""
+    """Return a field of a message of the topic.
+
+    KeyError and AttributeError name what does not exist.
+    """
     value = TYPES.make(topics()[topic])
     for part in parts:
         name, _, index = part.partition("[")
@@ -64,7 +67,7 @@ def panels(kind: str) -> dict[str, dict[str, Any]]:
 
 
 def paths(kind: str) -> Iterator[tuple[str, list[str]]]:
-    """Topic and fields of every series; a number is a line across the plot."""
+    """Yield topic and fields of every series; a number is a line across the plot."""
     for panel in panels(kind).values():
         for series in panel["paths"]:
             if not re.fullmatch(r"-?[\d.]+", series["value"]):
@@ -73,7 +76,7 @@ def paths(kind: str) -> Iterator[tuple[str, list[str]]]:
 
 
 def leaves(node: Any) -> list[str]:
-    """Panels of a mosaic."""
+    """Return the panels of a mosaic."""
     return [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""No parameter is without effect: each changes what a drive gives, here, or in a test that is named here."""
+"""Every parameter has an effect: on a drive here, or in a test that is named here."""
 
 import ast
 import copy
@@ -39,7 +39,7 @@ cached_model: Callable[[str], LoadedModel] = cache(load_model)
 
 
 def spoiled(events: list[Event], topic: str, **values: Any) -> list[Event]:
-    """Fields of one topic set in every message; a double underscore stands for the dot."""
+    """Set fields of one topic in every message; a double underscore stands for the dot."""
     for name, _, message in events:
         for path, value in values.items() if name == topic else ():
             *owners, last = path.split("__")
@@ -69,7 +69,7 @@ def same(events: list[Event]) -> list[Event]:
 def answers(
     values: dict[str, Any], change: Callable[[list[Event]], list[Event]], seconds: float = 2.0
 ) -> list[Answer]:
-    """What the estimator says to a drive of which some messages still wait at the end."""
+    """Return the estimator's answers to a drive in which some messages still wait at the end."""
     config = configure(EstimatorConfig, values)
     pipeline = Pipeline(cached_model(config.model), config)
     events = change(list(drive_messages(Types().make, seconds)))
@@ -98,7 +98,7 @@ def sd(given: list[Answer]) -> list[float]:
 
 
 class Case(NamedTuple):
-    """A value, what it needs beside it, and what has to differ."""
+    """A value, the parameters that it needs, and what has to differ."""
 
     value: Any
     differs: Callable[[list[Answer], list[Answer]], bool]  # (with the default, with the value)
@@ -216,7 +216,7 @@ def readings(values: dict[str, Any], steps: int) -> tuple[SimulatorConfig, list[
 
 
 def sensed(values: dict[str, Any]) -> str:
-    """Everything that a short drive publishes, and the truth, as text."""
+    """Return everything that a short drive publishes, and the truth, as text."""
     config, read = readings({"noise": 0.0} | values, 20 if "profile" in values else 3)
     return str(
         [
@@ -268,7 +268,7 @@ COMMANDS = [("cmd_vel_timeout", 0.1), ("cmd_vel_acceleration", 0.1), ("cmd_vel_l
 
 
 def followed(values: dict[str, Any], steps: int = 9) -> tuple[str, list[float]]:
-    """The answer to a velocity command that is never repeated, and the wheel rates that follow."""
+    """Return the answer to a single velocity command, and the resulting wheel rates."""
     commands = VelocityCommands(load_rover("mars_rover"), configure(SimulatorConfig, values))
     refusal = commands.request((0.3, 0.0, 0.0), (0.0, 0.0, 0.0))
     return refusal, [float(commands.command(0.1 * step)[0, 0]) for step in range(steps)]
@@ -302,29 +302,35 @@ def test_a_shorter_interval_syncs_the_recording_more_often(
 
 ELSEWHERE = {
     "dashboard port": (
-        "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken"
+        "system/test_dashboard.py::"
+        "test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken"
     ),
     "dashboard address": (
-        "system/test_dashboard.py::test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken"
+        "system/test_dashboard.py::"
+        "test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken"
     ),
     "dashboard rate": (
         "terrain_estimator/dashboard/test_web.py::test_it_takes_and_answers_at_its_rate"
     ),
     "dashboard window": (
-        "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is"
+        "terrain_estimator/dashboard/test_model.py::"
+        "test_window_and_points_say_how_long_and_how_fine_the_recent_history_is"
     ),
     "dashboard points": (
-        "terrain_estimator/dashboard/test_model.py::test_window_and_points_say_how_long_and_how_fine_the_recent_history_is"
+        "terrain_estimator/dashboard/test_model.py::"
+        "test_window_and_points_say_how_long_and_how_fine_the_recent_history_is"
     ),
     "estimator auto_start": "system/test_lifecycle.py::test_a_service_that_cannot_do_it_says_why",
     "estimator state.file": "system/test_lifecycle.py::with_state",
     "estimator state.autosave_period": "system/test_lifecycle.py::with_state",
     "recorder auto_start": (
-        "system/test_lifecycle.py::test_a_recorder_writes_while_it_is_active_and_notes_who_estimated"
+        "system/test_lifecycle.py::"
+        "test_a_recorder_writes_while_it_is_active_and_notes_who_estimated"
     ),
     "estimator rover": "test_parameters_change_behaviour.py::test_the_rover_file_names_the_wheels",
     "recorder fsync_interval": (
-        "test_parameters_change_behaviour.py::test_a_shorter_interval_syncs_the_recording_more_often"
+        "test_parameters_change_behaviour.py::"
+        "test_a_shorter_interval_syncs_the_recording_more_often"
     ),
     "recorder output": "system/test_recorder.py::record",
     "recorder split.size": (
@@ -365,10 +371,12 @@ ELSEWHERE = {
         "terrain_estimator/planning/test_inputs.py::test_a_sensor_that_is_switched_off_is_not_used"
     ),
     "planner pairing_tolerance": (
-        "terrain_estimator/planning/test_inputs.py::test_messages_are_paired_as_the_estimator_pairs_them"
+        "terrain_estimator/planning/test_inputs.py::"
+        "test_messages_are_paired_as_the_estimator_pairs_them"
     ),
     "planner pairing_timeout": (
-        "terrain_estimator/planning/test_inputs.py::test_messages_are_paired_as_the_estimator_pairs_them"
+        "terrain_estimator/planning/test_inputs.py::"
+        "test_messages_are_paired_as_the_estimator_pairs_them"
     ),
     "planner period": (
         "system/test_planner.py::test_it_advises_once_a_period_and_says_when_it_does_not_know_yet"
@@ -389,28 +397,36 @@ ELSEWHERE = {
         "system/test_slip_source.py::test_slip_from_wheel_rates_and_odometry_is_that_of_the_wheels"
     ),
     "slip_source velocity_type": (
-        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_each_parameter_changes_what_is_published"
     ),
     "slip_source body_frame": (
-        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_each_parameter_changes_what_is_published"
     ),
     "slip_source standstill_speed": (
-        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_each_parameter_changes_what_is_published"
     ),
     "slip_source radius_deviation": (
-        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_each_parameter_changes_what_is_published"
     ),
     "slip_source rate_deviation": (
-        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_each_parameter_changes_what_is_published"
     ),
     "slip_source default_sd.velocity": (
-        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_each_parameter_changes_what_is_published"
     ),
     "slip_source pairing_tolerance": (
-        "terrain_estimator/messaging/test_slip_source.py::test_each_parameter_changes_what_is_published"
+        "terrain_estimator/messaging/test_slip_source.py::"
+        "test_each_parameter_changes_what_is_published"
     ),
     "terrain_map spacing": (
-        "terrain_estimator/messaging/test_map_track.py::test_points_are_a_spacing_apart_and_carry_what_was_estimated_there"
+        "terrain_estimator/messaging/test_map_track.py::"
+        "test_points_are_a_spacing_apart_and_carry_what_was_estimated_there"
     ),
     "terrain_map points": (
         "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"
@@ -422,13 +438,16 @@ ELSEWHERE = {
         "system/test_terrain_map.py::test_the_track_is_a_cloud_that_a_late_reader_gets"
     ),
     "watch period": (
-        "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
+        "system/test_watch.py::"
+        "test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
     ),
     "watch report": (
-        "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
+        "system/test_watch.py::"
+        "test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
     ),
     "watch real_time_factor": (
-        "system/test_watch.py::test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
+        "system/test_watch.py::"
+        "test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates"
     ),
 }
 """Parameters of whole processes, and the test that would fail if one had no effect."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recording that comes with the repository replays with the present messages and model."""
+"""The sample recording replays with the present messages and model."""
 
 import json
 from pathlib import Path
@@ -27,7 +27,7 @@ def test_its_messages_are_those_of_this_version() -> None:
 
 
 def test_a_replay_gives_the_recorded_estimates(tmp_path: Path) -> None:
-    """To the digits that another processor's rounding leaves."""
+    """Compare to the digits that another processor's rounding leaves."""
     assert replay.main([str(SAMPLE), "--out", str(tmp_path)]) == 0
     with BagReader(SAMPLE) as live, BagReader(tmp_path / "sample_estimates") as again:
         pairs = list(

@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""make soak: 24 simulated hours of three rovers through the core, and two hours of three rovers over DDS at four times real time.
+"""Run three rovers for long and test for growth; called by ``make soak``.
 
-With four processors the core runs beside the DDS part, in processes that give way to it, and all of
-it takes 38 minutes; with fewer the three rovers over DDS need them all, so the core's hours follow.
-Each part goes on until its hours or its time are over. The result, in out/soak.json and
-docs/faults.md, says how far both came. Exit codes: 0 all was run and nothing grows, 1 something
-grows or a part fell short of its hours or its rate, 2 a process failed.
+Three rovers drive 24 simulated hours each through the core, and two hours each over DDS at four
+times real time. With four processors the core runs beside the DDS part, in processes of lower
+priority, and all takes 38 minutes. With fewer, the core's hours follow. Each part runs until its
+hours or its time are over. The result is in out/soak.json and docs/faults.md.
+
+Exit codes: 0 all was run and nothing grows; 1 something grows, or a part fell short of its hours or
+its rate; 2 a process failed.
 """
 
 import argparse
@@ -33,11 +35,11 @@ AT_ONCE = len(os.sched_getaffinity(0)) >= 4
 MINUTES, DDS_SHARE, CORE_SHARE = 38.0 if AT_ONCE else 75.0, 0.85 if AT_ONCE else 0.5, 0.95
 ROVERS = 3
 START_S = 120.0
-"""[s] By which a process of the core may end late, where the machine is busy."""
+"""[s] Allowed lateness of a process of the core, on a busy machine."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run both parts, judge, write; returns the exit code."""
+    """Run both parts, judge, write; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="make soak", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -87,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def soak(seconds: float) -> tuple[list[list[ProcessSample]], list[live.RoverSeries]]:
-    """Both parts. Raises AssertionError or ChildProcessError where a process fails."""
+    """Run both parts; raises AssertionError or ChildProcessError where a process fails."""
     with tempfile.TemporaryDirectory() as name:
         folder, begun_s = Path(name), time.monotonic()
         files = [folder / f"rover{number}.json" for number in range(1, ROVERS + 1)]
@@ -123,7 +125,7 @@ def _cores(seconds: float, files: list[Path]) -> list[subprocess.Popen[bytes]]:
 
 
 def verdict(trends: list[Trend], ran: Ran) -> int:
-    """Print what was run, what fell short and what grows; returns the exit code."""
+    """Print what was run, what fell short and what grows; return the exit code."""
     print(f"ran: {json.dumps(asdict(ran))}")
     short = list(ran.shortfalls())
     for text in short:

@@ -32,20 +32,24 @@ from terrain_estimator.update import Update
 from tests.drives import STEP_NS, Event
 
 SAMPLES = 1000
-"""In the whole time that is allowed; fewer where the hours are over before."""
+"""Samples in the whole allowed time; fewer where the hours are over before."""
 NICENESS = 19
 NORMAL = (Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY, Outcome.STANDSTILL, Outcome.GATED)
-"""Outcomes of a healthy rover: where the repeated drive begins anew the velocity jumps, which the gate may refuse."""
+"""Outcomes of a healthy rover.
+
+The velocity jumps where the drive is repeated; the gate may refuse it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessSample:
-    """The process after so many simulated hours."""
+    """Sample of the process after some simulated hours."""
 
     hours: float
     memory_mb: float  # resident
     blocks: float  # that Python has allocated
-    set_us: float  # processor time of a set of messages since the sample before: made, paired, converted, estimated from, answered
+    # processor time of a set of messages since the last sample, from making them to the answer
+    set_us: float
     abnormal: float  # observations with another outcome than those of a healthy rover, so far
     not_finite: float  # updates with a number that is none, so far
     troubled: float  # messages that were lost, late or without a partner, so far
@@ -59,7 +63,7 @@ def run(
     table = np.zeros(
         (SAMPLES + 2, len(dataclasses.fields(ProcessSample)))
     )  # at once, so that what is watched does not grow by the watching
-    wanted, taken, begun_s, next_s = round(hours * 3600e9 / STEP_NS), 0, time.monotonic(), 0.0
+    total, taken, begun_s, next_s = round(hours * 3600e9 / STEP_NS), 0, time.monotonic(), 0.0
     spent_s, since = time.thread_time(), 0
     answers = (answer for topic, _, message in drive for answer in pipeline.add(topic, message))
     for step, answer in enumerate(answers):
@@ -67,7 +71,7 @@ def run(
         outcomes[answer.update.decision.outcome] += 1
         not_finite += not finite(answer.update)
         past_s = time.monotonic() - begun_s
-        if past_s < next_s and step + 1 < wanted and past_s < seconds:
+        if past_s < next_s and step + 1 < total and past_s < seconds:
             continue
         set_us = 1e6 * (time.thread_time() - spent_s) / (step + 1 - since)
         abnormal = sum(count for outcome, count in outcomes.items() if outcome not in NORMAL)
@@ -83,7 +87,7 @@ def run(
             troubled(pipeline),
         )
         taken += 1
-        if past_s >= seconds or step + 1 == wanted:
+        if past_s >= seconds or step + 1 == total:
             break
         next_s = past_s + seconds / SAMPLES
         spent_s, since = time.thread_time(), step + 1
@@ -91,20 +95,20 @@ def run(
 
 
 def finite(update: Update) -> bool:
-    """Whether all numbers of the estimate are numbers."""
+    """Return whether all numbers of the estimate are finite."""
     estimate = update.estimate
     return all(math.isfinite(float(value)) for value in (*estimate.mean, *estimate.covariance.flat))
 
 
 def troubled(pipeline: Pipeline) -> int:
-    """Messages that were not simply paired."""
+    """Return the number of messages that were not paired in order."""
     return sum(
         count.unpaired + count.out_of_order + count.lost for count in pipeline.counters.values()
     )
 
 
 def main(rover: str, hours: str, seconds: str, path: str) -> None:
-    """One rover, whose number is the seed of its drive."""
+    """Run one rover, whose number is the seed of its drive."""
     torch.set_num_threads(1)
     begun_s = time.monotonic()
     pipeline, make = Pipeline(load_model(), EstimatorConfig()), Types().make

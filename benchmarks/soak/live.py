@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Three rovers on real DDS, a simulator and an estimator each, watched from a process of its own."""
+"""Three rovers on real DDS, each with simulator and estimator, monitored from this process."""
 
 import time
 from collections.abc import Callable
@@ -30,7 +30,7 @@ UNUSUAL = frozenset(outcome.name for outcome in Outcome if not outcome.used) - {
     "STANDSTILL",
     "GATED",
 }
-"""Outcomes that nothing in these drives calls for."""
+"""Outcomes that these drives do not explain."""
 
 
 @dataclass(slots=True)
@@ -48,12 +48,12 @@ class RoverSeries:
 
     @property
     def hours(self) -> float:
-        """Of simulated time that were driven and estimated."""
+        """Simulated hours that were driven and estimated."""
         return self.estimates * TIME_STEP / 3600.0
 
 
 class Watched:
-    """A rover as the watch sees it."""
+    """Monitor of one rover."""
 
     def __init__(self, name: str, watch: Node, estimator: Process, simulator: Process) -> None:
         """Subscribe to its estimates and its health."""
@@ -97,7 +97,7 @@ class Watched:
 
 
 def counters(health: Message) -> dict[str, float]:
-    """What should not grow while a rover drives: lost, late and lonely messages, resets, unusual outcomes."""
+    """Return counters that must not grow: lost, late and unpaired messages, resets, unusual outcomes."""
     found = {
         name: float(sum(getattr(health, f"input_{name}")))
         for name in ("lost", "out_of_order", "unpaired")
@@ -153,7 +153,7 @@ def drive(
 
 
 def _rover(name: str, seed: int, watch: Node, start: Starter) -> Watched:
-    """Each simulator keeps a clock of its own: on one topic they would contradict each other."""
+    """Give each simulator its own clock topic; on one topic the clocks would contradict each other."""
     apart = ("-r", f"__ns:=/{name}", "-r", f"/clock:=/{name}/clock")
     estimator = start("terrain_estimator", "estimator", "--ros-args", *apart)
     estimator.wait_for_output("ready", START_S)

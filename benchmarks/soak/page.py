@@ -19,8 +19,8 @@ Machine: {machine}; {minutes:.0f} min.
 - **DDS**: {dds_hours:g} simulated hours of three rovers over DDS, each with simulator and estimator,
   at {factor:g} times real time.
 
-Both parts run at once with four processors or more, one after the other with fewer. A quantity grows
-where Mann and Kendall's test finds a trend at 0.1 % that exceeds the allowed growth
+Both parts run at once with four processors or more, one after the other with fewer. A quantity
+grows where Mann and Kendall's test finds a trend at 0.1 % that exceeds the allowed growth
 (`benchmarks/trend.py`). Counters may not change after the first fifth.
 
 - Core: {core_ran} simulated hours.

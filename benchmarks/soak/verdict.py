@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How long a soak has to run, what of it must not grow, and by how much it may."""
+"""Required length of a soak, its quantities, and their allowed growth."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,22 +14,22 @@ from benchmarks.trend import Trend, counted, trend
 from terramechanics.simulation.simulation import TIME_STEP
 
 HOURS, DDS_HOURS = 24.0, 2.0
-"""Of simulated time of every rover, through the core and over DDS."""
+"""Simulated hours of every rover, through the core and over DDS."""
 RATE_HZ = FACTOR / TIME_STEP
 LEAST_RATE = 0.99
-"""[1] Of RATE_HZ."""
+"""[1] Least rate, as a share of RATE_HZ."""
 
 MEMORY = 0.01
-"""[1] Of the level over a run: 3 MB of 300, over 24 simulated hours 4 bytes an observation."""
+"""[1] Allowed growth of memory in a run: 3 MB of 300, in 24 simulated hours 4 bytes an observation."""
 TIME = 0.1
-"""[1] Of a set of messages: what else the machine does comes and goes."""
+"""[1] Allowed growth of the time of a set of messages, as the machine's other load varies."""
 RATE = 0.01
-"""[1] Of the rate, up or down."""
+"""[1] Allowed change of the rate, up or down."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ran:
-    """How far a soak came, an entry for each rover."""
+    """Length of a soak, with an entry for each rover."""
 
     core_hours: list[float]
     dds_hours: list[float]
@@ -40,7 +40,7 @@ class Ran:
     def of(
         cls, core: Sequence[Sequence[ProcessSample]], series: Sequence[RoverSeries], minutes: float
     ) -> Self:
-        """From what was sampled."""
+        """Return the length that the samples show."""
         rates = [float(np.median(rover.rate_hz)) for rover in series]
         return cls(
             [samples[-1].hours for samples in core],
@@ -50,7 +50,7 @@ class Ran:
         )
 
     def shortfalls(self) -> Iterator[str]:
-        """What is less than it should be, in words."""
+        """Yield a text for each part that fell short."""
         parts = (
             ("core", "simulated hours", self.core_hours, HOURS),
             ("DDS", "simulated hours", self.dds_hours, DDS_HOURS),
@@ -65,7 +65,7 @@ class Ran:
 
 
 def core_trends(rover: str, samples: Sequence[ProcessSample]) -> Iterator[Trend]:
-    """Of one rover's hours without ROS."""
+    """Yield the trends of one rover's hours without ROS."""
     hours = [sample.hours for sample in samples]
     for name, allowed in (("memory_mb", MEMORY), ("blocks", MEMORY), ("set_us", TIME)):
         yield trend(
@@ -78,7 +78,7 @@ def core_trends(rover: str, samples: Sequence[ProcessSample]) -> Iterator[Trend]
 
 
 def live_trends(series: RoverSeries) -> Iterator[Trend]:
-    """Of one rover over DDS."""
+    """Yield the trends of one rover over DDS."""
     for name in ("estimator_mb", "simulator_mb"):
         yield trend(f"DDS, {series.rover}: {name}", series.seconds, getattr(series, name), MEMORY)
     yield trend(

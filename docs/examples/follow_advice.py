@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives as fast as the planner allows: not before it has spoken, nor after it says stop or falls silent."""
+"""Drive as fast as the planner allows, and stand still without its advice or after its stop."""
 
 import contextlib
 
@@ -17,24 +17,23 @@ SILENCE_S = 5.0
 
 
 class Driver(Node):
-    """Turns traction_advice into cmd_vel."""
+    """Convert traction_advice to cmd_vel."""
 
     def __init__(self) -> None:
         super().__init__("driver")
         self.wanted = float(self.declare_parameter("speed", 0.15).value)
         self.obey = bool(self.declare_parameter("obey", value=True).value)
         self.allowed, self.stopped = 0.0, False
-        self.steady = Clock(
-            clock_type=ClockType.STEADY_TIME
-        )  # one that is set back would take a dead planner's word for minutes
-        self.heard = self.steady.now()
+        # steady: with a clock that is set back, old advice would count for minutes
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.received = self.steady.now()
         self.output = self.create_publisher(Twist, "cmd_vel", QoSProfile(depth=50))
         self.create_subscription(TractionAdvice, "traction_advice", self.take, QoSProfile(depth=50))
         self.create_timer(0.02, self.drive, clock=self.steady)
 
     def take(self, advice: TractionAdvice) -> None:
-        """Remember what is allowed; say why where that is nothing, and when it is something again."""
-        self.heard = self.steady.now()
+        """Store the allowed speed; log the reason of a stop, and the end of the stop."""
+        self.received = self.steady.now()
         self.allowed = min(self.wanted, advice.speed_limit)
         if advice.stop != self.stopped:
             self.stopped = advice.stop
@@ -42,7 +41,7 @@ class Driver(Node):
 
     def drive(self) -> None:
         """Command the wheels."""
-        silent = (self.steady.now() - self.heard).nanoseconds > SILENCE_S * 1e9
+        silent = (self.steady.now() - self.received).nanoseconds > SILENCE_S * 1e9
         command = Twist()
         command.linear.x = (0.0 if silent else self.allowed) if self.obey else self.wanted
         self.output.publish(command)

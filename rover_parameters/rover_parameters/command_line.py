@@ -51,7 +51,7 @@ def run(
 def set_at_signals(stop: threading.Event) -> None:
     """Set ``stop`` at SIGINT, SIGTERM and SIGHUP: Ctrl-C, a service manager, a lost connection.
 
-    An ignored SIGHUP stays ignored, as nohup wants it. Shells ignore SIGINT in the background; there
+    An ignored SIGHUP stays ignored, as nohup wants it. Shells ignore SIGINT in the background, where
     it has to end a node all the same.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -18,22 +18,22 @@ SIM_TIME = "use_sim_time"
 
 
 def given(node: Node) -> dict[str, Any]:
-    """Values that the user gave, by parameter name, before any is declared."""
+    """Return the values that the user gave, by parameter name, before any is declared."""
     return {
         name: cast("Any", entry).value for name, entry in node.get_parameters_by_prefix("").items()
     }
 
 
 def declare(node: Node, config: type[Config], declared_elsewhere: Container[str] = ()) -> Config:
-    """Read and declare all parameters of a configuration, read-only; print them and end after ``--dump-config``.
+    """Read all parameters of a configuration and declare them read-only.
 
-    ROS passes over a parameter that a node does not declare, and over a parameter file without a
-    section for the node; here a misspelt name is an error. A list of strings is taken where words
-    separated by spaces are meant.
+    With ``--dump-config``, print them and end. ROS ignores a parameter that a node does not declare,
+    and a parameter file without a section for the node; here both are errors. A list of strings is
+    accepted for words separated by spaces.
 
     Args:
-        node: made with ``automatically_declare_parameters_from_overrides=True``, or what a user
-            gave is not seen.
+        node: made with ``automatically_declare_parameters_from_overrides=True``, which makes the
+            user's values visible.
         config: made of fields by ``rover_parameters.records``.
         declared_elsewhere: given names that the node's subscriptions declare by themselves.
 
@@ -70,7 +70,7 @@ def declare(node: Node, config: type[Config], declared_elsewhere: Container[str]
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
-    """Descriptor with the range as ROS knows it; where ROS cannot hold the range, its words do."""
+    """Return the descriptor, with the range in words and, where ROS has a form for it, as numbers."""
     descriptor = ParameterDescriptor(
         description=entry.meaning, additional_constraints=entry.limits, read_only=True
     )

@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files and assignments in the form of ROS 2, read strictly and without ROS.
+"""Read parameter files and assignments in the form of ROS 2, strictly and without ROS.
 
-ROS itself passes over a section that matches no node, and a misspelt node or ``ros__parameters``
-with it.
+ROS itself ignores a section that matches no node, such as one with a misspelt name.
 """
 
 import itertools
@@ -18,10 +17,10 @@ from rover_parameters.records import ConfigError, nearest, parse_yaml, read_yaml
 OF_ROS = frozenset({"use_sim_time", "start_type_description_service"})
 """Parameters that every node has."""
 OVERRIDES = "qos_overrides."
-"""Beginning of parameters that a node has for subscriptions whose quality of service a user may change."""
+"""Prefix of the parameters that override the quality of service of a subscription."""
 
 DUMP = "--dump-config"
-"""Asks a node for the parameters in force, as a parameter file."""
+"""Option of a node: print the parameters in force as a parameter file."""
 
 _SECTION = "ros__parameters"
 RecordT = TypeVar("RecordT")
@@ -30,9 +29,9 @@ RecordT = TypeVar("RecordT")
 def configured(
     record: type[RecordT], node: str, given: Mapping[str, Any], arguments: Sequence[str]
 ) -> RecordT:
-    """The configuration of ``node``, a full name, from what ROS took for its parameters and the files of its command line.
+    """Build the configuration of a node from ROS's parameters and the command line's files.
 
-    A list of strings is taken where words separated by spaces are meant.
+    ``node`` is a full name. A list of strings is accepted for words separated by spaces.
 
     Raises:
         ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches
@@ -54,9 +53,10 @@ def _words(value: object) -> object:
 
 
 def read_parameters(path: Path, node: str) -> dict[str, Any]:
-    """The parameters by flat name that a file has for ``node``, a full name such as ``/rover1/estimator``; later sections win.
+    """Read the parameters, by flat name, that a file has for a node; later sections win.
 
-    Without those of ROS and of quality of service, which have no meaning outside of a node.
+    ``node`` is a full name such as ``/rover1/estimator``. Parameters of ROS and of quality of service
+    are left out: they have no meaning outside of a node.
 
     Raises:
         ConfigError: the file cannot be read, is no parameter file, or has no section that matches
@@ -87,17 +87,17 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
 
 
 def without_those_of_ros(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values less those that every node has."""
+    """Return the values without the parameters that every ROS node has."""
     return {name: value for name, value in values.items() if name not in OF_ROS}
 
 
 def parameter_files(arguments: Sequence[str]) -> list[Path]:
-    """The parameter files that a command line hands to ROS."""
+    """Return the parameter files that a command line gives to ROS."""
     return [Path(value) for flag, value in itertools.pairwise(arguments) if flag == "--params-file"]
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
-    """``name:=value`` as ROS takes it on the command line; the value is YAML.
+    """Parse ``name:=value`` of a ROS command line; the value is YAML.
 
     Raises:
         ConfigError: it has another form.
@@ -114,7 +114,7 @@ def parse_assignment(text: str) -> tuple[str, Any]:
 def _sections(
     tree: Mapping[Any, Any], prefix: str, path: Path
 ) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Full name and parameters of every section; namespaces may be nested mappings."""
+    """Yield full name and parameters of every section; namespaces may be nested mappings."""
     for key, value in tree.items():
         name = f"{prefix}/{str(key).strip('/')}"
         if not isinstance(value, Mapping):
@@ -131,7 +131,10 @@ def _sections(
 
 
 def _matches(section: str, node: str) -> bool:
-    """Whether a section's name, in which * stands for one word and ** for any number of them, is that of the node."""
+    """Return whether a section's name matches a node.
+
+    In the section's name, * stands for one word and ** for any number of words.
+    """
     words = section.strip("/").split("/")
     pattern = "".join(
         "(/[^/]+)*" if word == "**" else "/[^/]+" if word == "*" else re.escape(f"/{word}")

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a program: a tree of frozen dataclasses, of which every leaf has one flat, public name.
+"""Parameters of a program: a tree of frozen dataclasses whose leaves have flat public names.
 
 The fields are those of :mod:`rover_parameters.records`, each with a default. From this one
 definition come the declaration to ROS, ``--help``, ``--dump-config`` and the page of parameters. A
-group's name is a prefix (``change.soil``), except for an ``INLINE`` one, which only orders the
+group's name is a prefix (``change.soil``), except for an ``INLINE`` group, which only orders the
 code.
 """
 
@@ -24,12 +24,12 @@ from rover_parameters.records import ConfigError, convert, nearest
 Value = bool | int | float | str
 RecordT = TypeVar("RecordT")
 INLINE = {"inline": True}
-"""Metadata of a dataclass field: the parameters of this group are named as if they stood outside of it."""
+"""Metadata of a dataclass field: the names of this group's parameters have no prefix."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter: what a user may set."""
+    """One parameter that a user may set."""
 
     name: str
     default: Value
@@ -54,7 +54,10 @@ class Parameter:
 
     @property
     def range(self) -> tuple[float, float] | None:
-        """Both ends, as ROS needs them; None where one is missing, or where the default stands for "not given" and lies outside."""
+        """Both ends of the range as ROS needs them.
+
+        None where one is missing, or where the default is NaN, "not given".
+        """
         if math.isinf(self.low) or math.isinf(self.high) or self.default != self.default:
             return None
         return self.low, self.high
@@ -73,7 +76,7 @@ class Parameter:
 
 
 def parameters(record: type[Any]) -> Iterator[Parameter]:
-    """All parameters of a configuration class, depth first, in the order of their definition."""
+    """Yield all parameters of a configuration class, depth first, in the order of definition."""
     for name, _, item in _leaves(record, ""):
         metadata, unit = item.metadata, item.metadata.get("unit", "1")
         low, high = metadata.get("low", -math.inf), metadata.get("high", math.inf)
@@ -89,7 +92,7 @@ def parameters(record: type[Any]) -> Iterator[Parameter]:
 
 
 def configure(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
-    """Build a configuration from flat or nested values; what is not given keeps its default.
+    """Build a configuration from flat or nested values, and defaults for the others.
 
     Raises ConfigError that names the parameter for an unknown name, a wrong type or a value out of
     range.
@@ -106,18 +109,18 @@ def configure(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
 
 
 def effective(config: object) -> dict[str, Value]:
-    """The values in force, by flat name."""
+    """Return the values in force, by flat name."""
     names = [name for name, _, _ in _leaves(type(config), "")]
     return dict(zip(names, _values(config), strict=True))
 
 
 def fingerprint(values: Mapping[str, Value]) -> str:
-    """sha256 of a flat configuration, in hexadecimal; independent of the order of the keys."""
+    """Return the sha256 of a flat configuration in hexadecimal; the order of keys is irrelevant."""
     return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested mappings as one flat mapping with dotted names, as ROS does it with parameter files."""
+    """Flatten nested mappings to one with dotted names, as ROS flattens parameter files."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
         flat |= (
@@ -129,7 +132,7 @@ def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def usage(program: str, example: str, record: type[Any]) -> str:
-    """What ``--help`` says: every parameter with default, range and unit."""
+    """Return the text of ``--help``: every parameter with default, range and unit."""
     options = "[-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ..."
     lines = [f"usage: {program} [--help] [--dump-config] [--ros-args {options}]"]
     lines += [
@@ -150,19 +153,22 @@ def usage(program: str, example: str, record: type[Any]) -> str:
 
 
 def template(node: str, config: object, advice: Mapping[str, str] = MappingProxyType({})) -> str:
-    """A parameter file with all values in force; their meanings, units, ranges and defaults as comments, and ``advice`` by name."""
+    """Return a parameter file with all values in force.
+
+    Comments give meaning, unit, range and default of each, and the ``advice`` for its name.
+    """
     values = effective(config)
     lines = [f"{node}:", "  ros__parameters:"]
     for each in parameters(type(config)):
         shown = yaml.safe_dump({each.name: values[each.name]}, width=math.inf).strip()
         remarks = [each.meaning, each.limits, f"default {each.shown_default or 'empty'}"]
-        told = [f"    # Change it {advice[each.name]}."] if each.name in advice else []
-        lines += [f"    # {'; '.join(filter(None, remarks))}", *told, f"    {shown}"]
+        hints = [f"    # Change it {advice[each.name]}."] if each.name in advice else []
+        lines += [f"    # {'; '.join(filter(None, remarks))}", *hints, f"    {shown}"]
     return "\n".join(lines)
 
 
 def table(record: type[Any]) -> str:
-    """The parameters as a table of Markdown."""
+    """Return the parameters as a table of Markdown."""
     lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
     for each in parameters(record):
         default = f"`{each.shown_default}`" if each.shown_default else ""
@@ -173,7 +179,7 @@ def table(record: type[Any]) -> str:
 
 
 def _leaves(record: type[Any], prefix: str) -> Iterator[tuple[str, Any, Any]]:
-    """Name, type and dataclass field of every parameter."""
+    """Yield name, type and dataclass field of every parameter."""
     hints = get_type_hints(record)
     for item in dataclasses.fields(record):
         if dataclasses.is_dataclass(hints[item.name]):
@@ -196,7 +202,7 @@ def _values(config: object) -> Iterator[Value]:
 
 
 def _converted(hint: Any, item: Any, value: object, where: str) -> Value:
-    """A default of NaN says "not given", and may be given."""
+    """Convert a value; NaN is accepted where it is the default, "not given"."""
     if (
         isinstance(value, float)
         and math.isnan(value)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Strict reading of configuration files: YAML into frozen dataclasses.
+"""Read configuration files strictly: YAML into frozen dataclasses.
 
 An unknown key is an error that names it and the nearest right one, at every level; so are a missing
-key, a key given twice, a wrong type and a value outside its range. An int where a float is meant is
-accepted. A range is declared once, on the dataclass field, with :func:`number`.
+key, a duplicate key, a wrong type and a value outside its range. An int is accepted for a float. A
+range is declared once, on the dataclass field, with :func:`number`.
 """
 
 import dataclasses
@@ -19,12 +19,12 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import yaml
 
 LARGEST_TREE = 100_000
-"""Values of a YAML file."""
+"""Largest number of values in a YAML file."""
 RecordT = TypeVar("RecordT")
 
 
 class ConfigError(ValueError):
-    """A configuration file is wrong. The message names file, key and value, and says what is expected."""
+    """A wrong configuration; the message has file, key, value and what is expected."""
 
 
 def number(
@@ -37,7 +37,7 @@ def number(
     default: Any = dataclasses.MISSING,
     key: str = "",
 ) -> Any:
-    """Dataclass field of a number (or a tuple of numbers) with its meaning, unit and range.
+    """Return a dataclass field of a number, or a tuple of them, with meaning, unit and range.
 
     ``exclusive`` takes the lower end out of the range: ``low=0, exclusive=True`` means positive.
     ``key`` is its public name as a parameter (:mod:`rover_parameters.parameters`) where that is not
@@ -59,9 +59,9 @@ def number(
 def entry(
     description: str, default: Any = dataclasses.MISSING, *, key: str = "", empty: bool = False
 ) -> Any:
-    """Dataclass field of anything but a number, with its meaning; ``key`` as for a number.
+    """Return a dataclass field of anything but a number, with its meaning.
 
-    A text may be empty where its default is, or where ``empty`` says so.
+    ``key`` is as for a number. A text may be empty where its default is, or with ``empty``.
     """
     metadata = {"description": description, "key": key, "empty": empty}
     if default is dataclasses.MISSING:
@@ -75,7 +75,7 @@ def load(record: type[RecordT], path: Path) -> RecordT:
 
 
 def read_yaml(path: Path) -> object:
-    """The content of a YAML file. Raises ConfigError."""
+    """Read the content of a YAML file. Raises ConfigError."""
     try:
         return parse_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -85,24 +85,25 @@ def read_yaml(path: Path) -> object:
 
 
 def parse_yaml(text: str) -> object:
-    """The value of a YAML text. Raises ConfigError."""
+    """Parse a YAML text. Raises ConfigError."""
     try:
         return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
     except yaml.YAMLError as error:
         raise ConfigError(str(error)) from error
-    except Exception as error:  # PyYAML raises what it likes: ValueError at a 13th month, KeyError at !!bool x, RecursionError at depth
+    # ValueError at a 13th month, KeyError at !!bool x, RecursionError at depth
+    except Exception as error:
         raise ConfigError(f"{type(error).__name__}: {error}") from error
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
-    """What to say about a name that is not known."""
+    """Return a hint about an unknown name: the nearest known one, or all."""
     names = list(known)
     near = difflib.get_close_matches(str(name), names, n=1)
     return f"did you mean {near[0]}?" if near else f"known are {', '.join(names)}"
 
 
 def build(record: type[RecordT], content: object, where: str) -> RecordT:
-    """Check the mapping ``content`` against the fields of the dataclass ``record`` and build it. Raises ConfigError."""
+    """Build the dataclass ``record`` from a mapping, strictly. Raises ConfigError."""
     if not isinstance(content, Mapping):
         raise ConfigError(f"{where}: expected a mapping of keys to values, got {_shown(content)}")
     fields = {item.name: item for item in dataclasses.fields(record)}  # type: ignore[arg-type]
@@ -129,7 +130,10 @@ def build(record: type[RecordT], content: object, where: str) -> RecordT:
 
 
 def convert(hint: Any, value: object, field: Any, where: str) -> Any:
-    """``value`` as the type ``hint`` of a dataclass field, inside its range. Raises ConfigError that begins with ``where``."""
+    """Convert ``value`` to the type ``hint`` of a dataclass field, and check its range.
+
+    Raises ConfigError that begins with ``where``.
+    """
     if get_origin(hint) is tuple:
         return _convert_sequence(get_args(hint), value, field, where)
     if dataclasses.is_dataclass(hint):
@@ -206,9 +210,12 @@ def _shown(value: object) -> str:
 
 
 def _written_out(node: yaml.Node, known: dict[int, int]) -> int:
-    """Values of a tree whose aliases are written out: nine lines can be a thousand million, and one that contains itself has no end."""
+    """Count the values of a tree with its aliases expanded.
+
+    Nine lines can expand to 10^9 values; an alias that contains itself expands without end.
+    """
     if id(node) not in known:
-        known[id(node)] = LARGEST_TREE + 1  # as long as it is not known
+        known[id(node)] = LARGEST_TREE + 1  # for an alias within itself
         children = (
             itertools.chain(*node.value) if isinstance(node, yaml.MappingNode) else node.value
         )
@@ -221,7 +228,10 @@ def _written_out(node: yaml.Node, known: dict[int, int]) -> int:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice and aliases without end, and reads 1e6 as a number (YAML 1.2; in YAML 1.1 it is a text)."""
+    """SafeLoader that refuses duplicate keys and endless aliases.
+
+    It reads 1e6 as a number, as YAML 1.2 does; YAML 1.1 reads it as a text.
+    """
 
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()

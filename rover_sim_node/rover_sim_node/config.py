@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator's parameters: names, meanings, units, ranges and defaults, once."""
+"""The simulator's parameters: names, meanings, units, ranges and defaults."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ FOLLOW = "cmd_vel"
 
 
 def _override(name: str) -> Any:  # noqa: ANN401 (a dataclass field of type float)
-    """The field of Soil with that name, as one that may be left out."""
+    """Return the field of Soil with that name, with nan as its default."""
     original = next(item for item in dataclasses.fields(Soil) if item.name == name)
     return field(
         default=math.nan,
@@ -40,7 +40,7 @@ class SoilOverrides:
     tan_phi: float = _override("tan_phi")
 
     def given(self) -> dict[str, float]:
-        """The values that are not nan."""
+        """Return the values that are not nan."""
         return {
             name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)
         }
@@ -61,7 +61,7 @@ class GroundChange:
 
 @dataclass(frozen=True, slots=True)
 class SimulatorConfig:
-    """What a user may set."""
+    """Parameters of the simulator."""
 
     rover: str = entry("rover, a name or a YAML file", "mars_rover")
     soil: str = entry("soil, a name or a YAML file", "loose_sand")
@@ -141,10 +141,10 @@ class SimulatorConfig:
 
     @property
     def owns_clock(self) -> bool:
-        """Whether this run keeps simulated time."""
+        """True where this run publishes simulated time."""
         return self.publish_clock or self.real_time_factor != 1.0
 
     @property
     def steps(self) -> int:
-        """Samples after which the simulator ends; 0: it does not end by itself."""
+        """Number of samples after which the simulator ends; 0: it runs until it is stopped."""
         return max(round(self.duration * self.rate), 1) if self.duration > 0.0 else 0

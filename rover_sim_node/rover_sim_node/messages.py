@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Readings as messages. Pitch is nose-up inside and nose-down in REP-103 axes (x forward, y left, z up): converted here."""
+"""Convert readings to messages.
+
+Pitch is nose-up inside, and nose-down in the messages' REP-103 axes (x forward, y left, z up).
+"""
 
 import array
 import math
@@ -23,7 +26,7 @@ from terramechanics.effects import describe
 
 SECOND_NS = 1_000_000_000
 FIXED = 1e-12
-"""Variance of what a planar rover cannot do: not zero, which would mean unknown."""
+"""Variance of motions that a planar rover cannot make; zero would mean unknown."""
 SUSPENSION_JOINTS = ("rocker", "bogie")
 TYPES: dict[str, type[Any]] = {
     "wheel_slip": WheelSlip,
@@ -45,20 +48,20 @@ _TRUTH_FIELDS = {
 
 
 def time_message(stamp_ns: int) -> Time:
-    """A time of ``stamp_ns`` nanoseconds."""
+    """Return a time of ``stamp_ns`` nanoseconds."""
     seconds, nanoseconds = divmod(stamp_ns, SECOND_NS)
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
 def clock_message(stamp_ns: int) -> Clock:
-    """What /clock says at ``stamp_ns``."""
+    """Return the message of /clock at ``stamp_ns``."""
     return Clock(clock=time_message(stamp_ns))
 
 
 def step_messages(
     reading: SimulatedReading, config: SimulatorConfig, stamp_ns: int, sequence: int
 ) -> dict[str, Any]:
-    """The messages of one step, by topic, all with the same stamp."""
+    """Return the messages of one step, by topic, all with the same stamp."""
     body = Header(stamp=time_message(stamp_ns), frame_id=config.body_frame)
     track = Header(stamp=time_message(stamp_ns), frame_id=config.odom_frame)
     return {
@@ -73,7 +76,7 @@ def step_messages(
 def truth_message(
     truth: GroundTruth, config: SimulatorConfig, stamp_ns: int, sequence: int
 ) -> TerrainTruth:
-    """The true ground, and the effect that is switched on; with the size 0 none is."""
+    """Return the true ground and the active effect; an effect of size 0 is not active."""
     cohesion, tan_phi = truth.strength
     effects = [describe(config.effect)] if config.effect and config.effect_size else []
     constants = {
@@ -137,10 +140,8 @@ def _odometry(reading: SimulatedReading, header: Header, body_frame: str) -> Odo
 
 def _joint_states(reading: SimulatedReading, header: Header) -> JointState:
     measured = reading.measured
-    rocker, unknown = (
-        0.0,
-        math.nan,
-    )  # left and right move alike, so the rocker does not turn against the body
+    # left and right move alike, so the rocker does not turn against the body
+    rocker, unknown = 0.0, math.nan
     return JointState(
         header=header,
         name=[*reading.rover.wheel_names, *SUSPENSION_JOINTS],
@@ -163,7 +164,7 @@ def _imu(reading: SimulatedReading, header: Header) -> Imu:
 
 
 def _orientation(pitch: float) -> Quaternion:
-    """Nose-up ``pitch`` [rad]: a negative rotation about y, which points left."""
+    """Return a nose-up ``pitch`` [rad]: a negative rotation about y, which points left."""
     return Quaternion(x=0.0, y=-math.sin(pitch / 2.0), z=0.0, w=math.cos(pitch / 2.0))
 
 

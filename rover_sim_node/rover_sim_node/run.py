@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One simulated drive, step by step, with its measurements: what the node publishes, without ROS."""
+"""Simulate one drive with its measurements, step by step, without ROS."""
 
 import dataclasses
 import math
@@ -30,7 +30,7 @@ from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover, load_rover
 
 MIDDLE = 1
-"""Axle whose ground is reported as the truth."""
+"""The axle whose ground is the published truth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class GroundTruth:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedReading:
-    """Everything that is known after one step. Values of single rovers: tensors [wheels] and [1]."""
+    """Measurements and truth after one step of one rover; tensors are [wheels] and []."""
 
     time: float  # [s] since the start
     rover: Rover
@@ -61,11 +61,11 @@ class SimulatedReading:
 
 
 class SimulatedRun:
-    """A drive of one rover. The same configuration gives the same readings; velocity commands aside."""
+    """A drive of one rover; the same configuration and commands give the same readings."""
 
     @torch.inference_mode()
     def __init__(self, config: SimulatorConfig) -> None:
-        """Raises ConfigError that names the parameter which is wrong."""
+        """Set up the drive. Raises ConfigError that names a wrong parameter."""
         self.rover = load_rover(config.rover)
         self.config = config
         self._ground = _ground(config)
@@ -100,7 +100,7 @@ class SimulatedRun:
 
     @torch.inference_mode()  # a fifth less time: nothing here is differentiated
     def step(self) -> SimulatedReading:
-        """The next reading."""
+        """Simulate one step; return its reading."""
         time = (self._simulation.steps + 1) * self._step
         sample = self._simulation.step(self._schedule.kind, self._schedule.command(time))
         measured = _first(
@@ -132,7 +132,7 @@ class SimulatedRun:
         )
 
     def _integrate(self, measured: Measurement) -> None:
-        """Dead reckoning: errors of single steps are independent, so their variances add."""
+        """Add one step of dead reckoning; errors of steps are independent, so variances add."""
         velocity, pitch = float(measured.velocity), float(measured.pitch)
         along, up = self._step * velocity * math.cos(pitch), self._step * velocity * math.sin(pitch)
         spread, tilt = float(measured.velocity_sd), float(measured.pitch_sd)
@@ -158,7 +158,7 @@ class SimulatedRun:
 
 
 def _first(measured: Measurement) -> Measurement:
-    """The measurement of the one rover in a batch of one; scalars stay tensors of no dimension."""
+    """Return the measurement of the rover in a batch of one; scalars stay tensors []."""
     return Measurement(
         *(getattr(measured, field.name)[0] for field in dataclasses.fields(Measurement))
     )

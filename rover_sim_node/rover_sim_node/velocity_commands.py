@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A schedule that follows velocity commands: wheel rates of a rover that would not slip."""
+"""Drive schedule that follows velocity commands with the wheel rates of a rover without slip."""
 
 import math
 
@@ -16,12 +16,18 @@ _ROUNDING = 1e-9  # [s]
 
 
 class VelocityCommands:
-    """Turns the last velocity command into wheel rates, with bounded acceleration; a stale command stops the rover."""
+    """Turn the last velocity command into wheel rates, with bounded acceleration.
+
+    A stale command stops the rover.
+    """
 
     kind = Command.RATE
 
     def __init__(self, rover: Rover, config: SimulatorConfig) -> None:
-        """The rover starts at rest. Raises ConfigError where every command would be stale before the next sample."""
+        """Start at rest.
+
+        Raises ConfigError where every command would be stale before the next sample.
+        """
         if config.cmd_vel_timeout + _ROUNDING < 1.0 / config.rate:
             raise ConfigError(
                 f"parameter cmd_vel_timeout: {config.cmd_vel_timeout:g} s is over before the next"
@@ -36,7 +42,7 @@ class VelocityCommands:
     def request(
         self, linear: tuple[float, float, float], angular: tuple[float, float, float]
     ) -> str:
-        """Take a velocity command [m/s], [rad/s]. Returns why it is refused, an empty text where it is not."""
+        """Accept a velocity command [m/s], [rad/s], or return the reason for a refusal, else ""."""
         if not all(math.isfinite(value) for value in (*linear, *angular)):
             return "it is not finite"
         if any(angular):
@@ -56,7 +62,7 @@ class VelocityCommands:
         return ""
 
     def command(self, time: float) -> Tensor:
-        """See Schedule: the same wheel rate for every axle [1, axles] [rad/s]."""
+        """Return the same wheel rate for every axle at ``time`` [s]: [1, axles] [rad/s]."""
         wanted = self._wanted if time <= self._fresh_until + _ROUNDING else 0.0
         most = self._config.cmd_vel_acceleration * (time - self._now)
         self._speed += min(max(wanted - self._speed, -most), most)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of the accuracy tables: which drives, which rows, which model; each cell is reproducible by itself."""
+"""Cells of the accuracy tables: drives, rows and model; each is reproducible by itself."""
 
 import math
 import zlib
@@ -31,6 +31,7 @@ from terrain_estimator.learning.restore import physics_alone, restore
 from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import load_model, model_names
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import regression_rows
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -39,10 +40,10 @@ WRONG = 0.05
 """[1] Largest relative error of each soil constant where the constants are wrong."""
 REFERENCE_EPISODES = 20
 SIDE_BATCHES = 2
-"""Batches of drives in which what is beside the targets is judged: other schedules, the paper's band, the models that ship."""
+"""Batches in which other schedules, the paper's band and the models that ship are judged, too."""
 EVERY_ROW = "v+L+M+B"
 TARGET_ROWS = ("v+L+M", EVERY_ROW)
-"""Row sets that the targets are for: with wheel torques, and with the moment balances too, as the estimator has them."""
+"""Row sets of the targets: with wheel torques, and with the moment balances, too."""
 SHIPPED_ROWS = ("v+L", *TARGET_ROWS)
 """Row sets that a node can have."""
 
@@ -55,9 +56,7 @@ class Setting:
     soil: str
     schedule: str = "S1"
     spread: float = 0.0  # [1] of the soil constants
-    truth: str = (  # where c and tan phi come from: the models' prior, or the range of the paper's tests
-        "prior"
-    )
+    truth: str = "prior"  # of c and tan phi: the models' prior, or "paper", its tests' range
     rows: tuple[str, ...] = (EVERY_ROW,)
     times_s: tuple[float, ...] = TIMES_S  # [s] at which it is judged; a drive lasts until the last
 
@@ -72,7 +71,7 @@ class AccuracyCell:
     spread: float
     truth: str
     rows: str
-    model: str  # "physics": no net, constants exact where they are; "shipped": the file; "without net": the file's
+    model: str  # "physics" (no net, constants exact where they are), "shipped" or "without net"
     duration_s: float  # [s] of a drive
     after_s: float  # [s] of it, where the score ends
     score: CellScore
@@ -80,7 +79,7 @@ class AccuracyCell:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceCheck:
-    """How far the recursion is from the grid posterior, over some episodes, in deviations of the latter."""
+    """Distance of the recursion from the grid posterior over some episodes, in its deviations."""
 
     rover: str
     soil: str
@@ -93,7 +92,7 @@ class ReferenceCheck:
 
 @dataclass(frozen=True, slots=True)
 class NetShare:
-    """What the learnt columns contribute: rms over rms of the nominal force, at the end of the drives."""
+    """Share of the learnt columns at the end of the drives: rms over rms of the nominal force."""
 
     rover: str
     soil: str
@@ -105,7 +104,7 @@ class NetShare:
 
 @dataclass(frozen=True, slots=True)
 class CellBatch:
-    """What some of the drives of a setting give."""
+    """Results of some of the drives of a setting."""
 
     judged: dict[tuple[str, str], Judged]  # by rows and model
     reference: list[ReferenceCheck]
@@ -113,7 +112,7 @@ class CellBatch:
 
 
 def settings() -> list[Setting]:
-    """Every setting of the tables."""
+    """Return every setting of the tables."""
     every = ("v", "v+L", *TARGET_ROWS)
     cells = [
         Setting(rover, soil, spread=spread, rows=every)
@@ -135,12 +134,12 @@ def settings() -> list[Setting]:
 
 
 def is_main(setting: Setting) -> bool:
-    """Whether the targets are for it: drives of 40 s over hills (S1), truth drawn from the prior."""
+    """Return whether the targets apply: drives of 40 s over hills (S1), truth from the prior."""
     return (setting.schedule, setting.truth, setting.times_s) == ("S1", "prior", TIMES_S)
 
 
 def seed_of(setting: Setting, seed: int, batch: int) -> int:
-    """A seed of its own for each batch of each setting, so that they can be run in any order and number."""
+    """Return the seed of a batch of a setting, so that batches can run in any order and number."""
     return seed + zlib.crc32(repr((setting, batch)).encode()) % 1_000_000
 
 
@@ -148,7 +147,7 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> CellBat
     """Simulate a batch of drives of a setting and judge every row set and model on them.
 
     In the first SIDE_BATCHES of the main settings the models that ship are judged, too; the first
-    of all is compared with the grid and says what the net contributes.
+    batch of all is compared with the grid and measures the share of the net.
     """
     rover, soil = load_rover(setting.rover), load_soil(setting.soil)
     truth = PAPER_BAND if setting.truth == "paper" else FROM_PRIOR
@@ -166,7 +165,7 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> CellBat
     part = CellBatch({}, [], [])
     for rows, bound in zip(setting.rows, _bounds(physics, drives, setting), strict=True):
         trace = _run(physics, drives, rows, setting.times_s)
-        part.judged[rows, "physics"] = judge(trace, drives, bound, physics.prior_sd)
+        part.judged[rows, "physics"] = judge(trace, drives, bound, physics.hypotheses.prior_sd)
         if not is_main(setting):
             continue
         if rows == EVERY_ROW and not setting.spread and batch == 0:
@@ -179,16 +178,16 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> CellBat
 def _judge_shipped(
     part: CellBatch, setting: Setting, drives: MeasuredDrives, rows: str, bound: Tensor, batch: int
 ) -> None:
-    """Judge the model that ships, and with every row what its net contributes."""
+    """Judge the model that ships, and, with every row, the share of its net."""
     loaded = load_model(setting.rover)
     model = restore(loaded)
     trace = _run(model, drives, rows)
-    part.judged[rows, "shipped"] = judge(trace, drives, bound, model.prior_sd)
+    part.judged[rows, "shipped"] = judge(trace, drives, bound, model.hypotheses.prior_sd)
     if rows != EVERY_ROW:
         return
     without = restore(loaded, trust=0.0)
     part.judged[rows, "without net"] = judge(
-        _run(without, drives, rows), drives, bound, without.prior_sd
+        _run(without, drives, rows), drives, bound, without.hypotheses.prior_sd
     )
     if batch == 0:
         known = [each.name for each in loaded.metadata.soils].index(setting.soil)
@@ -196,7 +195,10 @@ def _judge_shipped(
 
 
 def cells(setting: Setting, parts: Sequence[CellBatch]) -> list[AccuracyCell]:
-    """The lines of the tables that all parts of a setting give together: after whole drives, of long ones after each of their times."""
+    """Return the cells of all parts of a setting together.
+
+    They are judged after whole drives; long ones after each of their times.
+    """
     place = (setting.rover, setting.soil, setting.schedule, setting.spread, setting.truth)
     found: dict[tuple[str, str], list[Judged]] = {}
     for part in parts:
@@ -217,7 +219,7 @@ def cells(setting: Setting, parts: Sequence[CellBatch]) -> list[AccuracyCell]:
 
 
 def _bounds(model: PAlpaca, drives: MeasuredDrives, setting: Setting) -> Tensor:
-    """With each row set of the setting [S, N, K, 2, 2]."""
+    """Return the bounds with each row set of the setting [S, N, K, 2, 2]."""
     sets = torch.stack([row_mask(rows, model.axles) for rows in setting.rows])
     known = Known(sets, drives.ends, drives.constants, setting.spread / math.sqrt(3.0))
     return cramer_rao_at(model, drives.tasks, observation_times(setting.times_s), known)
@@ -267,17 +269,20 @@ def _pair(values: Tensor) -> tuple[float, float]:
 def _share(
     model: PAlpaca, soil: int, drives: MeasuredDrives, trace: Trace, setting: Setting
 ) -> NetShare:
-    """Learnt part of each row over its nominal part, at the last posterior mean, on the first observation of each block that was used."""
+    """Return the learnt part of each row over its nominal part, at the last posterior mean.
+
+    Taken on the first observation of each block that was used.
+    """
     packed = drives.tasks.measured[:, :: model.block_size]
     starts = torch.arange(0, drives.tasks.measured.shape[1], model.block_size)
     kept = starts < drives.ends.unsqueeze(1)
     flat = packed[kept]
-    rows = regression_rows(flat, flat, model.nominal_contact(soil))
+    rows = regression_rows(flat, flat, nominal_of(model.physics).nominal_contact(soil))
     final = trace.final.unsqueeze(1).expand(-1, packed.shape[1], -1)[kept].unsqueeze(-1)
     theta = torch.cat([final[:, :2], torch.ones_like(final[:, :1])], 1)
     nominal = (rows.features[0] @ theta).squeeze(-1) * rows.used
     columns = torch.where(rows.used.unsqueeze(-1) > 0.0, model.learnt(flat), 0.0)
-    learnt = (columns @ final[:, 2 : model.first_constant]).squeeze(-1)
+    learnt = (columns @ final[:, 2 : model.layout.first_constant]).squeeze(-1)
     share = learnt.square().mean(0).sqrt() / nominal.square().mean(0).sqrt()
     return NetShare(
         setting.rover,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of ``accuracy`` with what its page says of single drives."""
+"""Lines of the accuracy tables: cells, with figures of single drives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,15 +16,13 @@ from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What the published intervals of one parameter claim after a cell's time."""
+    """Claims of the published intervals of one parameter after a cell's time."""
 
     least: float  # smallest published deviation of any drive, over its bound [1]
-    unfounded: (
-        float  # share of drives whose status calls it identified while the bound would not [1]
-    )
+    unfounded: float  # share of drives with status identified that the bound does not identify [1]
     covered: (
         Share | None
-    )  # by the 95 % interval, of the drives whose status calls it identified; None where there is none
+    )  # by the 95 % interval, of drives with status identified; None without any
 
 
 @dataclass(frozen=True, slots=True)

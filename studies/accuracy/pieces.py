@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What ``accuracy`` keeps of each batch of drives."""
+"""Records of the accuracy study, one for each batch of drives."""
 
 import dataclasses
 import json

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How good estimates are: errors beside the Cramer-Rao bound, coverage with its confidence limits, consistency.
+"""Scores of estimates: errors beside the Cramér-Rao bound, coverage with limits, consistency.
 
 An episode ends at its first stuck second and keeps its last estimate, in the bound as well.
 """
@@ -28,7 +28,7 @@ from terrain_estimator.learning.tasks import (
     random_ground,
 )
 from terrain_estimator.learning.training import PRIOR
-from terrain_estimator.model.packing import SCALAR_FIELDS, SCALARS
+from terrain_estimator.model.packing import view_of
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import STUCK_TIME, TIME_STEP, simulate
 from terramechanics.terrain.soil import Soil
@@ -40,19 +40,18 @@ LONG_TIMES_S = (40.0, 100.0, 200.0, 400.0)
 """[s] The same of long drives."""
 PARAMETERS = ("cohesion", "tan_phi")
 ROWS = {"v": (1, 0, 0, 0), "v+L": (1, 1, 0, 0), "v+L+M": (1, 1, 1, 0), "v+L+M+B": (1, 1, 1, 1)}
-"""Rows that an estimator is given: velocity, load, torques, moment balances; the accelerometer never."""
+"""Rows that an estimator gets: velocity, load, torques, moment balances; no accelerometer."""
 CONFIDENCE = 0.99
 """[1] Of the limits of a coverage."""
 HALF_NORMAL_MEDIAN = float(norm.ppf(0.75))
 """[standard deviations] median of |x|."""
-_ACCELERATION = SCALAR_FIELDS.index("acceleration") - SCALARS  # place in a packed observation
 _SETTLED_S = 5.0  # velocity predictions are judged from here on
 
 
 PAPER_BAND = StrengthRange(((700.0, 1300.0),), (degrees(20.0, 45.0),))
 """The paper's test tasks (Banerjee et al., section V)."""
 FROM_PRIOR = AboveZero((PRIOR.cohesion_pa, PRIOR.tan_phi), (PRIOR.cohesion_sd_pa, PRIOR.tan_phi_sd))
-"""What the models believe of a ground before they have seen it."""
+"""The models' prior of c and tan phi."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +82,7 @@ class ParameterScore:
     ratio_to_bound: tuple[float, ...]  # median of |error| / bound, 1 for an efficient estimator
     coverage_95: Share  # at the last time, as what follows
     coverage_68: Share
-    identified: float  # share of episodes whose status says so
+    identified: float  # share of episodes whose status is identified
     narrowest: float  # 1 % quantile of published deviation / bound
 
 
@@ -95,7 +94,8 @@ class CellScore:
     stuck: float  # share of episodes that end early
     cohesion: ParameterScore
     tan_phi: ParameterScore
-    joint_coverage_95: Share  # of the 95 % ellipse of (c, tan phi): the marginals say nothing of its narrow direction
+    # of the 95 % ellipse of (c, tan phi), whose narrow direction the marginals do not show
+    joint_coverage_95: Share
     nll: float  # mean negative log density of the true (c [kPa], tan phi) at the last time [nat]
     nis: float  # misfit of a block over its degrees of freedom, 1 for a consistent estimator
     nis_above_95: float  # share of blocks above the 95 % quantile of chi-square
@@ -128,7 +128,7 @@ def draw_drives(
     hidden: Family | None = None,
     duration_s: float = TIMES_S[-1],
 ) -> MeasuredDrives:
-    """Simulate and measure episodes of ``duration_s`` [s] with c and tan phi as ``truth`` says.
+    """Simulate and measure episodes of ``duration_s`` [s] with c and tan phi of ``truth``.
 
     Each soil constant is drawn within +-``spread`` [1] of the soil's, and each effect of the family
     ``hidden`` acts in a share HIDDEN of the episodes. The same seed gives the same drives.
@@ -139,7 +139,7 @@ def draw_drives(
     drive = simulate(rover, ground, schedule, duration_s, generator, episodes, plant=plant)
     tasks = measure_tasks(drive, Noise(), generator)
     for packed in (tasks.measured, tasks.true):
-        packed[..., _ACCELERATION] = torch.nan
+        view_of(packed, rover.axles).acceleration.fill_(torch.nan)
     flagged = (~drive.sample.stuck).sum(1)
     struggling = round(STUCK_TIME / TIME_STEP) - 1
     ends = torch.where(drive.sample.stuck[:, -1], (flagged - struggling).clamp(min=0), flagged)
@@ -152,7 +152,7 @@ def observation_times(times_s: Sequence[float] = TIMES_S) -> Tensor:
 
 
 class Judged(NamedTuple):
-    """What is kept of N drives, so that those of several calls can be put together (:func:`pool`); K times."""
+    """Results of N drives at K times; :func:`pool` joins those of several calls."""
 
     truth: Tensor  # [N, 2] c [Pa] and tan phi
     mean: Tensor  # [N, K, 2]
@@ -160,13 +160,17 @@ class Judged(NamedTuple):
     least: Tensor  # [N, K, 2] deviation of the Cramer-Rao bound
     prior_sd: Tensor  # [N, 2] of the model
     stuck: Tensor  # [N] 1 where the drive ended early
-    blocks: Tensor  # [N, 4] sums over blocks: misfit, degrees of freedom, 1, misfits above the 95 % quantile
-    velocity: Tensor  # [N, 5] sums over predictions: 1, inside the 95 % interval, twice the NLL, variance, squared innovation
+    blocks: Tensor  # [N, 4] sums over blocks: misfit, degrees of freedom, 1, misfits over 95 %
+    # [N, 5] sums over predictions: 1, inside 95 %, twice the NLL, variance, squared innovation
+    velocity: Tensor
     velocity_sd: Tensor  # [N] median predicted deviation [m/s], NaN where nothing was predicted
 
 
 def judge(trace: Trace, drives: MeasuredDrives, bound: Tensor, prior_sd: Tensor) -> Judged:
-    """Compare a trace with the truth at the K times of the trace. ``bound`` [N, K, 2, 2]; ``prior_sd`` [2] of the model."""
+    """Compare a trace with the truth at its K times.
+
+    ``bound`` [N, K, 2, 2]; ``prior_sd`` [2] of the model.
+    """
     counted = ~torch.isnan(trace.misfit) & (trace.degrees > 0)
     quantile = torch.from_numpy(chi2.ppf(0.95, trace.degrees.numpy()))
     blocks = [
@@ -202,7 +206,7 @@ def pool(parts: Sequence[Judged]) -> Judged:
 
 
 def until(judged: Judged, times: int) -> Judged:
-    """The same, judged at the first ``times`` times; blocks and velocity are those of whole drives still."""
+    """Return the results at the first ``times`` times; blocks and velocity are of whole drives."""
     return judged._replace(
         mean=judged.mean[:, :times],
         covariance=judged.covariance[:, :times],
@@ -247,7 +251,10 @@ def _deviation(covariance: Tensor) -> Tensor:
 def _score_parameter(
     error: Tensor, sd: Tensor, least: Tensor, truth: Tensor, prior_sd: Tensor
 ) -> ParameterScore:
-    """``error``, published ``sd`` and bound ``least`` [N, K] of one parameter, ``truth`` [N, 1], ``prior_sd`` [N]."""
+    """Return the score of one parameter.
+
+    ``error``, published ``sd`` and bound ``least`` are [N, K], ``truth`` [N, 1], ``prior_sd`` [N].
+    """
     relative = error / truth
 
     def over_time(values: Tensor, quantile: float = 0.5) -> tuple[float, ...]:

@@ -43,8 +43,8 @@ METHOD = """
 ## How the drives are judged
 
 - **Truth.** c and tan phi are drawn from the model's prior: independent Gaussians of
-  c ({c} kPa) and tan phi ({tan}), both above zero. "Paper" is the paper's test band: uniform
-  in c 0.7 to 1.3 kPa and phi 20 to 45 deg.
+  c ({c} kPa) and tan phi ({tan}), both above zero. "Paper" is the paper's test
+  band: uniform in c 0.7 to 1.3 kPa and phi 20 to 45 deg.
 - **Constants.** "5 %": each of the six soil constants is wrong by up to 5 %, independently, as in
   the prior of the models that estimate them.
 - **Rows.** v velocity, L load, M wheel torques, B moment balances. A node always has v and L.
@@ -112,15 +112,17 @@ Terms and models are defined in [accuracy.md](accuracy.md#how-the-drives-are-jud
 the method on a known soil, without a net; "shipped" are the model files of the package.
 
 """
-LONG = """The same ground all the way. A small shift of every row to one side is negligible beside the interval
-after 40 s. But the interval shrinks with the square root of time, and the shift stays.
+LONG = """\
+The same ground all the way. A small shift of every row to one side is negligible beside the
+interval after 40 s. But the interval shrinks with the square root of time, and the shift stays.
 
 """
 OVER_TIME = """Median / 90th percentile of the relative error in %, the bound in brackets.
 
 """
-VELOCITY = """- **Spread**: the median predicted deviation over that of the velocity sensor. It is above 1, because
-  the force that moves the rover follows from noisy slip and sinkage.
+VELOCITY = """\
+- **Spread**: the median predicted deviation over that of the velocity sensor. It is above 1,
+  because the force that moves the rover follows from noisy slip and sinkage.
 - **Calibration**: the rms predicted deviation over the rms innovation.
 - **Identified**: the share of drives whose status is identified (at most a tenth of the prior's
   variance is left); in brackets the share of those that the bound would not identify.
@@ -129,12 +131,14 @@ VELOCITY = """- **Spread**: the median predicted deviation over that of the velo
   of any drive.
 
 """
-REFERENCE = f"""The reference is the posterior on a grid over (c, tan phi), from the same block rows. Velocity and bias
-are marginalised exactly at each point. Rows {EVERY_ROW}, exact constants. Distances are in standard
-deviations of the grid posterior, c / tan phi.
+REFERENCE = f"""\
+The reference is the posterior on a grid over (c, tan phi), from the same block rows. Velocity and
+bias are marginalised exactly at each point. Rows {EVERY_ROW}, exact constants. Distances are in
+standard deviations of the grid posterior, c / tan phi.
 
 """
-NET = """The models that ship, with and without their learnt columns, on the same drives. Both have the soil
+NET = """\
+The models that ship, with and without their learnt columns, on the same drives. Both have the soil
 constants as parameters. Physics is the model of the tables above, which takes exact constants as
 exact. The share is the rms of the learnt part of a row over that of its nominal part, at the last
 posterior mean.
@@ -212,8 +216,8 @@ def _tables(run: AccuracyRun) -> list[tuple[str, str]]:
 
 def _headline(cells: list[TableLine]) -> str:
     head = (
-        "rover", "soil", "constants", "drives", "c median / p90 %", "c bound %", "tan phi median / p90 %",
-        "tan phi bound %", "c in 95 %", "tan phi in 95 %",
+        "rover", "soil", "constants", "drives", "c median / p90 %", "c bound %",
+        "tan phi median / p90 %", "tan phi bound %", "c in 95 %", "tan phi in 95 %",
     )  # fmt: skip
     lines = []
     for cell in cells:
@@ -261,8 +265,10 @@ def _coverage(share: Share) -> str:
 
 def _final(cells: list[TableLine]) -> str:
     head = (
-        *_PLACE, "c median / p90 %", "c bound %", "c ratio", "tan phi median / p90 %", "tan phi bound %", "tan phi ratio",
-        "c in 95 %", "tan phi in 95 %", "c in 68 %", "tan phi in 68 %", "both in 95 % ellipse", "NIS", "NLL", "stuck %",
+        *_PLACE, "c median / p90 %", "c bound %", "c ratio",
+        "tan phi median / p90 %", "tan phi bound %", "tan phi ratio",
+        "c in 95 %", "tan phi in 95 %", "c in 68 %", "tan phi in 68 %", "both in 95 % ellipse",
+        "NIS", "NLL", "stuck %",
     )  # fmt: skip
     lines = []
     for cell in cells:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the estimator is meant to reach, and whether the figures of ``accuracy`` do."""
+"""Targets of the estimator, and verdicts on the figures of the accuracy study."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -16,18 +16,18 @@ _ERRORS = (
     ("paper_rover", True, 0.15, 0.08),
     ("mars_rover", True, 0.15, 0.08),
 )
-"""Rover, constants wrong, and the largest median error of c and of tan phi on loose sand after 40 s."""
+"""Rover, constants wrong, largest median error of c and of tan phi on loose sand after 40 s."""
 _NAMES = ("c", "tan phi")
 _BANDS_95 = (("exact constants", False, (0.93, 0.97)), ("constants 5 % wrong", True, (0.90, 0.98)))
 _BANDS_68 = (("exact constants", False, (0.66, 0.70)), ("constants 5 % wrong", True, (0.63, 0.73)))
-"""Which cells, and the share of drives that their intervals have to hold."""
+"""Name of the cells, constants wrong, and the range of their coverage."""
 
 Verdict = tuple[str, str, str, str]
-"""What is meant, the target, what was found, and yes or no."""
+"""Quantity, target, found, and yes or no."""
 
 
 def over_hills(lines: Sequence[TableLine], model: str) -> list[TableLine]:
-    """Lines of a model that the targets are for: drives of 40 s over hills, truth from the whole prior."""
+    """Return a model's lines with targets: drives of 40 s over hills, truth from the prior."""
     return [
         line
         for line in lines
@@ -37,7 +37,7 @@ def over_hills(lines: Sequence[TableLine], model: str) -> list[TableLine]:
 
 
 def verdicts(lines: Sequence[TableLine], model: str) -> list[Verdict]:
-    """All verdicts that ``lines`` can tell of a model."""
+    """Return all verdicts on a model that follow from ``lines``."""
     every = over_hills(lines, model)
     meant = [line for line in every if line.rows in TARGET_ROWS]
     fewer = [line for line in every if line.rows not in TARGET_ROWS]
@@ -165,7 +165,7 @@ def _of_both(
     bands: Sequence[tuple[str, bool, tuple[float, float]]],
     shares_of: Callable[[TableLine], Iterator[tuple[str, Share]]],
 ) -> Iterator[Verdict]:
-    """Coverage of the cells with exact constants, and of those with wrong ones."""
+    """Judge the coverage of the cells with exact constants, and of those with wrong ones."""
     for constants, wrong, band in bands:
         shares = [
             (s, f"{name}, {_name(line)}")

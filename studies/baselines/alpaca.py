@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""ALPaCA (Harrison, Sharma and Pavone 2018): a matrix-normal posterior over the last layer of a network.
+"""ALPaCA (Harrison, Sharma and Pavone 2018): matrix-normal posterior of a network's last layer.
 
     K ~ MN(Kbar, Lambda^-1, Sigma_eps)        x = K phi + eps
-    Lambda_t^-1 = Lambda_(t-1)^-1 - (Lambda_(t-1)^-1 phi)(Lambda_(t-1)^-1 phi)' / (1 + phi' Lambda_(t-1)^-1 phi)
+    s = Lambda_(t-1)^-1 phi
+    Lambda_t^-1 = Lambda_(t-1)^-1 - s s' / (1 + phi' s)
     Q_t = x_t phi_t' + Q_(t-1), Q_0 = Kbar_0 Lambda_0        Kbar_t = Q_t Lambda_t^-1
     x_(t+1) ~ N(Kbar_t phi, (1 + phi' Lambda_t^-1 phi) Sigma_eps)
 
@@ -30,7 +31,11 @@ class MatrixNormal:
 
 
 def update_all(phi: Tensor, x: Tensor, mean: Tensor, precision: Tensor) -> MatrixNormal:
-    """``phi`` [batch, T, n_phi], ``x`` [batch, T, n_x]; prior ``mean`` [n_x, n_phi], ``precision`` [n_phi, n_phi]."""
+    """Return the posteriors after every sample.
+
+    ``phi`` [batch, T, n_phi], ``x`` [batch, T, n_x]; prior ``mean`` [n_x, n_phi], ``precision``
+    [n_phi, n_phi].
+    """
     batch, _, size = phi.shape
     inverse = torch.cholesky_solve(
         torch.eye(size, dtype=torch.float64), cholesky(precision)
@@ -51,13 +56,16 @@ def update_all(phi: Tensor, x: Tensor, mean: Tensor, precision: Tensor) -> Matri
 
 @dataclass(frozen=True, slots=True)
 class Alpaca:
-    """Velocity increments from learnt features alone: it predicts, and says nothing of c and tan phi."""
+    """Velocity increments from learnt features alone: no estimate of c and tan phi."""
 
     model: LearntModel
     name: str = "ALPaCA"
 
     def estimate(self, drives: LevelDrives) -> Estimates:
-        """See Method. Sigma_eps scales the prior of K here, so that the learnt precision is taken in its units."""
+        """Predict the velocity of all drives.
+
+        Sigma_eps scales the prior of K here, so the learnt precision is in its units.
+        """
         with torch.no_grad():
             phi, _ = self.model.features(drives)
             noise = self.model.noise()

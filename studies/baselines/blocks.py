@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of velocity rows with the velocity as a state and the noise of slip and sinkage carried along, batched over drives.
+"""Blocks of velocity rows with the velocity as a state, batched over drives.
 
-A block of n samples has two rows over (c [kPa], tan phi, velocity before, velocity after), l
-counted from 0::
+The noise of slip and sinkage is propagated. A block of n samples has two rows over
+(c [kPa], tan phi, velocity before, velocity after), l counted from 0::
 
     mean of measured v_1..v_n = v_before + SUM_l (n - l) / n dv_l(c, tan phi)
     0                         = v_before - v_after + SUM_l dv_l(c, tan phi)
 
-so that no noisy velocity is differenced. Their covariance S moves with theta = (c, tan phi, 1).
+No noisy velocity is differenced. The rows' covariance S depends on theta = (c, tan phi, 1).
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ LINK_VARIANCE = 1e-10
 
 @dataclass(frozen=True, slots=True)
 class SampleFeatures:
-    """Features of single samples, and what one standard deviation of each wheel's slip and sinkage changes in them."""
+    """Features of single samples, and their change by one deviation of each slip and sinkage."""
 
     features: Tensor  # [batch, time, 3] columns c [kPa], tan phi, 1 of dv [m/s]
     noise: Tensor  # [batch, time, E, 3]
@@ -32,7 +32,7 @@ class SampleFeatures:
 
 @dataclass(frozen=True, slots=True)
 class VelocityBlock:
-    """Two rows of every drive; their covariance is SUM_ab theta_a theta_b gram_ab + diag(variance)."""
+    """Two rows of every drive, of covariance SUM_ab theta_a theta_b gram_ab + diag(variance)."""
 
     linear: Tensor  # [batch, 2, 4]
     offset: Tensor  # [batch, 2]
@@ -50,7 +50,10 @@ def propagate(
     vehicle: Vehicle,
     forces: AffineForces,
 ) -> SampleFeatures:
-    """Central differences over plus and minus one deviation of every wheel's slip and sinkage [batch, time, axles]."""
+    """Return features and their changes by the noise of slip and sinkage [batch, time, axles].
+
+    The changes are central differences over plus and minus one deviation of every wheel.
+    """
 
     def features(slips: Tensor, sinkages: Tensor) -> Tensor:
         return velocity_features(
@@ -71,7 +74,10 @@ def propagate(
 def make_block(
     inputs: SampleFeatures, first: int, count: int, velocity: Tensor, velocity_sd: Tensor
 ) -> VelocityBlock:
-    """The block of ``count`` samples from ``first`` on; ``velocity`` [batch, time] is measured at their ends."""
+    """Return the block of ``count`` samples from ``first`` on.
+
+    ``velocity`` [batch, time] is measured at their ends.
+    """
     chosen = slice(first, first + count)
     remaining = torch.arange(count, 0, -1, dtype=torch.float64) / count
     weight = torch.stack([remaining, torch.ones_like(remaining)])

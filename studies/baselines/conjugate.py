@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bayesian linear regression with shared parameters, all time steps at once.
 
-    Lambda_t = Phi_t' Sigma_eps^-1 Phi_t + Lambda_(t-1)        q_t = q_(t-1) + Phi_t' Sigma_eps^-1 (x_t - phi_t)
-    kbar_t = Lambda_t^-1 q_t                                    x_(t+1) ~ N(Phi kbar_t + phi, Phi Lambda_t^-1 Phi' + Sigma_eps)
+    Lambda_t = Phi_t' Sigma_eps^-1 Phi_t + Lambda_(t-1)
+    q_t = q_(t-1) + Phi_t' Sigma_eps^-1 (x_t - phi_t)
+    kbar_t = Lambda_t^-1 q_t
+    x_(t+1) ~ N(Phi kbar_t + phi, Phi Lambda_t^-1 Phi' + Sigma_eps)
 
 (Banerjee et al. eqs. 20 to 23). The sums over time are running sums, so that no loop over time is
 needed.
@@ -26,8 +28,9 @@ class RunningPosterior:
 
 
 def regress(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -> RunningPosterior:
-    """Posterior after every row. ``features`` [batch, T, D] and ``target`` [batch, T] are in units of the noise.
+    """Return the posterior after every row.
 
+    ``features`` [batch, T, D] and ``target`` [batch, T] are in units of the noise.
     The prior is k ~ N(``mean`` [D], ``precision`` [D, D]^-1).
     """
     batch, _, size = features.shape
@@ -42,7 +45,7 @@ def regress(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -
 
 
 def marginal_deviation(posterior: RunningPosterior, count: int) -> Tensor:
-    """Marginal standard deviations of the first ``count`` parameters after every row, [batch, T + 1, count]."""
+    """Return deviations of the first ``count`` parameters after every row [batch, T + 1, count]."""
     size = posterior.mean.shape[-1]
     directions = torch.eye(size, count, dtype=torch.float64).expand(
         *posterior.mean.shape[:2], size, count
@@ -56,7 +59,10 @@ def marginal_deviation(posterior: RunningPosterior, count: int) -> Tensor:
 
 
 def predict(posterior: RunningPosterior, features: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and variance, without the noise, of every row of ``features`` [batch, T, D] given the rows before it; [batch, T]."""
+    """Return mean and variance [batch, T] of every row given the rows before it.
+
+    ``features`` [batch, T, D]; the variance is without the noise.
+    """
     mean = (features * posterior.mean[:, :-1]).sum(-1)
     half = torch.linalg.solve_triangular(
         posterior.factor[:, :-1], features.unsqueeze(-1), upper=False

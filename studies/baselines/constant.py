@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The guess that a method has to beat: the same ground everywhere, and a velocity that does not change."""
+"""Trivial reference: the same ground everywhere, and a constant velocity."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class ConstantGuess:
     name: str = "constant guess"
 
     def estimate(self, drives: LevelDrives) -> Estimates:
-        """See Method."""
+        """Return the constant guess for all drives."""
         guess = torch.tensor([self.cohesion_pa, math.tan(self.angle)], dtype=torch.float64)
         return Estimates(
             parameters=guess.expand(*drives.slip.shape[:2], 2), velocity=drives.velocity[:, :-1]

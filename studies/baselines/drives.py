@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every method gets: a batch of drives on level ground, as the paper's rover measures them."""
+"""Input of every method: a batch of drives on level ground, as the paper's rover measures them."""
 
 from dataclasses import dataclass, fields
 from typing import Protocol
@@ -16,7 +16,7 @@ PA_PER_UNIT = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What the equation of motion needs of a planar rover."""
+    """Properties of a planar rover in the equation of motion."""
 
     mass_kg: float
     wheels_per_axle: int
@@ -27,7 +27,7 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True)
 class LevelDrives:
-    """Shapes [batch, time, axles] of wheels, [batch, time] of the body. Sample j holds over (t_(j-1), t_j].
+    """Drives: wheels [batch, time, axles], body [batch, time]. Sample j holds over (t_(j-1), t_j].
 
     ``slip`` and ``sinkage`` are measured, with standard deviations; torque and load of one wheel
     are true, as the paper hands them to Iagnemma's method, the torque being also the commanded
@@ -57,17 +57,20 @@ class LevelDrives:
 
     @property
     def increment(self) -> Tensor:
-        """Measured change of velocity of every sample, [batch, time] [m/s]: its noise has twice the variance and is MA(1)."""
+        """Measured change of velocity of every sample, [batch, time] [m/s].
+
+        Its noise has twice the variance and is MA(1).
+        """
         return self.velocity.diff(dim=1)
 
 
 class AffineForces(Protocol):
-    """Contact forces affine in (c [Pa], tan phi): [..., 3, 3], rows N, T, M, columns c, tan phi, 1."""
+    """Contact forces [..., 3, 3], rows N, T, M; affine: columns c [Pa], tan phi, 1."""
 
     def __call__(
         self, slip: Tensor, sinkage: Tensor, constants: Tensor, radius: float, width: float
     ) -> Tensor:
-        """See terramechanics.contact.stresses."""
+        """Return the forces [..., 3, 3] of wheels, as those of terramechanics.contact.stresses."""
         ...
 
 
@@ -85,9 +88,10 @@ closed_form_forces: AffineForces = wheel_forces_linear_stress
 def velocity_features(
     slip: Tensor, sinkage: Tensor, constants: Tensor, vehicle: Vehicle, forces: AffineForces
 ) -> Tensor:
-    """Change of velocity in one step, affine in (c [kPa], tan phi): [..., 3] (Banerjee et al. eq. 17 on level ground).
+    """Return the change of velocity in one step, affine in (c [kPa], tan phi): [..., 3].
 
-    ``slip`` and ``sinkage`` [..., axles], ``constants`` [6]; dv = step / m SUM_k p T_k.
+    Banerjee et al. eq. 17 on level ground: dv = step / m SUM_k p T_k. ``slip`` and ``sinkage`` are
+    [..., axles], ``constants`` [6].
     """
     traction = forces(slip, sinkage, constants, vehicle.radius_m, vehicle.width_m)[..., 1, :].sum(
         -2

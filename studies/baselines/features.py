@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's P-ALPaCA model: nominal and learnt features of the velocity row, prior and noise, all in one module."""
+"""The paper's P-ALPaCA model: nominal and learnt features of the velocity row, prior and noise."""
 
 from enum import Enum
 
@@ -15,14 +15,16 @@ INPUTS = 7
 
 
 class FeatureSpan(Enum):
-    """What of the learnt features the regression may use."""
+    """Part of the learnt features that the regression uses."""
 
     FREE = "as the net gives them"
     PROJECTED = "less their regression on the nominal features over the training drives"
 
 
 class LearntModel(nn.Module):
-    """Phi = [Phi_nom Phi_net], k ~ N(mean, diag(precision)^-1), eps ~ N(0, noise^2); the row is the velocity increment.
+    """Model of the velocity increment with nominal and learnt features.
+
+    Phi = [Phi_nom Phi_net], k ~ N(mean, diag(precision)^-1), eps ~ N(0, noise^2).
 
     The net sees velocity, slips and sinkages, each scaled to order one; the torques that the
     paper's text lists too are not among the inputs of the authors' code, and would tell the
@@ -43,7 +45,10 @@ class LearntModel(nn.Module):
         hidden: int = 128,
         span: FeatureSpan = FeatureSpan.FREE,
     ) -> None:
-        """``constants`` [6] of the soil, as assumed. An untrained model; ``scale_inputs`` before it is used."""
+        """Build an untrained model; call ``scale_inputs`` before its use.
+
+        ``constants`` [6] are those assumed of the soil.
+        """
         super().__init__()
         self.vehicle, self.constants, self.forces, self.span = vehicle, constants, forces, span
         self.columns = columns
@@ -84,7 +89,10 @@ class LearntModel(nn.Module):
         return self.mean, self.log_precision.exp()
 
     def nominal_features(self, drives: LevelDrives) -> Tensor:
-        """[batch, time, 3] columns c [kPa], tan phi, 1; empty columns and 0 without nominal features."""
+        """Return columns c [kPa], tan phi, 1 [batch, time, 3].
+
+        Without nominal features the columns are empty, and the last is 0.
+        """
         if self.forces is None:
             return torch.zeros(*drives.slip.shape[:2], 1, dtype=torch.float64)
         return velocity_features(
@@ -105,5 +113,5 @@ class LearntModel(nn.Module):
 
 
 def net_inputs(drives: LevelDrives) -> Tensor:
-    """Velocity before the step, slips and sinkages, [batch, time, INPUTS], of a rover with three axles."""
+    """Return velocity before the step, slips and sinkages [batch, time, INPUTS] of three axles."""
     return torch.cat([drives.velocity[:, :-1].unsqueeze(-1), drives.slip, drives.sinkage], -1)

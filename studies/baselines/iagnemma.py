@@ -26,14 +26,17 @@ from terramechanics.contact.stresses import entry_angle
 
 @dataclass(frozen=True, slots=True)
 class Iagnemma:
-    """Gets the true load and torque of every wheel, as in the paper; it has no deviations and predicts no velocity."""
+    """Least squares on load and torque, without deviations and without predictions of velocity.
+
+    As in the paper it gets the true load and torque of every wheel.
+    """
 
     vehicle: Vehicle
     constants: Tensor  # [6] of the soil, as assumed
     name: str = "Iagnemma"
 
     def estimate(self, drives: LevelDrives) -> Estimates:
-        """See Method."""
+        """Estimate c and tan phi of all drives."""
         features, target = self.rows(drives.slip, drives.sinkage, drives.torque, drives.load)
         axles = features.shape[-2]
         estimate = recursive_least_squares(features.flatten(1, 2), target.flatten(1), 1.0)[

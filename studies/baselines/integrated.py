@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Regression with the velocity kept as a state and the noise of the regressors propagated: the integrated residual.
+"""Regression with the velocity as a state and propagated noise of the regressors.
 
-A block's posterior minimises (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r by Gauss-Newton, S
-moving with theta: orthogonal distance regression (Boggs, Byrd and Schnabel 1987). A bank of nine
-posteriors starts from a grid over the prior.
+A block's posterior minimises (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r by Gauss-Newton, with
+S at the current theta: orthogonal distance regression (Boggs, Byrd and Schnabel 1987). A bank of
+nine posteriors starts from a grid over the prior.
 """
 
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class GaussianBank:
 
 @dataclass(frozen=True, slots=True)
 class IntegratedRegression:
-    """Bayesian regression on blocks of a second; between them a scalar Kalman filter follows the velocity."""
+    """Bayesian regression on blocks of a second; a scalar Kalman filter of the velocity between."""
 
     vehicle: Vehicle
     constants: Tensor  # [6] of the soil, as assumed
@@ -59,7 +59,7 @@ class IntegratedRegression:
     name: str = "integrated"
 
     def estimate(self, drives: LevelDrives) -> Estimates:
-        """See Method. The parameters are those of the last block that is complete."""
+        """Run over all drives; the parameters are those of the last complete block."""
         measured = (drives.slip, drives.slip_sd, drives.sinkage, drives.sinkage_sd)
         inputs = propagate(*measured, self.constants, self.vehicle, self.forces)
         bank = start_bank(self.prior, drives.velocity[:, 0], drives.velocity_sd)
@@ -90,7 +90,7 @@ class IntegratedRegression:
 
 
 def start_bank(prior: BaselinePrior, velocity: Tensor, velocity_sd: Tensor) -> GaussianBank:
-    """A grid over the prior whose mixture has the prior's mean and variance; ``velocity`` [batch] is measured."""
+    """Return a grid over the prior, of its mean and variance; ``velocity`` [batch] is measured."""
     place, weight = (
         torch.tensor(_PLACE, dtype=torch.float64),
         torch.tensor(_WEIGHT, dtype=torch.float64),
@@ -110,7 +110,7 @@ def start_bank(prior: BaselinePrior, velocity: Tensor, velocity_sd: Tensor) -> G
 
 
 def solve(bank: GaussianBank, block: VelocityBlock) -> GaussianBank:
-    """The posteriors after a block, over the velocity at its end."""
+    """Return the posteriors after a block, over the velocity at its end."""
     start = torch.cat([bank.mean, bank.mean[..., -1:]], -1)
     prior = nn.functional.pad(bank.precision, [0, 1, 0, 1])
     mean, longest = start, torch.tensor(LONGEST_STEP, dtype=torch.float64)
@@ -132,14 +132,14 @@ def solve(bank: GaussianBank, block: VelocityBlock) -> GaussianBank:
 
 
 def _limited(step: Tensor, longest: Tensor) -> Tensor:
-    """The step [batch, H, 4], shortened so that neither c nor tan phi moves by more than ``longest`` [2]."""
+    """Shorten a step [batch, H, 4] until c and tan phi move by at most ``longest`` [2]."""
     return step / (step[..., :2].abs() / longest).amax(-1, keepdim=True).clamp(min=1.0)
 
 
 def _gauss_newton(
     start: Tensor, prior: Tensor, mean: Tensor, block: VelocityBlock
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Step [batch, H, 4], precision there and misfit [batch, H] that the step foresees."""
+    """Return step [batch, H, 4], precision there, and the step's predicted misfit [batch, H]."""
     half = halves(block, mean[..., :2])
     factor = cholesky(row_covariance(block, mean[..., :2], half))
     residual = (block.target - block.offset).unsqueeze(1) - torch.einsum(
@@ -164,7 +164,7 @@ def _gauss_newton(
 
 
 def mix(bank: GaussianBank) -> tuple[Tensor, Tensor]:
-    """Mean [batch, 3] and covariance [batch, 3, 3] of the mixture."""
+    """Return mean [batch, 3] and covariance [batch, 3, 3] of the mixture."""
     weight = torch.softmax(bank.log_weight, -1)
     mean = torch.einsum("bh,bhd->bd", weight, bank.mean)
     directions = torch.eye(3, dtype=torch.float64).expand_as(bank.precision)
@@ -182,7 +182,10 @@ def follow(
     drives: LevelDrives,
     known: tuple[Tensor, Tensor],
 ) -> tuple[Tensor, Tensor]:
-    """Predicted velocity and its deviation, noise of the measurement included, of every sample of a block; [batch, count]."""
+    """Return predicted velocity and its deviation of every sample of a block [batch, count].
+
+    The deviation includes the noise of the measurement.
+    """
     expected, covariance = known
     theta = torch.cat([expected[:, :2], torch.ones_like(expected[:, :1])], -1)
     mean, variance = expected[:, 2], covariance[:, 2, 2]
@@ -207,10 +210,10 @@ def follow(
 def cramer_rao(
     drives: LevelDrives, vehicle: Vehicle, prior: BaselinePrior, forces: AffineForces
 ) -> Tensor:
-    """Bound on the deviations of (c [Pa], tan phi) after every drive from velocity, slip and sinkage alone, [batch, 2].
+    """Return the bound on the deviations of (c [Pa], tan phi) after every drive, [batch, 2].
 
-    Rows of single samples at the true inputs, constants and parameters; the prior counts as a
-    measurement.
+    It is that of velocity, slip and sinkage alone: rows of single samples at the true inputs,
+    constants and parameters. The prior counts as a measurement.
     """
     true = (drives.true_slip, drives.slip_sd, drives.true_sinkage, drives.sinkage_sd)
     inputs = propagate(*true, drives.true_constants, vehicle, forces)

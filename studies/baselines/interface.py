@@ -13,7 +13,7 @@ from studies.baselines.drives import LevelDrives
 
 @dataclass(frozen=True, slots=True)
 class BaselinePrior:
-    """Independent Gaussians. The default is wide and not centred on the band that the paper keeps for its tests."""
+    """Independent Gaussians; the default is wide and not centred on the paper's test band."""
 
     cohesion_kpa: float = 2.75
     cohesion_sd_kpa: float = 1.3
@@ -21,34 +21,32 @@ class BaselinePrior:
     tan_phi_sd: float = 0.4
 
     def mean(self) -> Tensor:
-        """[2] c [kPa], tan phi."""
+        """Return the mean of c [kPa] and tan phi [2]."""
         return torch.tensor([self.cohesion_kpa, self.tan_phi], dtype=torch.float64)
 
     def precision(self) -> Tensor:
-        """[2] diagonal, c in kPa."""
+        """Return the diagonal of the precision [2], c in kPa."""
         return torch.tensor([self.cohesion_sd_kpa, self.tan_phi_sd], dtype=torch.float64) ** -2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Estimates:
-    """What a method says after every sample. None where it says nothing of the kind."""
+    """Output of a method after every sample; None for what it does not estimate."""
 
-    parameters: Tensor | None = (
-        None  # [batch, time, 2] c [Pa], tan phi, from the samples up to this one
-    )
+    # [batch, time, 2] c [Pa], tan phi, from the samples up to this one
+    parameters: Tensor | None = None
     deviation: Tensor | None = None  # [batch, time, 2] their marginal standard deviations
-    velocity: Tensor | None = (
-        None  # [batch, time] [m/s] predicted for this sample from those before it and its own inputs
-    )
-    velocity_sd: Tensor | None = None  # [batch, time] deviation of what that sample will measure
+    # [batch, time] [m/s] predicted for this sample from those before it and its own inputs
+    velocity: Tensor | None = None
+    velocity_sd: Tensor | None = None  # [batch, time] deviation of that measurement
 
 
 class Method(Protocol):
-    """A method for a batch of drives. Deterministic; it must not look at anything true but load and torque."""
+    """A deterministic method for a batch of drives, which may use the true load and torque only."""
 
     @property
     def name(self) -> str:
-        """As tables call it."""
+        """Name in the tables."""
         ...
 
     def estimate(self, drives: LevelDrives) -> Estimates:

@@ -18,7 +18,7 @@ from studies.baselines.drives import (
 from studies.baselines.interface import Estimates
 
 DIFFUSE = 1e6
-"""Variance of both parameters [kPa^2, 1] before the first row, in units of the row's: no prior knowledge."""
+"""Variance of both parameters [kPa^2, 1] before the first row, in its units: a flat prior."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class RecursiveLeastSquares:
     name: str = "recursive least squares"
 
     def estimate(self, drives: LevelDrives) -> Estimates:
-        """See Method."""
+        """Estimate c and tan phi of all drives."""
         features = velocity_features(
             drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces
         )
@@ -47,10 +47,13 @@ class RecursiveLeastSquares:
 
 
 def recursive_least_squares(features: Tensor, target: Tensor, forgetting: float) -> Tensor:
-    """Estimates after 0, 1, ... rows, [batch, T + 1, D], from ``features`` [batch, T, D] and ``target`` [batch, T].
+    """Return the estimates after 0, 1, ... rows [batch, T + 1, D].
 
-    gain = P phi / (lambda + phi' P phi)        k <- k + gain (x - phi' k)        P <- (P - gain
-    phi' P) / lambda
+    ``features`` are [batch, T, D], ``target`` [batch, T].
+
+        gain = P phi / (lambda + phi' P phi)
+        k <- k + gain (x - phi' k)
+        P <- (P - gain phi' P) / lambda
     """
     batch, _, size = features.shape
     P = (DIFFUSE * torch.eye(size, dtype=torch.float64)).expand(batch, size, size)

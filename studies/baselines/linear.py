@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's linear model: closed-form features, rows of velocity increments, Bayesian linear regression."""
+"""The paper's linear model: Bayesian regression of velocity increments on closed-form features."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,10 @@ from studies.baselines.interface import BaselinePrior, Estimates
 
 @dataclass(frozen=True, slots=True)
 class LinearModel:
-    """x_(t+1) = x_t + Phi_nom (c, tan phi) + phi_nom + eps with eps the noise of two velocities (Banerjee et al. eqs. 15 to 17)."""
+    """Linear model of the velocity increment (Banerjee et al. eqs. 15 to 17).
+
+    x_(t+1) = x_t + Phi_nom (c, tan phi) + phi_nom + eps, with eps the noise of two velocities.
+    """
 
     vehicle: Vehicle
     constants: Tensor  # [6] of the soil, as assumed
@@ -30,7 +33,7 @@ class LinearModel:
     name: str = "linear"
 
     def estimate(self, drives: LevelDrives) -> Estimates:
-        """See Method."""
+        """Run over all drives."""
         features = velocity_features(
             drives.slip, drives.sinkage, self.constants, self.vehicle, self.forces
         )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""P-ALPaCA as in the paper: conjugate regression on nominal and learnt features of single velocity increments."""
+"""P-ALPaCA as in the paper: conjugate regression on features of single velocity increments."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,16 @@ from studies.baselines.interface import Estimates
 
 @dataclass(frozen=True, slots=True)
 class PaperPAlpaca:
-    """A trained model behind the interface; without nominal features it says nothing of c and tan phi."""
+    """A trained model; without nominal features it does not estimate c and tan phi."""
 
     model: LearntModel
     name: str
 
     def estimate(self, drives: LevelDrives) -> Estimates:
-        """See Method. The deviations are marginal ones; the authors plot conditional ones, 1 / sqrt(diag Lambda)."""
+        """Run over all drives.
+
+        The deviations are marginal ones; the authors plot conditional ones, 1 / sqrt(diag Lambda).
+        """
         with torch.no_grad():
             features, constant = self.model.features(drives)
             noise = self.model.noise()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""studies.calibration: the thresholds of find_missing_effect, from simulated runs of which the truth is known.
+"""studies.calibration: thresholds of find_missing_effect, from simulated runs of known truth.
 
 Nothing missing but soil constants wrong by up to 5 %; each effect of the library, its size swinging
 a little in the course of a drive, since no real effect keeps exactly to a law; and each with the
@@ -15,6 +15,7 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -49,32 +50,32 @@ DRIVES, SECONDS = 4, 60.0
 FACTORS = (1.0, 0.5, 2.0)
 """[1] Of the typical size, in turn."""
 VARIATION, PERIOD = 0.4, 40.0
-"""[1], [s] By which a size swings about its nominal one in the course of a drive, with a phase of its own in every drive."""
+"""[1], [s] Amplitude and period of a size about its nominal one, with another phase each drive."""
 
 
 class Swinging(Plant):
     """One effect whose size swings: no real effect keeps exactly to a law."""
 
     def __init__(self, name: str, size: float, axle: int, phase: Tensor) -> None:
-        """``phase`` [batch] [rad]."""
-        self._nominal, self._phase, self._high = size, phase, describe(name).high
+        """Take the nominal size and the phase [batch] [rad] of its swing."""
+        self._nominal, self._phase, self._effect = size, phase, describe(name)
         self._acting = make_effect(name, self._size(0.0), axle)
         super().__init__([self._acting])
 
     def _size(self, time: float) -> Tensor:
         swing = 1.0 + VARIATION * torch.sin(2.0 * math.pi * time / PERIOD + self._phase)
-        return (self._nominal * swing).clamp(max=self._high)
+        return (self._nominal * swing).clamp(max=self._effect.high)
 
     def sensed(self, sample: simulated.Sample) -> simulated.Sample:
-        """The last call of a step: the next one has another size."""
+        """Return the sample of the sensors at the end of a step; the next step has another size."""
         seen = super().sensed(sample)
-        self._acting.size = self._size(float(sample.time[0]))  # type: ignore[attr-defined]
+        self._acting.values = self._effect.values(self._size(float(sample.time[0])))
         return seen
 
 
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point: 0 done, 2 a file cannot be read or written."""
+    """Run the calibration; returns 0, or 2 where a file cannot be read or written."""
     torch.set_num_threads(1)
     options = _parser().parse_args(arguments)
     plan = [("", k) for k in range(options.nulls)] + [
@@ -146,7 +147,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def draw_runs(truth: str, k: int, seed: int) -> tuple[str, list[RecordedRun]]:
-    """The soil and the runs of case ``k``: some drives, the effect the same in all."""
+    """Return the soil and the runs of case ``k``: some drives, the effect the same in all."""
     generator = torch.Generator().manual_seed(
         seed + k + 1000 * (1 + list(TYPICAL).index(truth) if truth else 0)
     )
@@ -173,7 +174,7 @@ def _case(truth: str, k: int, seed: int) -> CalibrationCase:
 
 
 def _usable(runs: list[RecordedRun], nominal: Nominal) -> list[Blocks]:
-    """Blocks of the runs that have some: a rover may get stuck at once."""
+    """Return the blocks of the runs that have some: a rover may get stuck at once."""
     found = []
     for run in runs:
         with contextlib.suppress(RunError):
@@ -182,7 +183,7 @@ def _usable(runs: list[RecordedRun], nominal: Nominal) -> list[Blocks]:
 
 
 def _plain(found: CalibrationCase) -> dict[str, object]:
-    """A sample as numbers and names."""
+    """Return a sample as numbers and names."""
     return {
         "with": _plain_gains(found.with_truth),
         "without": _plain_gains(found.without_truth) if found.without_truth else None,
@@ -198,7 +199,7 @@ def _plain_gains(gains: Gains) -> dict[str, object]:
 
 
 def _read(path: Path) -> dict[tuple[str, int], CalibrationCase]:
-    """Cases of an earlier call."""
+    """Return the cases of an earlier call."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():
         return {}
@@ -211,12 +212,12 @@ def _read(path: Path) -> dict[tuple[str, int], CalibrationCase]:
     return found
 
 
-def _gains(plain: dict[str, list[tuple[list[tuple[str, int | None]], float]]]) -> Gains:
+def _gains(plain: dict[str, Any]) -> Gains:
     named = tuple(
         (Hypothesis(tuple(NamedEffect(*effect) for effect in effects)), gain)
         for effects, gain in plain["named"]
     )
-    return Gains(named, float(plain["nothing_with"]), float(plain["best_with"]))  # type: ignore[arg-type]
+    return Gains(named, float(plain["nothing_with"]), float(plain["best_with"]))
 
 
 if __name__ == "__main__":

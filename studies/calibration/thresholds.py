@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Thresholds of the verdict from runs whose truth is known: nothing missing, a library effect, and one taken out of the library."""
+"""Thresholds of the verdict from runs of known truth.
+
+Nothing missing, a library effect, and one taken out of the library.
+"""
 
 import itertools
 from collections.abc import Sequence
@@ -18,7 +21,7 @@ LEAST = 8.0
 
 @dataclass(frozen=True, slots=True)
 class CalibrationCase:
-    """One calibration case: what the rule would look at."""
+    """The gains of one calibration case, which the rule uses."""
 
     truth: str  # empty where nothing is missing
     with_truth: Gains
@@ -42,7 +45,7 @@ def sample(study: Study, truth: str, progress: Progress) -> CalibrationCase:
 
 
 def thresholds(samples: Sequence[CalibrationCase]) -> Thresholds:
-    """The numbers that fit these samples best.
+    """Return the numbers that fit these samples best.
 
       - ``anything``: MARGIN times the largest gain of any null case, at least LEAST.
     - ``share``: where the fewest cases fall on the wrong side, those with the truth below it and
@@ -66,7 +69,10 @@ _HOPELESS = 0.3
 
 
 def _lead(each: CalibrationCase) -> float:
-    """By how much of its gain the best name leads the right one; 0 where it is the right one, 1 where that was not even fitted."""
+    """Return the lead of the best name over the right one, as a share of its gain.
+
+    0 where it is the right one, 1 where that was not even fitted.
+    """
     gains = each.with_truth
     right = max(
         (gain for hypothesis, gain in gains.named if hypothesis.names == (each.truth,)), default=0.0
@@ -75,7 +81,7 @@ def _lead(each: CalibrationCase) -> float:
 
 
 def _divide(outside: Sequence[float], inside: Sequence[float]) -> float:
-    """Where to cut so that the fewest of ``outside`` lie above and of ``inside`` below."""
+    """Return the cut with the fewest of ``outside`` above and of ``inside`` below."""
     values = sorted({0.0, 1.0, *outside, *inside})
     wrong = [
         (sum(x >= high for x in outside) + sum(x < high for x in inside), low, high)

@@ -123,37 +123,33 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _parts(args: argparse.Namespace, config: CoreConfig) -> list[_Part]:
-    """Every line's first part, then every line's second, and so on; each has a seed of its own."""
+    """Return the first part of every line, then the second, and so on, each with its own seed."""
     found: list[tuple[int, _Part]] = []
     folder = args.records / f"{digest('change', repr(config))}-{args.seed}"
     for rover in args.rover:
         for change in (Change(rover, *kind) for kind in KINDS):
             for number, drives in enumerate(_shares(args.drives, PART_DRIVES)):
-                name = f"{rover}-{change.before}-{change.after}-{change.gradual_s:g}-{number}-{drives:g}"
-                follow = partial(
-                    judge_change,
-                    change,
-                    config,
-                    int(drives),
-                    args.seed + zlib.crc32(name.encode()) % 1_000_000,
-                )
+                kind = f"{change.before}-{change.after}-{change.gradual_s:g}"
+                name = f"{rover}-{kind}-{number}-{drives:g}"
+                seed = _seed(args.seed, name)
+                follow = partial(judge_change, change, config, int(drives), seed)
                 found.append((number, (change, Piece(follow, folder / f"{name}.npz"))))
         for constant in (_Constant(rover, soil) for soil in SOILS):
             for number, hours in enumerate(_shares(args.hours / len(SOILS), PART_HOURS)):
                 name = f"{rover}-{constant.soil}-{number}-{hours:g}"
-                watch = partial(
-                    judge_constant,
-                    *constant,
-                    config,
-                    hours,
-                    args.seed + zlib.crc32(name.encode()) % 1_000_000,
-                )
+                seed = _seed(args.seed, name)
+                watch = partial(judge_constant, *constant, config, hours, seed)
                 found.append((number, (constant, Piece(watch, folder / f"{name}.npz"))))
     return [part for _, part in sorted(found, key=lambda numbered: numbered[0])]
 
 
+def _seed(seed: int, name: str) -> int:
+    """Return the seed of a part."""
+    return seed + zlib.crc32(name.encode()) % 1_000_000
+
+
 def _shares(whole: float, share: float) -> Iterable[float]:
-    """``whole`` in pieces of ``share`` and a last one of what is left."""
+    """Yield ``whole`` in pieces of ``share``; the last is the rest."""
     done = 0.0
     while whole - done > 1e-9:
         yield min(share, whole - done)
@@ -161,14 +157,14 @@ def _shares(whole: float, share: float) -> Iterable[float]:
 
 
 def judge_change(change: Change, config: CoreConfig, drives: int, seed: int) -> Followed:
-    """Some drives of one change with the rover's model."""
+    """Follow some drives of one change with the rover's model."""
     return follow_change(change, load_model(change.rover), config, drives, seed)
 
 
 def judge_constant(
     rover: str, soil: str, config: CoreConfig, hours: float, seed: int
 ) -> FalseAlarms:
-    """Constant ground with the rover's model."""
+    """Count alarms on constant ground with the rover's model."""
     return study_constant(load_model(rover), soil, config, hours, seed)
 
 
@@ -178,7 +174,7 @@ def _keep(result: _Result, path: Path) -> None:
 
 
 def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -> ChangeRun | None:
-    """The figures of all parts that are done, None where a line of the tables has none."""
+    """Return the figures of all parts that are done, None where a line of the tables has none."""
     changes: dict[Change, list[Followed]] = {}
     constant: dict[_Constant, list[FalseAlarms]] = {}
     for line, piece in parts:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ground that changes under the rover: how soon the estimator says so, and how soon it knows the new ground.
+"""Drives onto other ground: when the estimator detects the change, and when it has recovered.
 
-Every drive goes through the whole estimator, gates included. Time counts from the place where the
-first axle meets the new ground; an alarm before it is a false one. A second estimator starts afresh
-once the last axle has reached it: what it knows is what the data of the new ground allow.
+Every drive goes through the whole estimator, gates included. Time counts from the moment at which
+the first axle crosses; an alarm before it is a false one. A second estimator starts afresh once the
+last axle has crossed. Its error is the least that the data of the new ground allow.
 """
 
 import math
@@ -32,9 +32,12 @@ from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 
 HORIZON_S = 45
-"""[s] Estimates are judged every second up to this time after the first axle's crossing, and the time that a gradual change takes."""
+"""[s] Estimates are judged every second up to this time after the first axle's crossing.
+
+A gradual change adds its own duration.
+"""
 ALARM = 0.5
-"""[1] A change is told where its probability is above this."""
+"""[1] A change is detected where its probability is above this."""
 _BEFORE_S = 25.0  # on the first ground, at mean speed
 _SLOW = 0.75  # of the lowest cruise speed: slip takes the rest
 _SPREAD = 0.05  # each soil constant is wrong by up to this share
@@ -43,7 +46,7 @@ _LEAST_AFTER_S = 20.0  # on the new ground with all axles, for a drive to count
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """From one soil to another; on the same soil c and phi move by half their range."""
+    """Change from one soil to another; on the same soil c and phi move by half their range."""
 
     rover: str
     before: str
@@ -58,7 +61,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """Alarms on ground that does not change, or has not yet."""
+    """Alarms on constant ground, or before a change."""
 
     rover: str
     soil: str
@@ -67,7 +70,7 @@ class FalseAlarms:
 
 
 class Followed(NamedTuple):
-    """N drives of one change; over time T, every second from the crossing on, NaN where a drive has ended."""
+    """N drives of one change, every second T from the crossing on; NaN where a drive has ended."""
 
     delay_s: NDArray[np.float64]  # [N] infinite where no alarm rose from the crossing on
     crossing_s: NDArray[np.float64]  # [N] until the last axle has crossed
@@ -75,13 +78,13 @@ class Followed(NamedTuple):
     covered: NDArray[np.float64]  # [N, T, 2] 1 or 0
     fresh: NDArray[
         np.float64
-    ]  # [N, T, 2] relative error of the fresh estimator, of its prior before it started
+    ]  # [N, T, 2] error of the fresh estimator, before its start of the prior
     early_s: NDArray[np.float64]  # [N] time before the crossing
     early_alarms: NDArray[np.float64]  # [N] alarms in it
 
 
 def changed_ground(rover: Rover, change: Change, batch: int, generator: torch.Generator) -> Ground:
-    """Random strength and constants on both sides."""
+    """Return ground with random strength and constants on both sides."""
     low, high = rover.cruise_speed
     before, after = load_soil(change.before), load_soil(change.after)
     first = random_ground(before, batch, generator, _SPREAD).patches[0]
@@ -101,7 +104,7 @@ def changed_ground(rover: Rover, change: Change, batch: int, generator: torch.Ge
 
 
 def _shifted(strength: torch.Tensor) -> torch.Tensor:
-    """c and phi [batch, 2] moved by half of their ranges, to where there is room."""
+    """Move c and phi [batch, 2] by half of their ranges, up or down, within these."""
     low, high = torch.tensor([*BENCHMARK.cohesion, *BENCHMARK.angle], dtype=torch.float64).T
     values, half = torch.stack([strength[:, 0], torch.atan(strength[:, 1])], 1), 0.5 * (high - low)
     moved = torch.where(values - low < half, values + half, values - half)
@@ -109,7 +112,7 @@ def _shifted(strength: torch.Tensor) -> torch.Tensor:
 
 
 def drive_over(rover: Rover, change: Change, batch: int, generator: torch.Generator) -> Drive:
-    """Drives long enough for the slowest rover to know the new ground, and to be judged up to the horizon."""
+    """Simulate drives long enough for the slowest rover to be judged up to the horizon."""
     ground = changed_ground(rover, change, batch, generator)
     patch, slow = ground.patches[1], _SLOW * rover.cruise_speed[0]
     length = patch.start + patch.transition + max(rover.axle_x) - min(rover.axle_x)
@@ -120,7 +123,11 @@ def drive_over(rover: Rover, change: Change, batch: int, generator: torch.Genera
 def follow_change(
     change: Change, model: LoadedModel, config: CoreConfig, drives: int, seed: int
 ) -> Followed:
-    """Simulate and follow; drives that get stuck, or end before they know the new ground, are drawn anew, so there may be fewer."""
+    """Simulate drives and follow each with two estimators.
+
+    Drives that get stuck, or end soon after the crossing, are drawn anew. There may be fewer than
+    ``drives``.
+    """
     rover, generator = model.rover, torch.Generator().manual_seed(seed)
     found: list[Followed] = []
     for _ in range(8):
@@ -141,7 +148,7 @@ def follow_change(
 
 
 def pool(parts: Sequence[Followed], change: Change) -> Followed:
-    """All drives of these parts."""
+    """Return all drives of these parts."""
     none = Followed(
         *(np.empty((0, *shape)) for shape in [(), (), *[(change.horizon_s + 1, 2)] * 3, (), ()])
     )
@@ -149,7 +156,10 @@ def pool(parts: Sequence[Followed], change: Change) -> Followed:
 
 
 def places_of(drive: Drive, index: int, change: Change) -> tuple[int, int, int] | None:
-    """Observations: first axle on the new ground, last axle behind the transition, end. None where the drive does not count."""
+    """Return the observations of the first axle's crossing, the last axle's, and the end.
+
+    None where the drive does not count.
+    """
     speed, contact = 0.5 * sum(drive.rover.cruise_speed), drive.sample.contact[index]
     first = int((contact.amax(1) < _BEFORE_S * speed).sum())
     last = int((contact.amin(1) < (_BEFORE_S + change.gradual_s) * speed).sum())
@@ -158,7 +168,7 @@ def places_of(drive: Drive, index: int, change: Change) -> tuple[int, int, int] 
 
 
 def _truth(drive: Drive, index: int) -> NDArray[np.float64]:
-    """c and tan phi [T, 2], mean over the axles."""
+    """Return c and tan phi [T, 2], the mean over the axles."""
     truth: NDArray[np.float64] = drive.sample.strength[index].mean(1).numpy()
     return truth
 
@@ -180,9 +190,9 @@ def _follow(
     for k, observation in enumerate(observations[: min(end, first + horizon_s * per_second + 1)]):
         estimate = known.update(observation).estimate
         newest = fresh.update(observation).estimate if k >= last else prior
-        told = estimate.change_probability > ALARM
-        risen += [k] if told and not above else []
-        above = told
+        alarm = estimate.change_probability > ALARM
+        risen += [k] if alarm and not above else []
+        above = alarm
         second, part = divmod(k - first, per_second)
         if k >= first and part == 0:
             error[0, second], afresh[0, second] = (_error(x, truth[k]) for x in (estimate, newest))
@@ -204,7 +214,10 @@ def _error(estimate: Estimate, truth: NDArray[np.float64]) -> NDArray[np.float64
 def study_constant(
     model: LoadedModel, soil: str, config: CoreConfig, hours: float, seed: int
 ) -> FalseAlarms:
-    """Count alarms (a probability that rises above ALARM) on ground that does not change; each soil constant is off by up to 5 %."""
+    """Count alarms (a probability that rises above ALARM) on constant ground.
+
+    Each soil constant is wrong by up to 5 %.
+    """
     generator, rover = torch.Generator().manual_seed(seed), model.rover
     seconds, alarms, batch = 0.0, 0, min(40, math.ceil(3600.0 * hours / _CONSTANT_S))
     while seconds < 3600.0 * hours:
@@ -221,11 +234,11 @@ def study_constant(
             end = int((~drive.sample.stuck[index]).sum())
             estimator, above = Estimator(model, config), False
             for observation in observations_of(measurement, index)[:end]:
-                told = estimator.update(observation).estimate.change_probability > ALARM
-                alarms += told and not above
-                above = told
+                alarm = estimator.update(observation).estimate.change_probability > ALARM
+                alarms += alarm and not above
+                above = alarm
             seconds += end * TIME_STEP
     return FalseAlarms(rover.name, soil, seconds / 3600.0, alarms)
 
 
-_CONSTANT_S = 100.0  # duration of a drive on ground that does not change
+_CONSTANT_S = 100.0  # duration of a drive on constant ground

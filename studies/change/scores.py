@@ -15,7 +15,7 @@ from studies.accuracy.scores import CONFIDENCE, share_of
 from studies.change.drives import Change, FalseAlarms, Followed
 
 WORSE = 1.3
-"""[1] Re-converged: the median error is at most this multiple of that of the estimator that started afresh."""
+"""[1] Recovered: the median error is at most this multiple of the fresh estimator's."""
 NOMINAL = 0.95
 
 
@@ -30,17 +30,16 @@ class Quantile:
 
 @dataclass(frozen=True, slots=True)
 class ChangeScore:
-    """What the drives of one change gave; times in s from the first axle's crossing, infinite where it never happened."""
+    """Figures of one change; times from the first axle's crossing, infinite for never."""
 
     change: Change
     drives: tuple[int, int, int]  # that count; of them still driving after 15 s and after 40 s
     crossing_s: float  # median time until the last axle is on the new ground
-    found: float  # share of drives that told it within the horizon
+    detected: float  # share of drives that detected it within the horizon
     delay_median_s: Quantile
     delay_p90_s: Quantile
-    known_s: tuple[
-        float, float
-    ]  # c and tan phi: from here on as good as afresh, and covered as the nominal rate allows; all axles across
+    # c and tan phi: as good as afresh and covered at the nominal rate from here on; axles across
+    recovered_s: tuple[float, float]
     error_15_s: tuple[float, float]  # median relative error after 15 s
     fresh_15_s: tuple[float, float]  # the same of the fresh estimator
     coverage_15_s: tuple[float, float]  # of the 95 % interval after 15 s
@@ -49,26 +48,28 @@ class ChangeScore:
 
 
 def rate_limits(count: int, hours: float) -> tuple[float, float]:
-    """Limits of a rate per hour with CONFIDENCE (Poisson)."""
+    """Return the limits of a rate per hour with CONFIDENCE (Poisson)."""
     tail = 0.5 * (1.0 - CONFIDENCE)
     low = float(chi2.ppf(tail, 2 * count)) / 2.0 if count else 0.0
     return low / hours, float(chi2.isf(tail, 2 * count + 2)) / 2.0 / hours
 
 
 def score_change(change: Change, followed: Followed) -> ChangeScore:
-    """The figures of all drives of a change, of which there has to be one."""
+    """Return the figures of all drives of a change; there has to be at least one."""
     error, covered, fresh = followed.error, followed.covered, followed.fresh
     there = ~np.isnan(error[..., 0])
     crossing = float(np.median(followed.crossing_s))
-    known = [max(crossing, _known(error[..., k], covered[..., k], fresh[..., k])) for k in range(2)]
+    recovered = [
+        max(crossing, _recovered(error[..., k], covered[..., k], fresh[..., k])) for k in range(2)
+    ]
     return ChangeScore(
         change=change,
         drives=(len(error), int(there[:, 15].sum()), int(there[:, 40].sum())),
         crossing_s=crossing,
-        found=float(np.mean(followed.delay_s <= change.horizon_s)),
+        detected=float(np.mean(followed.delay_s <= change.horizon_s)),
         delay_median_s=quantile_of(followed.delay_s, 0.5),
         delay_p90_s=quantile_of(followed.delay_s, 0.9),
-        known_s=(known[0], known[1]),
+        recovered_s=(recovered[0], recovered[1]),
         error_15_s=_over(error[there[:, 15], 15], np.median),
         fresh_15_s=_over(fresh[there[:, 15], 15], np.median),
         coverage_15_s=_over(covered[there[:, 15], 15], np.mean),
@@ -85,7 +86,7 @@ def score_change(change: Change, followed: Followed) -> ChangeScore:
 def _over(
     values: NDArray[np.float64], figure: Callable[..., NDArray[np.float64]]
 ) -> tuple[float, float]:
-    """A figure of c and of tan phi over the drives that are left [n, 2], NaN where none is."""
+    """Return a figure of c and of tan phi over the remaining drives [n, 2], NaN for none."""
     return (
         (float(figure(values[:, 0])), float(figure(values[:, 1])))
         if len(values)
@@ -93,13 +94,13 @@ def _over(
     )
 
 
-def _known(
+def _recovered(
     error: NDArray[np.float64], covered: NDArray[np.float64], fresh: NDArray[np.float64]
 ) -> float:
-    """First second from which on the median error is near the fresh one's and the coverage is not excluded by its limits.
+    """Return the first second from which on every second is good; infinite where the last is not.
 
-    A second in which no drive is left tells nothing, so it is not a good one; infinite where the
-    last second is not good.
+    A second is good where the median error is near the fresh one's, and the limits of the coverage
+    include the nominal one. A second without drives is not good.
     """
     good = [
         _good(error[:, second], covered[:, second], fresh[:, second])
@@ -124,7 +125,7 @@ def _good(
 
 
 def quantile_of(values: NDArray[np.float64], share: float) -> Quantile:
-    """The quantile of a sample, with the order statistics between which the true one lies with CONFIDENCE."""
+    """Return the quantile of a sample, with order statistics as limits at CONFIDENCE."""
     ordered, count = np.sort(values), values.shape[0]
     low, high = (
         int(binom.ppf(0.5 + side * CONFIDENCE / 2.0, count, share)) for side in (-1.0, 1.0)

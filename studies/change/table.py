@@ -34,8 +34,8 @@ INTRODUCTION = """# Ground that changes
 {measured}
 
 How soon does the estimator detect other ground, how long until the new estimate is as good as a
-fresh one, and how often does it raise a false alarm? The drives are simulated, over hills (S1), with
-every row, seed {seed} and drift {drift:g}. The models know all three soils:
+fresh one, and how often does it raise a false alarm? The drives are simulated, over hills (S1),
+with every row, seed {seed} and drift {drift:g}. The models have all three soils:
 {models}. Planned are {drives} drives of each change, and {hours:g} hours on
 constant ground for each rover. The tables have the numbers that were driven.
 
@@ -43,14 +43,14 @@ constant ground for each rover. The tables have the numbers that were driven.
 TERMS = """## How the drives are judged
 
 - **Truth** on both sides is drawn from the model's prior, c 0.5 to 5 kPa and phi 15 to 45 deg. Each
-  soil constant is wrong by up to 5 %. "Loose to loose" moves c and phi by half of these ranges each.
+  soil constant is wrong by up to 5 %. "Loose to loose" moves c and phi by half of these ranges.
   In a gradual change the truth is the mean over the axles.
 - **Time** counts from the moment at which the first axle crosses.
 - **Crossing**: the median time until the last axle is on the new ground (behind the transition,
   where the change is gradual).
-- **Detected**: the time until `change_probability` rises above 0.5, with {confidence:g} % limits from
-  order statistics. A rise before the crossing is a false alarm. A probability that is already above 0.5 at
-  the crossing does not count as detected.
+- **Detected**: the time until `change_probability` rises above 0.5, with {confidence:g} % limits
+  from order statistics. A rise before the crossing is a false alarm. A probability that is already
+  above 0.5 at the crossing does not count as detected.
 - **Recovered**: the first second from which on the median error is at most 1.3 times that of an
   estimator started afresh when the last axle has crossed, and the coverage of the 95 % interval is
   not below nominal by its {confidence:g} % limits; never before the median crossing.
@@ -99,7 +99,7 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
     for score in run.changes:
         if score.change.gradual_s == 0.0:
             where = f"{score.change.rover}, {_name(score)}"
-            median, known = score.delay_median_s.value, max(score.known_s)
+            median, recovered = score.delay_median_s.value, max(score.recovered_s)
             lines.append(
                 (
                     f"detected, median, {where}",
@@ -112,8 +112,8 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
                 (
                     f"recovered, {where}",
                     f"{KNOWN_WITHIN_S:g} s",
-                    _time(known),
-                    _yes(known <= KNOWN_WITHIN_S),
+                    _time(recovered),
+                    _yes(recovered <= KNOWN_WITHIN_S),
                 )
             )
     for rover, alarms, hours in _totals([*run.constant, *(score.before for score in run.changes)]):
@@ -132,8 +132,9 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
 
 def _changes(scores: list[ChangeScore]) -> str:
     head = (
-        "rover", "change", "drives", "crossing s", "detected %", "detected median s", "detected p90 s", "recovered s, c / tan phi",
-        "error after 15 s %, c / tan phi", "fresh error after 15 s %", "in 95 % after 15 s, c / tan phi", "in 95 % after 40 s",
+        "rover", "change", "drives", "crossing s", "detected %", "detected median s",
+        "detected p90 s", "recovered s, c / tan phi", "error after 15 s %, c / tan phi",
+        "fresh error after 15 s %", "in 95 % after 15 s, c / tan phi", "in 95 % after 40 s",
     )  # fmt: skip
     lines = []
     for score in scores:
@@ -142,11 +143,11 @@ def _changes(scores: list[ChangeScore]) -> str:
             _name(score),
             " / ".join(map(str, score.drives)),
         ]
-        line += [f"{score.crossing_s:.1f}", f"{100.0 * score.found:.0f}"]
+        line += [f"{score.crossing_s:.1f}", f"{100.0 * score.detected:.0f}"]
         line += [
             _quantile(score.delay_median_s),
             _quantile(score.delay_p90_s),
-            " / ".join(map(_seconds, score.known_s)),
+            " / ".join(map(_seconds, score.recovered_s)),
         ]
         line += [
             _both(values, 100.0, 1)

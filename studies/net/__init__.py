@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the learnt features are worth."""
+"""Contribution of the learnt features to the estimates."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measure what the learnt features of a model contribute, on plants with and without hidden effects.
+"""Measure the contribution of a model's learnt features, with and without hidden effects.
 
 Called by ``make net``; prints a table and writes all figures as JSON.
 """
@@ -27,9 +27,18 @@ from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.terrain.soil import Soil
 
-HEADER = """| plant | | c error, median | tan phi error | coverage of 95 % of c | of tan phi | velocity NLL | change by the net | NIS |
-|---|---|---|---|---|---|---|---|---|
-"""
+COLUMNS = (
+    "plant",
+    "",
+    "c error, median",
+    "tan phi error",
+    "coverage of 95 % of c",
+    "of tan phi",
+    "velocity NLL",
+    "change by the net",
+    "NIS",
+)
+HEADER = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
 
 
 @interruptible
@@ -133,7 +142,7 @@ def _probability(text: str) -> float:
 def _soil(loaded: LoadedModel, name: str) -> Soil:
     known = {soil.name: soil for soil in loaded.metadata.soils}
     if name and name not in known:
-        raise ModelFileError(f"--soil {name}: the model {loaded.model_id} knows {', '.join(known)}")
+        raise ModelFileError(f"--soil {name}: the model {loaded.model_id} has {', '.join(known)}")
     return known[name] if name else loaded.metadata.soils[0]
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the net is worth, trusted more or less: on the plant that the rows describe and on plants with hidden effects."""
+"""Comparison of models with and without the net, on plants with and without hidden effects."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -50,7 +50,8 @@ class NetCandidate:
     """A model with the net, beside physics alone on the same drives."""
 
     score: CellScore
-    nll_change: Limits  # of the one-step velocity predictive, with the net less without; a mean over drives [nat]
+    # of the one-step velocity predictive, with the net less without; a mean over drives [nat]
+    nll_change: Limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,10 @@ def compare(
     episodes: int,
     seed: int,
 ) -> Comparison:
-    """All models on ``episodes`` drives of 40 s, constants 5 % wrong; ``seed`` must be of no training."""
+    """Compare all models on ``episodes`` drives of 40 s with constants 5 % wrong.
+
+    ``seed`` must not be that of a training.
+    """
     drives = draw_drives(rover, soil, "S1", episodes, SPREAD, seed, hidden=PLANTS[plant])
     alone = _trace(physics, drives)
     found = {}
@@ -84,7 +88,7 @@ def compare(
 
 
 def limits(values: Tensor) -> Limits:
-    """Mean of ``values`` [N] that are not NaN, with its limits at CONFIDENCE."""
+    """Return the mean of ``values`` [N] that are not NaN, with its limits at CONFIDENCE."""
     values = values[~torch.isnan(values)]
     mean, error = float(values.mean()), float(values.std() / values.shape[0] ** 0.5)
     reach = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * error
@@ -92,7 +96,7 @@ def limits(values: Tensor) -> Limits:
 
 
 def velocity_nll(trace: Trace) -> Tensor:
-    """Mean negative log density [nat] of the measured velocities of each drive [N], predicted one step ahead."""
+    """Return the mean negative log density [nat] of each drive's velocities [N], one step ahead."""
     innovation, variance = trace.innovation[:, _SETTLED:], trace.variance[:, _SETTLED:]
     return (0.5 * (innovation.square() / variance + torch.log(2.0 * torch.pi * variance))).nanmean(
         1
@@ -109,4 +113,4 @@ def _score(model: PAlpaca, trace: Trace, drives: MeasuredDrives) -> CellScore:
     unknown = torch.full(
         (*trace.mean.shape, 2), torch.nan, dtype=torch.float64
     )  # the bound of a plant with hidden effects
-    return score(judge(trace, drives, unknown, model.prior_sd))
+    return score(judge(trace, drives, unknown, model.hypotheses.prior_sd))

@@ -25,15 +25,15 @@ from terramechanics.vehicle.rover import load_rover
 ROVER = "paper_rover"
 SOILS = ("loose_sand", "compact_sand")
 STRENGTHS = (0.0, 3.3e-5, 3.3e-4, 3.3e-3, 3.3e-2, 3.3e-1, 3.3)
-"""Of the paper's trade-off figure."""
+"""Weights of the penalty in the paper's trade-off figure."""
 PAPER_STRENGTH = 3.3e-2
-"""Of its other figures: the weight that the authors' code starts with."""
+"""Weight in its other figures, with which the authors' code starts."""
 WHITENED_STRENGTH = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """How much is computed."""
+    """Size of the experiments."""
 
     seed: int = 0
     tasks: int = 200  # drives to train on, for each plant and soil
@@ -46,7 +46,7 @@ class Size:
 
 
 QUICK = Size(tasks=8, trainings=2, drives=3, duration_s=6.0, iterations=4, columns=4, hidden=8)
-"""Runs through everything in seconds; its numbers mean nothing."""
+"""Size for a run of seconds, whose numbers are meaningless."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class Variant:
 
 
 def variants(cell: PaperCell) -> list[Variant]:
-    """The trained models of a cell; the trade-off over strengths is on loose sand, as in the paper."""
+    """Return the models to train for a cell; the trade-off is on loose sand, as in the paper."""
     strengths = STRENGTHS if cell.soil == "loose_sand" else (0.0, PAPER_STRENGTH)
     return [
         Variant("P-ALPaCA without nominal", nominal=False),
@@ -92,7 +92,7 @@ def variants(cell: PaperCell) -> list[Variant]:
 
 
 def strength_name(strength: float) -> str:
-    """What tables call P-ALPaCA with nominal features and that weight of the paper's penalty."""
+    """Return the name of P-ALPaCA with nominal features and this weight of the paper's penalty."""
     return f"P-ALPaCA + nominal, {strength:g}"
 
 
@@ -119,7 +119,10 @@ def draw(cell: PaperCell, size: Size) -> Data:
 def train_variant(
     cell: PaperCell, variant: Variant, repeat: int, training: LevelDrives, size: Size
 ) -> LearntModel:
-    """Train one model for the ``repeat``-th time; nominal features are the paper's closed form on both plants."""
+    """Train one model for the ``repeat``-th time.
+
+    Nominal features are the paper's closed form on both plants.
+    """
     forces = closed_form_forces if variant.nominal else None
     car, constants = vehicle(load_rover(ROVER), cell.plant), load_soil(cell.soil).constants()
     model = LearntModel(car, constants, forces, size.columns, size.hidden, variant.span)
@@ -135,7 +138,7 @@ def train_variant(
 
 
 def methods(cell: PaperCell, trained: dict[str, list[LearntModel]]) -> list[list[Method]]:
-    """All methods of a cell, trained ones last and as often as they were trained."""
+    """Return all methods of a cell, trained ones last, one for each training."""
     car, constants, prior = (
         vehicle(load_rover(ROVER), cell.plant),
         load_soil(cell.soil).constants(),

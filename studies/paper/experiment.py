@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the paper's experiments: every cell, every model, every method; the same seed gives the same numbers."""
+"""The paper's experiments: every cell, model and method; reproducible from the seed."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, as_completed
@@ -30,12 +30,12 @@ from studies.workers import workers
 from terramechanics.vehicle.rover import load_rover
 
 Report = Callable[[float, str], None]
-"""Is told the share that is done, and what is being done."""
+"""Receives the share that is done, and the present step."""
 
 
 @dataclass(frozen=True, slots=True)
 class MethodCurves:
-    """What the pictures show of one method on the paper's test drives of a cell."""
+    """Curves of one method on the paper's test drives of a cell, for the pictures."""
 
     example: Tensor | None  # [time, 2] c [Pa], tan phi of the first drive
     example_sd: Tensor | None  # [time, 2]
@@ -46,7 +46,7 @@ class MethodCurves:
 
 @dataclass(slots=True)
 class CellResult:
-    """All of one cell."""
+    """Results of one cell."""
 
     cell: PaperCell
     kept: float
@@ -57,7 +57,7 @@ class CellResult:
 
 
 def run(size: Size, jobs: int, report: Report) -> list[CellResult]:
-    """Everything, with ``jobs`` processes."""
+    """Run all experiments with ``jobs`` processes."""
     cells = [PaperCell(plant, soil) for plant in PaperPlant for soil in SOILS]
     trainings = size.trainings * sum(len(variants(cell)) for cell in cells)
     steps = len(cells) + trainings + len(cells)
@@ -100,7 +100,7 @@ def _waited(future: Future[Data], report: Report, share: float) -> Data:
 
 
 def evaluate(cell: PaperCell, data: Data, models: dict[str, list[LearntModel]]) -> CellResult:
-    """Every method, in all its trainings, on both sets of drives."""
+    """Evaluate every method, in all its trainings, on both sets of drives."""
     result = CellResult(cell, data.kept, data.testing.strength[0])
     for trainings in methods(cell, models):
         name = trainings[0].name
@@ -113,7 +113,7 @@ def evaluate(cell: PaperCell, data: Data, models: dict[str, list[LearntModel]]) 
 
 
 def _all_trainings(trainings: list[Method], drives: LevelDrives) -> tuple[Estimates, LevelDrives]:
-    """The estimates of every training one behind the other, and the drives repeated to match."""
+    """Return the estimates of all trainings in a row, and the drives repeated to match."""
     parts = [method.estimate(drives) for method in trainings]
 
     def joined(name: str) -> Tensor | None:
@@ -130,7 +130,7 @@ def _all_trainings(trainings: list[Method], drives: LevelDrives) -> tuple[Estima
 
 
 def bound(cell: PaperCell, drives: LevelDrives) -> Scores:
-    """The bound's median and mean |error|, those of a Gaussian of its deviation."""
+    """Return the bound's median and mean |error|, those of a Gaussian of its deviation."""
     forces = closed_form_forces if cell.plant is PaperPlant.CLOSED_FORM else quadrature_forces
     deviation = cramer_rao(drives, vehicle(load_rover(ROVER), cell.plant), BaselinePrior(), forces)
     percent = 100.0 * deviation / drives.strength
@@ -147,7 +147,7 @@ def bound(cell: PaperCell, drives: LevelDrives) -> Scores:
 
 
 def curves(estimates: Estimates, drives: LevelDrives) -> MethodCurves:
-    """Series for the pictures."""
+    """Return the series for the pictures."""
     levels = torch.tensor([0.25, 0.5, 0.75], dtype=torch.float64)
     cohesion = angle = velocity = None
     if estimates.parameters is not None:

@@ -27,7 +27,7 @@ SHOWN = (
 )
 """Methods in the pictures of estimates."""
 WITH_INTERVAL = (strength_name(0.0), strength_name(PAPER_STRENGTH), "integrated")
-"""Those whose 95 % intervals are drawn: more would hide each other."""
+"""Methods whose 95 % intervals are drawn; more would overlap."""
 PREDICTING = (
     "constant guess",
     "linear",
@@ -126,7 +126,7 @@ def _estimate(ax: Axes, result: CellResult, name: str, row: int, colour: str) ->
 
 
 def _errors(results: list[CellResult], path: Path) -> None:
-    """Errors over time, medians with quartiles over the test drives."""
+    """Draw errors over time, medians with quartiles over the test drives."""
     with _axes(
         path,
         2,
@@ -162,7 +162,7 @@ def _errors(results: list[CellResult], path: Path) -> None:
 
 
 def _velocity(results: list[CellResult], path: Path) -> None:
-    """One-step prediction error, averaged over a second."""
+    """Draw the one-step prediction error, averaged over a second."""
     with _axes(
         path,
         1,
@@ -186,13 +186,16 @@ def _velocity(results: list[CellResult], path: Path) -> None:
 
 
 def _whiskers(values: list[float]) -> list[list[float]]:
-    """Lengths below and above the median, as errorbar takes them."""
+    """Return the lengths below and above the median, for errorbar."""
     low, middle, high = values
     return [[middle - low], [high - middle]]
 
 
 def _trade_off(results: list[CellResult], path: Path) -> None:
-    """Prediction against estimation error over the strengths of the paper's penalty; the paper's own points beside it."""
+    """Draw prediction against estimation error over the strengths of the paper's penalty.
+
+    The paper's own points are in the second panel.
+    """
     loose = next(result for result in results if result.cell.soil == "loose_sand")
     with _axes(
         path, 1, 2, f"{loose.cell.plant.value} plant, loose sand: strength of orthogonality"

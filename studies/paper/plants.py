@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The two plants of the paper: what its text says, and what its code does. Level ground, torques drawn every step.
+"""The two plants of the paper, that of its text and that of its code.
 
-INTEGRATED   the rover of terramechanics on the stress integrals, schedule S2: suspension, load
-transfer, six wheels CLOSED_FORM  the closed form f0 to f4, as in the authors' public code: three
-wheels with the loads of its suspension, slip and
-             sinkage the least-squares compromise between load, torque, and a traction of torque / r
+Ground is level, torques are drawn every step.
+
+INTEGRATED: the rover of terramechanics on the stress integrals, schedule S2, with suspension, load
+transfer and six wheels.
+
+CLOSED_FORM: the closed form f0 to f4, as in the authors' public code. Three wheels have the loads
+of its suspension. Slip and sinkage are the least-squares compromise between load, torque, and a
+traction of torque / r.
 """
 
 import math
@@ -27,7 +31,7 @@ from terramechanics.vehicle.rover import Rover
 
 
 class PaperPlant(Enum):
-    """What moves the rover."""
+    """Plant that moves the rover."""
 
     CLOSED_FORM = "closed form"
     INTEGRATED = "integrated"
@@ -35,7 +39,7 @@ class PaperPlant(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PaperNoise:
-    """Sensors as in the authors' code: deviations relative to the value, none of them on level attitude."""
+    """Noise as in the authors' code: relative deviations of slip and sinkage, level attitude."""
 
     slip: float = 0.05
     sinkage: float = 0.05
@@ -44,7 +48,7 @@ class PaperNoise:
 
 @dataclass(frozen=True, slots=True)
 class Draw(StrengthRange):
-    """The same, and each soil constant is off by up to ``spread`` [1]."""
+    """Range of strength, with each soil constant wrong by up to ``spread`` [1]."""
 
     spread: float = 0.0
 
@@ -57,26 +61,26 @@ NARROW = Draw(((700.0, 1300.0),), (degrees(25.0, 40.0),))
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What is true of a batch of drives; shapes as in Drives."""
+    """True motion of a batch of drives; shapes as in LevelDrives."""
 
     slip: Tensor
     sinkage: Tensor
     torque: Tensor
     load: Tensor
     velocity: Tensor  # [batch, time + 1]
-    good: Tensor  # [batch] bool: it moved, and every wheel was in the model's range, all the time
+    good: Tensor  # [batch] bool: always moving, every wheel in the model's range
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Drives that went to their end, and the share of all that were begun."""
+    """Drives that reached their end, and their share of all drives begun."""
 
     drives: LevelDrives
     kept: float
 
 
 def vehicle(rover: Rover, plant: PaperPlant) -> Vehicle:
-    """What the methods need of a rover; on the closed form there is one wheel an axle."""
+    """Return a rover for the methods; on the closed form it has one wheel an axle."""
     wheels = rover.wheels_per_axle if plant is PaperPlant.INTEGRATED else 1
     return Vehicle(rover.mass, wheels, rover.wheel_radius, rover.wheel_width, TIME_STEP)
 
@@ -91,7 +95,10 @@ def draw_drives(
     generator: torch.Generator,
     noise: PaperNoise | None = None,
 ) -> Batch:
-    """``count`` measured drives that went to their end. Raises ValueError where ground and torques hardly ever let one."""
+    """Draw and measure ``count`` drives that reach their end.
+
+    Raises ValueError where hardly any drive does.
+    """
     parts: list[LevelDrives] = []
     begun = found = 0
     while found < count:
@@ -122,7 +129,7 @@ def measured(
     noise: PaperNoise,
     generator: torch.Generator,
 ) -> LevelDrives:
-    """Add the noise of the sensors; a deviation is published from the measured value."""
+    """Add the noise of the sensors; deviations follow from the measured values."""
 
     def shaken(true: Tensor) -> Tensor:
         return torch.randn(true.shape, generator=generator, dtype=torch.float64)
@@ -161,7 +168,10 @@ def _joined(parts: list[LevelDrives]) -> LevelDrives:
 def integrated_motion(
     rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator
 ) -> Motion:
-    """Drives of the rover of terramechanics on ground of ``constants`` [batch, 6] and ``strength`` [batch, 2]."""
+    """Simulate the rover of terramechanics.
+
+    The ground has ``constants`` [batch, 6] and ``strength`` [batch, 2].
+    """
     drive = simulate(
         rover, Ground([Patch(constants, strength)]), "S2", duration_s, generator, constants.shape[0]
     )
@@ -180,7 +190,7 @@ def integrated_motion(
 FIRST_BAND, SECOND_BAND = (0.9, 1.2), (0.3, 0.6)
 """[N m] Torques of one wheel in the authors' code, drawn anew for every wheel and step."""
 SLIPS, DEPTHS = (-0.5, 0.9), (math.log(1e-6), math.log(0.2))
-"""[1] and log of [m]: where slip and sinkage are looked for."""
+"""[1] and log of [m]: ranges of the search for slip and sinkage."""
 LM_STEPS = 40
 """Levenberg-Marquardt steps of a wheel's compromise."""
 
@@ -188,7 +198,7 @@ LM_STEPS = 40
 def closed_form_motion(
     rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator
 ) -> Motion:
-    """Drives on the closed form as in the authors' code, from rest, with the torques of its two bands."""
+    """Simulate the closed form of the authors' code, from rest, with torques of its two bands."""
     batch, steps = constants.shape[0], round(duration_s / TIME_STEP)
     share = torch.rand(batch, steps, rover.axles, generator=generator, dtype=torch.float64)
     first = (torch.arange(1, steps + 1) * TIME_STEP <= BAND_DURATION + 1e-6).view(1, -1, 1)
@@ -217,7 +227,7 @@ _MOTIONS: dict[PaperPlant, Callable[[Rover, Tensor, Tensor, float, torch.Generat
 def _forces(
     rover: Rover, slip: Tensor, sinkage: Tensor, constants: Tensor, strength: Tensor
 ) -> Tensor:
-    """N, T [N] and M [N m] [batch, n, 3] of wheels [batch, n]."""
+    """Return N, T [N] and M [N m] [batch, n, 3] of wheels [batch, n]."""
     affine = wheel_forces_linear_stress(
         slip, sinkage, constants.unsqueeze(1), rover.wheel_radius, rover.wheel_width
     )
@@ -231,11 +241,11 @@ def _ends(band: tuple[float, float]) -> tuple[Tensor, Tensor]:
 
 
 def authors_loads(weight: float, traction: Tensor) -> Tensor:
-    """Loads [..., 3] of the wheels of the authors' suspension on level ground under ``traction`` [..., 3], both in N.
+    """Return the wheel loads [..., 3] of the authors' suspension under ``traction`` [..., 3], in N.
 
-    Moments of the rocker about the pivot, of the bogie about the pivot, and the sum of the loads.
-    The lever arms are those of its links of 2, 1, 1.145 and 1.983 m; the bogie's second one is not
-    the height that it should be, but what the code has.
+    They balance the weight and the moments of rocker and bogie about their pivots, on level ground.
+    The lever arms are those of its links of 2, 1, 1.145 and 1.983 m. The bogie's second one is that
+    of the code, not the true height.
     """
     total, (front, middle, rear) = traction.sum(-1), traction.unbind(-1)
     first = (0.9063 * weight + 1.3916 * front + 0.4226 * total) / 2.3205
@@ -246,15 +256,15 @@ def authors_loads(weight: float, traction: Tensor) -> Tensor:
 def _compromise(
     rover: Rover, torque: Tensor, load: Tensor, constants: Tensor, strength: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Slip and sinkage [batch, n] of wheels that come closest to ``load``, a traction of torque / r, and ``torque`` [batch, n].
+    """Return the slip and sinkage [batch, n] of wheels that best match ``load`` and ``torque``.
 
-    Three conditions on two unknowns, in N, N and N m without weights, as the authors' code solves
-    them.
+    The third condition is a traction of torque / r. Three conditions on two unknowns, in N, N and
+    N m without weights, as in the authors' code.
     """
-    wanted = torch.stack([load, torque / rover.wheel_radius, torque], -1)
+    target = torch.stack([load, torque / rover.wheel_radius, torque], -1)
 
     def miss(u: Tensor) -> Tensor:
-        return _forces(rover, u[..., 0], u[..., 1].exp(), constants, strength) - wanted
+        return _forces(rover, u[..., 0], u[..., 1].exp(), constants, strength) - target
 
     slip = torch.full_like(torque, 0.02)
     depth = _carrying_sinkage(rover, slip, constants, strength, load).log()
@@ -289,7 +299,10 @@ def _compromise(
 def _carrying_sinkage(
     rover: Rover, slip: Tensor, constants: Tensor, strength: Tensor, load: Tensor
 ) -> Tensor:
-    """Sinkage [m] at which a wheel carries ``load`` [N] at ``slip``, [batch, n] both: bisection in its logarithm."""
+    """Return the sinkage [m] at which a wheel carries ``load`` [N] at ``slip``, both [batch, n].
+
+    Found by bisection in its logarithm.
+    """
     low, high = (torch.full_like(slip, end) for end in DEPTHS)
     for _ in range(12):  # a start, no solution
         middle = 0.5 * (low + high)

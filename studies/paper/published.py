@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the paper and its authors' stored results report (Banerjee et al. 2020), in percent."""
+"""Figures of the paper and of its authors' stored results (Banerjee et al. 2020), in percent."""
 
 TRADE_OFF = {
     "linear": (4.04, 2.62),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is reported of a method: quartiles over drives, means, and shares."""
+"""Scores of a method: quartiles over drives, means, and shares."""
 
 import torch
 from torch import Tensor
@@ -10,30 +10,30 @@ from studies.baselines.interface import Estimates
 from terramechanics.simulation.simulation import TIME_STEP
 
 TIMES_S = (5.0, 10.0, 20.0, 40.0)
-"""[s] At which estimates are compared."""
+"""[s] Times at which estimates are compared."""
 Scores = dict[str, float | list[float] | dict[str, list[float]] | None]
 """Ready for JSON."""
 
 
 def quartiles(values: Tensor) -> list[float]:
-    """25 %, 50 % and 75 % of [drives]."""
+    """Return the 25 %, 50 % and 75 % quantiles of [drives]."""
     levels = torch.tensor([0.25, 0.5, 0.75], dtype=torch.float64)
     return [float(value) for value in torch.quantile(values, levels)]
 
 
 def relative_errors(parameters: Tensor, drives: LevelDrives) -> Tensor:
-    """|error| of c, tan phi and phi in percent of the truth, [drives, time, 3]."""
+    """Return |error| of c, tan phi and phi in percent of the truth, [drives, time, 3]."""
     truth, estimate = _with_angle(drives.strength.unsqueeze(1)), _with_angle(parameters)
     return 100.0 * ((estimate - truth) / truth).abs()
 
 
 def _with_angle(parameters: Tensor) -> Tensor:
-    """c, tan phi, phi [..., 3]."""
+    """Append phi to c and tan phi: [..., 3]."""
     return torch.cat([parameters, torch.atan(parameters[..., 1:])], -1)
 
 
 def score(estimates: Estimates, drives: LevelDrives) -> Scores:
-    """All that is reported of one method on one set of drives."""
+    """Return all scores of one method on one set of drives."""
     scores: Scores = {}
     if estimates.parameters is not None:
         scores |= _parameter_scores(estimates.parameters, estimates.deviation, drives)

@@ -8,7 +8,7 @@ from studies.paper.scores import Scores
 
 
 def tables(results: list[CellResult]) -> str:
-    """All tables of a run, one after the other."""
+    """Return all tables of a run."""
     parts = []
     for result in results:
         title = f"{result.cell.plant.value} plant, {result.cell.soil.replace('_', ' ')}"
@@ -34,7 +34,7 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def _last(scores: Scores, name: str) -> str:
-    """Median and quartiles at the last time."""
+    """Format median and quartiles at the last time."""
     values = scores.get(name)
     if isinstance(values, dict):
         values = list(values.values())[-1]

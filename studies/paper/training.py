@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's training: the negative log predictive of the rest of a task given a context of random length, and two penalties."""
+"""The paper's training.
+
+The loss is the negative log predictive of the rest of a task given a context of random length, with
+two penalties.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +25,10 @@ from terrain_estimator.learning.loss import (
 
 @dataclass(frozen=True, slots=True)
 class PaperRecipe:
-    """Every choice of a training; the paper's are 1000 iterations of 20 tasks, the authors' code has 40 steps a task."""
+    """Settings of a training.
+
+    The paper has 1000 iterations of 20 tasks, the authors' code 40 steps a task.
+    """
 
     seed: int = 0
     iterations: int = 1000
@@ -29,7 +36,8 @@ class PaperRecipe:
     steps: int = 40
     learning_rate: float = 1e-3
     prior_rate: float = 1e-2  # of prior and noise, which are few and far from their start
-    strength: float = 0.0  # of the figure: the authors' code applies it to the mean over tasks and rows, not to the paper's sum
+    # as in the figure: the authors' code applies it to the mean over tasks and rows, not to the sum
+    strength: float = 0.0
     orthogonality: Orthogonality = Orthogonality.PAPER
     positivity: float = 1.0  # weight of the mean shortfall of c [kPa] and tan phi below zero
 
@@ -45,7 +53,7 @@ class PaperProgress:
 
 @dataclass(frozen=True, slots=True)
 class _Data:
-    """All that does not change in a training."""
+    """Data that stay constant in a training."""
 
     nominal: Tensor  # [tasks, time, 3]
     inputs: Tensor  # [tasks, time, INPUTS]
@@ -53,7 +61,7 @@ class _Data:
 
 
 def train(model: LearntModel, drives: LevelDrives, recipe: PaperRecipe) -> Iterator[PaperProgress]:
-    """Train ``model`` in place on noisy drives, yielding after every iteration; reproducible from the seed."""
+    """Train ``model`` in place on noisy drives, yielding after every iteration."""
     generator = torch.Generator().manual_seed(recipe.seed)
     for parameter in model.net.parameters():
         bound = parameter.shape[-1] ** -0.5
@@ -77,7 +85,8 @@ def train(model: LearntModel, drives: LevelDrives, recipe: PaperRecipe) -> Itera
             model, data, (chosen, steps), context, recipe.orthogonality
         )
         optimizer.zero_grad()
-        (loss + recipe.strength * penalty + recipe.positivity * negative).backward()  # type: ignore[no-untyped-call]
+        total = loss + recipe.strength * penalty + recipe.positivity * negative
+        total.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         yield PaperProgress(iteration, loss.item(), penalty.item())
     _share(model, data)
@@ -92,7 +101,7 @@ def _losses(
     context: Tensor,
     orthogonality: Orthogonality,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Predictive loss, orthogonality and shortfall of some samples of some tasks."""
+    """Return predictive loss, orthogonality and shortfall of some samples of some tasks."""
     nominal, inputs = data.nominal[place], data.inputs[place]
     target = data.increment[place] - nominal[..., -1]
     if model.span is FeatureSpan.PROJECTED:
@@ -115,7 +124,7 @@ def _losses(
 
 
 def _regress(model: LearntModel, nominal: Tensor, inputs: Tensor) -> None:
-    """Regression of the learnt features on the nominal ones over all samples: what ``Span.PROJECTED`` takes away."""
+    """Regress the learnt features on the nominal ones; ``PROJECTED`` subtracts that share."""
     with torch.no_grad():
         learnt = model.net((inputs - model.input_mean) / model.input_scale).flatten(0, -2)
         flat = nominal.flatten(0, -2)
@@ -123,6 +132,6 @@ def _regress(model: LearntModel, nominal: Tensor, inputs: Tensor) -> None:
 
 
 def _share(model: LearntModel, data: _Data) -> None:
-    """That regression over the whole training set, for use."""
+    """Store that regression over the whole training set, for use."""
     if model.span is FeatureSpan.PROJECTED:
         _regress(model, data.nominal[..., :-1], data.inputs)

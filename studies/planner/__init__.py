@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner's stop saves."""
+"""Rovers that the planner's stop saves, and its false stops."""

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives into patches of soft ground: how many rovers the planner's stop would have saved, and how often it stops for nothing.
+"""Drives into patches of soft ground: rovers that the planner's stop saves, and its false stops.
 
-A stop ends a drive and changes nothing before it, so each drive is simulated once to its end
-without the planner, and the planner, fed with what the sensors gave, says when it would have
-stopped.
+A stop ends a drive and changes nothing before it. So each drive is simulated once, to its end and
+without the planner. The planner then gets the measurements of the sensors, and the time of its stop
+is noted.
 """
 
 import math
@@ -37,18 +37,18 @@ from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 
 FIRM = StrengthRange(((1500.0, 5000.0),), (degrees(30.0, 45.0),))
-"""Ground that the drives begin on."""
+"""Ground at the start of the drives."""
 SOFT = StrengthRange(((200.0, 2000.0),), (degrees(10.0, 35.0),))
 """Ground of the patches: some hold the rover, some do not."""
 SPREAD = 0.05
 """[1] Each soil constant is wrong by up to this share."""
 DURATION_S = 70.0
 STARTS, LENGTHS, BORDERS = (3.0, 6.0), (1.0, 4.0), (0.05, 0.5)
-"""[m] Where a patch begins, how long it is, over what length its borders are blurred."""
+"""[m] Start and length of a patch, and the length over which its borders are blurred."""
 WITH_EFFECT = 0.5
-"""[1] Share of the drives with one effect that the planner does not know."""
+"""[1] Share of the drives with one effect that is not in the planner's model."""
 BATCH = 20
-"""Drives that are simulated together, onto one patch each but all in the same place."""
+"""Drives that are simulated together, each onto a patch in the same place."""
 PERIOD = 5
 """Observations between two pieces of advice: 0.5 s."""
 
@@ -59,38 +59,38 @@ class PatchOutcome:
 
     effect: str  # empty: none
     met_s: float  # when the front axle met the patch; infinite where it never did
-    stuck_s: float  # when slip passed what the rover never came back from; infinite where it passed
-    stop_s: float  # when the planner said stop; infinite where it never did
+    stuck_s: float  # when slip exceeded the recoverable; infinite where the rover passed
+    stop_s: float  # when the planner stopped it; infinite for never
     rest_s: float  # when the rover would have come to rest
     reason: Reason
-    slip: float  # mean slip when it said so
+    slip: float  # mean slip at the stop
     axles: int  # that were on the patch then
-    holds: bool  # whether its ground, under all wheels, would have held the rover on the slope where that was
+    holds: bool  # the patch, under all wheels, would have held the rover on the slope of the stop
 
     @property
     def counts(self) -> bool:
-        """Whether the drive met its patch before anything else happened to it."""
+        """True where the drive met its patch before it got stuck."""
         return self.met_s < min(self.stuck_s, math.inf)
 
     @property
     def trapped(self) -> bool:
-        """Whether the rover gets stuck without the planner."""
+        """True where the rover gets stuck without the planner."""
         return math.isfinite(self.stuck_s)
 
     @property
     def saved(self) -> bool:
-        """Whether the planner stops it before that."""
+        """True where the planner stops a rover before it gets stuck."""
         return self.trapped and self.rest_s < self.stuck_s
 
     @property
     def false_stop(self) -> bool:
-        """Whether the planner stops a rover that would have passed."""
+        """True where the planner stops a rover that would have passed."""
         return not self.trapped and math.isfinite(self.stop_s)
 
 
 @dataclass(frozen=True, slots=True)
 class PatchDrives:
-    """A batch of drives: what is true, and what each rover measured."""
+    """A batch of drives: the truth, and each rover's measurements."""
 
     rover: Rover
     sample: Sample
@@ -101,7 +101,10 @@ class PatchDrives:
 
 
 def draw_drives(rover: Rover, soil: str, count: int, generator: torch.Generator) -> PatchDrives:
-    """Drives (S1, over hills) from firm ground over a patch of soft ground of the same soil and on; the patch lies alike for all."""
+    """Simulate drives (S1, over hills) from firm ground across a patch of soft ground.
+
+    Both are of the same soil. The patch is in the same place for all drives.
+    """
     kind = load_soil(soil)
     firm, soft = (
         random_ground(kind, count, generator, SPREAD, strength).patches[0]
@@ -134,7 +137,7 @@ def draw_drives(rover: Rover, soil: str, count: int, generator: torch.Generator)
 
 
 def _effects(rover: Rover, count: int, generator: torch.Generator) -> tuple[list[str], Plant]:
-    """In a share of the drives one effect of random kind and size."""
+    """Draw one effect of random kind and size in a share of the drives."""
     ranges = {
         name: ends for family in Family for name, ends in largest_sizes(family, rover).items()
     }
@@ -155,7 +158,7 @@ def _effects(rover: Rover, count: int, generator: torch.Generator) -> tuple[list
 
 
 def belief_of(estimate: Estimate) -> Belief:
-    """What the planner is told of an estimate."""
+    """Return the belief that the planner gets from an estimate."""
     return Belief(
         estimate.mean,
         estimate.covariance,
@@ -166,7 +169,7 @@ def belief_of(estimate: Estimate) -> Belief:
 
 
 def estimates_of(model: LoadedModel, observations: list[Observation]) -> Iterator[Belief]:
-    """What the estimator says after each observation."""
+    """Yield the belief after each observation."""
     estimator = Estimator(model, CoreConfig())
     for observation in observations:
         yield belief_of(estimator.update(observation).estimate)
@@ -179,7 +182,7 @@ def judge(
     planner: Planner,
     config: AdviceConfig,
 ) -> PatchOutcome:
-    """What became of one drive. ``beliefs`` are the estimator's, one an observation; the planner is new."""
+    """Judge one drive with a new planner; ``beliefs`` are the estimator's, one an observation."""
     sample = drives.sample
     inside = (sample.contact[index] >= drives.patch[0]) & (sample.contact[index] < drives.patch[1])
     met, stuck = _first(inside[:, 0]), _first(sample.stuck[index])
@@ -217,7 +220,7 @@ def judge(
 
 
 def _first(happened: Tensor) -> float:
-    """Time [s] of the first True in [time]; infinite where there is none."""
+    """Return the time [s] of the first True in [time]; infinite where there is none."""
     steps = torch.nonzero(happened)
     return float(steps[0, 0] + 1) * TIME_STEP if steps.numel() else math.inf
 
@@ -225,7 +228,7 @@ def _first(happened: Tensor) -> float:
 def study(
     model: LoadedModel, soil: str, count: int, config: AdviceConfig, seed: int
 ) -> Iterator[PatchOutcome]:
-    """Outcomes of ``count`` drives on patches of one soil, in batches."""
+    """Yield the outcomes of ``count`` drives on patches of one soil, in batches."""
     table = TractionTable(model.rover, model.metadata.soils)
     generator = torch.Generator().manual_seed(seed)
     for first in range(0, count, BATCH):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the outcomes of drives into soft patches add up to."""
+"""Scores of drives into soft patches."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,17 +13,15 @@ from studies.planner.patches import PatchOutcome
 
 @dataclass(frozen=True, slots=True)
 class PatchScore:
-    """Of some drives; shares with their exact limits."""
+    """Figures of some drives; shares with their exact limits."""
 
     drives: int  # that met their patch
     trapped: int  # that get stuck without the planner
     saved: Share | None  # of the trapped; None where there is none
-    firm_axles: (
-        float  # mean number of axles that were not on the patch yet when a saved rover was stopped
-    )
+    firm_axles: float  # mean number of axles not yet on the patch at the stop of a saved rover
     slip: float  # largest true slip when a saved rover was stopped
     false_stops: Share | None  # of the drives that pass without the planner
-    too_weak: int  # false stops on ground that does not hold the rover: it passed because the patch is short
+    too_weak: int  # false stops on ground that does not hold the rover; the patch is short
     early: int  # stops before the patch was met, trapped or not
 
 

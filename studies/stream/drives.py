@@ -29,7 +29,7 @@ DURATION_S = 40.0
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """Results of N drives of T observations; NaN where nothing was predicted or a drive has ended."""
+    """Results of N drives of T observations; NaN without a prediction and after a drive's end."""
 
     truth: NDArray[np.float64]  # [N, 2] c [Pa], tan phi
     mean: NDArray[np.float64]  # [N, 2] last published

@@ -26,6 +26,9 @@ BODY_FRAME = "base_link"
 REQUIRED_INPUTS = ("wheel_slip", "wheel_sinkage", "odom")
 """Inputs that every observation needs; the first gives the stamps."""
 
+PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y
+PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
+
 ESTIMATE = "msg_defs/msg/TerrainEstimate"
 PREDICTION = "msg_defs/msg/MotionPrediction"
 HEALTH = "msg_defs/msg/EstimatorHealth"

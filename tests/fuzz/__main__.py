@@ -23,9 +23,9 @@ HEADING = "Fuzzing"
 SECTION = """{measured}
 Machine: {machine}.
 
-atheris (libFuzzer) changes sound files, guided by the branches that readers, mcap, rosbags and PyYAML
-take. A finding is any error but the one that a reader documents, more than {timeout_s} s, or more
-than {memory_gib} GiB of memory.
+atheris (libFuzzer) changes sound files, guided by the branches that readers, mcap, rosbags and
+PyYAML take. A finding is any error but the one that a reader documents, more than {timeout_s} s, or
+more than {memory_gib} GiB of memory.
 
 | reader | executions | features covered | finding |
 |---|---|---|---|

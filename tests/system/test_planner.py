@@ -92,7 +92,7 @@ def test_it_advises_once_a_period_and_says_when_it_does_not_know_yet(
         0,
         True,
     ), caller.output
-    assert "over the soils mud" in process.output
+    assert "its soils are mud" in process.output
     assert (
         process.output.count(
             "terrain_estimate is of model wheelbarrow-1, the planner's is mars_rover"
@@ -134,7 +134,7 @@ def test_the_documented_subscriber_stops_the_rover_before_a_soft_patch_traps_it_
         lambda: found[-1].stop and math.isnan(found[-1].measured_slip), "the rover stands", 60.0
     )
     assert listener.call(Trigger, "planner/resume", Trigger.Request()).success
-    process.wait_for_output("creep: nothing was measured on the move", timeout=60.0)
+    process.wait_for_output("creep: no measurement while driving", timeout=60.0)
     listener.spin_until(lambda: found[-1].commanded_speed > 0.02, "the rover moves again", 60.0)
     assert process.wait(120.0) == 0
     assert "the rover is stuck" not in process.output

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.console.arguments import make_folder
+from terrain_estimator.console.arguments import command_parser, make_folder
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model.model_file import DEFAULT_MODEL, ModelFileError, load_model
@@ -45,9 +45,7 @@ def model_path(text: str) -> Path:
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Write the model that the command line asks for; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="add_effect", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("add_effect", __doc__)
     parser.add_argument(
         "--effect",
         action="append",

@@ -28,6 +28,7 @@ from terrain_estimator.bags import (
     whole_bag,
 )
 from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.messaging.slip_source import (
@@ -192,9 +193,7 @@ def _add(
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="add_slip", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("add_slip", __doc__)
     parser.add_argument(
         "bag",
         type=Path,

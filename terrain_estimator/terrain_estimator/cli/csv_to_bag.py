@@ -14,6 +14,7 @@ from pathlib import Path
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, whole_bag
+from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.importing.mapping import Mapping, SignalNoise, read_mapping
 from terrain_estimator.importing.messages import SampleWriter
@@ -102,9 +103,7 @@ def _hints(mapping: Mapping) -> list[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="csv_to_bag", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("csv_to_bag", __doc__)
     parser.add_argument(
         "data",
         type=Path,

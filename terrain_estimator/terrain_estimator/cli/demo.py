@@ -7,16 +7,23 @@ Exit codes: 0 the replay is identical to live; 1 it is not; 2 wrong arguments, o
 
 import argparse
 import json
-import random
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.console.arguments import real
+from terrain_estimator.console.arguments import add_out, command_parser
 from terrain_estimator.console.interrupting import interruptible
-from terrain_estimator.demonstration.drive import DriveSettings, Recording, drive
+from terrain_estimator.demonstration.drive import (
+    DriveSettings,
+    Recording,
+    add_duration,
+    add_pace,
+    add_seed,
+    drive,
+    random_domain,
+)
 from terrain_estimator.demonstration.figure import draw, read_curves
 from terrain_estimator.demonstration.processes import FleetError, executable
 from terrain_estimator.offline.summary import write_summary
@@ -36,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         rover=options.rover,
         soil=options.soil,
         schedule=options.schedule,
-        domain_id=options.domain_id or random.SystemRandom().randint(1, 101),
+        domain_id=options.domain_id or random_domain(),
     )
     try:
         return run(what, options.out)
@@ -46,30 +53,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/demo"),
-        help="folder of the results (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--duration",
-        type=real(0.0, exclusive=True),
-        default=60.0,
-        help="simulated time [s] (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--real-time-factor",
-        type=real(0.0, exclusive=True),
-        default=5.0,
-        help="simulated time over real time (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=1, help="seed of drive and noise (default: %(default)s)"
-    )
+    parser = command_parser("demo", __doc__)
+    add_out(parser, "out/demo")
+    add_duration(parser, 60.0)
+    add_pace(parser, 5.0)
+    add_seed(parser)
     parser.add_argument(
         "--rover", default="mars_rover", help="rover preset or file (default: %(default)s)"
     )
@@ -77,12 +65,6 @@ def _parser() -> argparse.ArgumentParser:
         "--soil", default="loose_sand", help="soil preset or file (default: %(default)s)"
     )
     parser.add_argument("--schedule", default="S1", help="drive: S1 to S4 (default: %(default)s)")
-    parser.add_argument(
-        "--domain-id",
-        type=int,
-        default=0,
-        help="ROS domain (default: a random one, so that nothing else is disturbed)",
-    )
     return parser
 
 

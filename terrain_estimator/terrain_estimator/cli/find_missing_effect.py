@@ -8,23 +8,25 @@ For single-wheel measurements see find_missing_effect --wheel-table FILE.csv --h
 """
 
 import argparse
-import dataclasses
-import math
 import random
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.cli import single_wheel
-from terrain_estimator.console.arguments import SEED, WORKERS, effects, make_folder, refuse_twice
+from terrain_estimator.console.arguments import (
+    WORKERS,
+    add_search_options,
+    command_parser,
+    make_folder,
+    refuse_twice,
+)
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery import (
-    Diagnosis,
     Finding,
     Nominal,
     Proof,
@@ -38,18 +40,15 @@ from terrain_estimator.discovery import (
     singles,
 )
 from terrain_estimator.discovery.evidence.thresholds import read_thresholds
-from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.learning.finding_model import check_model, write_model
 from terrain_estimator.model.model_file import ModelFileError
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
 from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workplace
+from terrain_estimator.offline.finding_content import finding_content, finding_sentence
 from terrain_estimator.offline.finding_file import asked, provenance, write_finding
 from terrain_estimator.offline.topic_mapping import TopicError
-from terrain_estimator.pages.finding_words import doubt_note
-from terramechanics.effects import describe
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -99,7 +98,7 @@ def main(arguments: list[str] | None = None) -> int:
             "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
         }
         written = write_finding(
-            options.out, summary(finding, diagnosis, usable.blocks, unseen, proof) | told
+            options.out, finding_content(finding, diagnosis, usable.blocks, unseen, proof) | told
         )
         model = write_model(finding, nominal.rover, base, options.out / "model.pt")
     except (ConfigError, ClusterError, InputError, ModelFileError, TopicError, OSError) as error:
@@ -109,18 +108,16 @@ def main(arguments: list[str] | None = None) -> int:
         " (unproven: no run was held out)" if isinstance(model, Path) and proof is None else ""
     )
     sys.stdout.write(
-        "\n".join([sentence(finding, diagnosis, proof), *map(str, written), f"{model}{unproven}"])
+        "\n".join(
+            [finding_sentence(finding, diagnosis, proof), *map(str, written), f"{model}{unproven}"]
+        )
         + "\n"
     )
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="find_missing_effect",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser("find_missing_effect", __doc__)
     parser.add_argument(
         "runs", nargs="+", type=Path, metavar="RUN", help="bags of drives, at least two"
     )
@@ -135,36 +132,20 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--rover",
         default="",
-        help=(
-            f"name of a rover or path of a rover file (default: the parameter rover, else {ROVER})"
-        ),
-    )
-    parser.add_argument(
-        "--soil",
-        default="loose_sand",
-        help="name of a soil or path of a soil file (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--library",
-        type=effects,
-        default=(),
-        metavar="NAME,...",
-        help="effects to consider (default: all that a planar rover shows)",
+        help=f"name of a rover or path of a rover file (default: parameter rover, else {ROVER})",
     )
     parser.add_argument(
         "--model",
         default="",
-        help=(
-            "name or file of the model to extend (default: parameter model, else the rover's name)"
-        ),
+        help="name or file of the model to extend (default: parameter model, else the rover's)",
     )
+    add_search_options(parser, "all that a planar rover shows", "held-out choice")
     add_options(parser)
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/finding"),
-        help="folder of the results (default: %(default)s)",
-    )
+    _add_processes(parser)
+    return parser
+
+
+def _add_processes(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         default="",
@@ -174,15 +155,8 @@ def _parser() -> argparse.ArgumentParser:
         "--workers",
         type=WORKERS,
         default=0,
-        help=(
-            f"processes on this machine; 0: this process alone, or one for each CPU above {FEW}"
-            " runs"
-        ),
+        help=f"processes on this machine; 0: only this one, or one for each CPU above {FEW} runs",
     )
-    parser.add_argument(
-        "--seed", type=SEED, default=0, help="seed of the held-out choice (default: %(default)s)"
-    )
-    return parser
 
 
 def _divided(options: argparse.Namespace) -> tuple[list[Path], list[Path]]:
@@ -251,103 +225,6 @@ def _proof(
         if unseen
         else None
     )
-
-
-def summary(
-    finding: Finding,
-    diagnosis: Diagnosis,
-    blocks: Sequence[Blocks],
-    unseen: Sequence[Blocks],
-    proof: Proof | None,
-) -> dict[str, Any]:
-    """Return the content of finding.json."""
-    judgement = finding.judgement
-    after = judgement.named[0] if judgement.named else None
-    return {
-        "verdict": str(judgement.verdict),
-        "probabilities": judgement.probabilities,
-        "effects": [
-            entry for hypothesis in judgement.named for entry in _effects(finding, hypothesis)
-        ],
-        "confusable_with": [each.label for each in judgement.named[1:]],
-        "separate_by": diagnosis.separate_by(judgement),
-        "left": [
-            {
-                "row": each.column.row,
-                "signal": each.column.signal,
-                "strength": math.sqrt(each.strength),
-            }
-            for each in finding.left[:3]
-        ],
-        **diagnosis.plain(),
-        "added": proof is not None and proof.added,
-        **(
-            proof.plain()
-            if proof
-            else {
-                "gap": dict.fromkeys(item.name for item in dataclasses.fields(Gap)),
-                "proof": None,
-            }
-        ),
-        "parameters": {"before": _parameters(finding, None), "after": _parameters(finding, after)},
-        "runs": [each.name for each in blocks],
-        "held_out": [each.name for each in unseen],
-    }
-
-
-def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
-    """Return the effects of one hypothesis, with sizes and evidence."""
-    candidate = finding.candidate(hypothesis)
-    factor = candidate.fit.log_evidence - finding.nothing.fit.log_evidence
-    probability = finding.judgement.probabilities[" + ".join(hypothesis.names)]
-    return [
-        {
-            "name": name,
-            "coefficient": size,
-            "sd": sd,
-            "unit": describe(name).unit,
-            "probability": probability,
-            "log_bayes_factor": factor,
-        }
-        for name, size, sd in candidate.sizes
-    ]
-
-
-def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, list[float]]:
-    """Return c [Pa] and tan phi of every run."""
-    fit = (finding.candidate(hypothesis) if hypothesis else finding.nothing).fit
-    return {
-        "cohesion_pa": [1000.0 * float(run.theta[0]) for run in fit.point.runs],
-        "tan_phi": [float(run.theta[1]) for run in fit.point.runs],
-    }
-
-
-def sentence(finding: Finding, diagnosis: Diagnosis, proof: Proof | None) -> str:
-    """Return the verdict in words, and the result on the held-out runs."""
-    unproven = "no run is held out: the finding is unproven, give a third run or --hold-out"
-    return f"{_verdict(finding, diagnosis)}\n{proof.sentence if proof else unproven}"
-
-
-def _verdict(finding: Finding, diagnosis: Diagnosis) -> str:
-    judgement = finding.judgement
-    labels = [each.label for each in judgement.named]
-    sizes = ", ".join(
-        f"{name} {size:.4g} +- {sd:.2g} {describe(name).unit}"
-        for name, size, sd in finding.best.sizes
-    )
-    left = finding.left[0].column if finding.left else None
-    words = {
-        "none": "no missing effect shows in these runs",
-        "named": f"named: {sizes}",
-        "confusable": (
-            f"confusable: {', '.join(labels)}. To separate: {diagnosis.separate_by(judgement)}"
-        ),
-        "unknown": (
-            f"unknown: no named effect explains it (closest: {', '.join(labels)})"
-            + (f"; the {left.row} row depends on {left.signal}" if left else "")
-        ),
-    }
-    return words[judgement.verdict] + doubt_note(judgement.verdict, judgement.probabilities)
 
 
 if __name__ == "__main__":

@@ -6,18 +6,21 @@ Exit codes: 0 every 10 Hz topic keeps its rate; 1 a topic does not; 2 wrong argu
 process failed.
 """
 
-import argparse
-import random
 import sys
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from terrain_estimator.console.arguments import real
+from terrain_estimator.console.arguments import add_out, command_parser
 from terrain_estimator.console.interrupting import interruptible
-from terrain_estimator.demonstration.drive import DriveSettings, drive
+from terrain_estimator.demonstration.drive import (
+    DriveSettings,
+    add_duration,
+    add_seed,
+    drive,
+    random_domain,
+)
 from terrain_estimator.demonstration.processes import FleetError
 from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
@@ -31,28 +34,13 @@ TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES)
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Run the check; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="rate_check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/rate_check"),
-        help="folder of the results (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--duration",
-        type=real(0.0, exclusive=True),
-        default=30.0,
-        help="duration of the drive [s] (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=1, help="seed of drive and noise (default: %(default)s)"
-    )
+    parser = command_parser("rate_check", __doc__)
+    add_out(parser, "out/rate_check")
+    add_duration(parser, 30.0)
+    add_seed(parser)
     options = parser.parse_args(arguments)
-    domain_id = random.SystemRandom().randint(1, 101)
     what = DriveSettings(
-        options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", domain_id
+        options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", random_domain()
     )
     try:
         timing = drive(what, options.out, lambda _: None).timing

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from terrain_estimator.bags import BagError, Recovery, bag_name, recover
+from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 
 NOTHING, WRONG = 1, 2
@@ -67,11 +68,7 @@ def report(recovery: Recovery) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="recover_bag",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser("recover_bag", __doc__)
     parser.add_argument(
         "bag",
         type=Path,

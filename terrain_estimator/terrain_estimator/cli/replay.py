@@ -16,6 +16,7 @@ from rover_parameters.parameters import template
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, bag_name
 from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.estimator.summary import Beliefs
@@ -54,9 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="replay", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("replay", __doc__)
     parser.add_argument(
         "bags",
         nargs="*",

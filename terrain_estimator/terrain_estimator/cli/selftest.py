@@ -6,16 +6,15 @@ The drive goes through estimator, planner, map and recorder. Exit codes: 0 every
 output failed; 2 wrong arguments, or a process failed.
 """
 
-import argparse
-import random
 import sys
 import tempfile
 from collections import defaultdict
 from pathlib import Path
 
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.console.arguments import real
+from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.demonstration.drive import add_duration, add_pace, random_domain
 from terrain_estimator.demonstration.output_checks import OUTPUTS, OutputVerdict, verdicts
 from terrain_estimator.demonstration.processes import Fleet, FleetError
 from terrain_estimator.topics import Message
@@ -36,29 +35,11 @@ SIMULATION: dict[str, object] = {
 @interruptible
 def main(arguments: list[str] | None = None) -> int:
     """Run the test; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="selftest", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--duration",
-        type=real(0.0, exclusive=True),
-        default=10.0,
-        help="simulated time [s] (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--real-time-factor",
-        type=real(0.0, exclusive=True),
-        default=4.0,
-        help="simulated time over real time (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--domain-id",
-        type=int,
-        default=0,
-        help="ROS domain (default: a random one, so that nothing else is disturbed)",
-    )
+    parser = command_parser("selftest", __doc__)
+    add_duration(parser, 10.0)
+    add_pace(parser, 4.0)
     options = parser.parse_args(arguments)
-    domain_id = options.domain_id or random.SystemRandom().randint(1, 101)
+    domain_id = options.domain_id or random_domain()
     try:
         with tempfile.TemporaryDirectory(prefix="selftest_") as folder:
             bag = drive(Path(folder), domain_id, options.duration, options.real_time_factor)

@@ -7,33 +7,33 @@ table. c and tan phi are never reported: without drive torque they are not ident
 """
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import torch
 
 from rover_parameters.records import ConfigError, load, number
-from terrain_estimator.console.arguments import SEED, effects, make_folder, refuse_twice
+from terrain_estimator.console.arguments import (
+    add_search_options,
+    command_parser,
+    effects,
+    make_folder,
+    refuse_twice,
+)
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery.evidence.thresholds import read_thresholds
-from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.single_wheel import (
     Rig,
     Row,
-    WheelFinding,
     investigate_wheel,
     of_one_wheel,
     shown_by_one_wheel,
 )
-from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of, wheel_alone
-from terrain_estimator.discovery.single_wheel.investigation import FLOOR
+from terrain_estimator.discovery.single_wheel.cells import cells_of, wheel_alone
 from terrain_estimator.discovery.single_wheel.table import (
     SIDEWAYS_DEG,
     SLIP_DEFINITIONS,
@@ -41,7 +41,8 @@ from terrain_estimator.discovery.single_wheel.table import (
     WheelTableError,
     read_table,
 )
-from terrain_estimator.pages.finding_words import doubt_note
+from terrain_estimator.offline.finding_file import write_finding
+from terrain_estimator.offline.wheel_finding_content import wheel_content, wheel_sentence
 from terrain_estimator.pages.wheel_finding import wheel_page
 from terramechanics.effects import describe
 from terramechanics.terrain.soil import load_soil
@@ -51,12 +52,7 @@ LARGEST = 2.0
 """[m] Largest wheel of a testbed; a larger number is in another unit."""
 FEWEST = 3
 """Fewest settings of which a statement is possible."""
-NOT_IDENTIFIED = (
-    "c and tan phi are not identified: these tables have no drive torque, so both were left free"
-    " and are not reported"
-)
 SIDEWAYS = "lateral_bulldozing"
-REPLICATES = "replicates of one setting count as one measurement"
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,28 +107,20 @@ def main(arguments: list[str] | None = None) -> int:
             "soil": bed.soil.name,
             "reference": [path.name for path in options.reference],
         }
-        content = summary(outcome, bed, rows, reference, given, options) | {
-            "left_out": left_out,
-            "asked": asked_for,
-        }
-        text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-        (options.out / "finding.json").write_text(text, encoding="utf-8")
-        (options.out / "report.html").write_text(wheel_page(content), encoding="utf-8")
+        content = wheel_content(
+            outcome, bed, rows, reference, given, tables, by_trial=by_trial, seed=options.seed
+        )
+        content |= {"left_out": left_out, "asked": asked_for}
+        written = write_finding(options.out, content, wheel_page)
     except (ConfigError, WheelTableError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return 2
-    sys.stdout.write(
-        f"{sentence(outcome, bed)}\n{options.out / 'finding.json'}\n{options.out / 'report.html'}\n"
-    )
+    sys.stdout.write("\n".join([wheel_sentence(outcome, bed), *map(str, written)]) + "\n")
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="find_missing_effect",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command_parser("find_missing_effect", __doc__)
     parser.add_argument(
         "--wheel-table",
         nargs="+",
@@ -159,17 +147,22 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--wheel", type=Path, required=True, help="file of the wheel: name, radius and width [m]"
     )
+    add_search_options(parser, "all others that one wheel shows", "bootstrap")
     parser.add_argument(
-        "--soil",
-        default="loose_sand",
-        help="name of a soil or path of a soil file (default: %(default)s)",
+        "--hold-out-by",
+        choices=("cell", "trial"),
+        default="cell",
+        help=(
+            "unit that is held out in turn: one setting with all its replicates, or one trial of"
+            " all settings (default: %(default)s)"
+        ),
     )
-    parser.add_argument(
-        "--constants-sd",
-        type=float,
-        default=0.2,
-        help="relative deviation of each soil constant (default: %(default)s)",
-    )
+    _add_slip(parser)
+    _add_deviations(parser)
+    return parser
+
+
+def _add_slip(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--slip-definition",
         choices=SLIP_DEFINITIONS,
@@ -194,6 +187,15 @@ def _parser() -> argparse.ArgumentParser:
             " (default: %(default)s)"
         ),
     )
+
+
+def _add_deviations(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--constants-sd",
+        type=float,
+        default=0.2,
+        help="relative deviation of each soil constant (default: %(default)s)",
+    )
     parser.add_argument(
         "--sinkage-sd",
         type=float,
@@ -212,32 +214,6 @@ def _parser() -> argparse.ArgumentParser:
         default=0.35,
         help="repeatability of the lateral force [N] (default: %(default)s)",
     )
-    parser.add_argument(
-        "--hold-out-by",
-        choices=("cell", "trial"),
-        default="cell",
-        help=(
-            "unit that is held out in turn: one setting with all its replicates, or one trial of"
-            " all settings (default: %(default)s)"
-        ),
-    )
-    parser.add_argument(
-        "--library",
-        type=effects,
-        default=(),
-        metavar="NAME,...",
-        help="effects to consider (default: all others that one wheel shows)",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/finding"),
-        help="folder of the results (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed", type=SEED, default=0, help="seed of the bootstrap (default: %(default)s)"
-    )
-    return parser
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -326,130 +302,6 @@ def _read(
             f"{len(cells_of(usable).slip)} settings can be used, at least {FEWEST} are needed"
         )
     return usable, left_out
-
-
-def summary(
-    outcome: WheelFinding,
-    bed: Rig,
-    rows: Sequence[Row],
-    reference: frozenset[str],
-    given: Hypothesis,
-    options: argparse.Namespace,
-) -> dict[str, Any]:
-    """Return the content of finding.json, in the form of the findings about drives."""
-    judgement, cells = outcome.judgement, cells_of(rows, reference)
-    tried = int(cells.acts.sum())
-    return {
-        "verdict": str(judgement.verdict),
-        "probabilities": judgement.probabilities,
-        "effects": [
-            entry for hypothesis in judgement.named for entry in _effects(outcome, hypothesis)
-        ],
-        "confusable_with": [each.label for each in judgement.named[1:]],
-        "separate_by": outcome.separate_by,
-        "where": [],
-        "left": (
-            [dict(zip(("row", "signal"), outcome.left, strict=True))]
-            if judgement.verdict is Verdict.UNKNOWN
-            else []
-        ),
-        "gap": _gap(outcome, bed, options.seed),
-        "parameters": {"before": None, "after": None, "why": NOT_IDENTIFIED},
-        "runs": [path.name for path in (*options.wheel_table, *options.reference)],
-        "held_out": [
-            (
-                f"each of {tried} settings in turn"
-                if options.hold_out_by == "cell"
-                else "each trial in turn"
-            )
-        ],
-        "rows": [name for name, seen in zip(ROWS, cells.seen.any(0).tolist(), strict=True) if seen],
-        "settings": len(cells.slip),
-        "measurements": len(rows),
-        "given": list(given.names),
-        "limits": [NOT_IDENTIFIED, REPLICATES],
-    }
-
-
-def _effects(outcome: WheelFinding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
-    found = next(each for each in outcome.found if each.hypothesis == hypothesis)
-    probability = outcome.judgement.probabilities.get(" + ".join(hypothesis.names), 0.0)
-    factor = found.log_evidence - outcome.nothing.log_evidence
-    return [
-        {
-            "name": name,
-            "coefficient": size,
-            "sd": sd,
-            "unit": describe(name).unit,
-            "probability": probability,
-            "log_bayes_factor": factor,
-        }
-        for name, size, sd in found.sizes(outcome.first)
-    ]
-
-
-def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
-    """Return the gap on held-out settings: in deviations of repeatability, and by row in units."""
-    errors = outcome.held_out
-    before, after = errors.rms(bed.repeatability)
-    closed = None if after is None or before <= FLOOR else (before - after) / (before - FLOOR)
-    interval = errors.improvement_95(bed.repeatability, seed)
-    closed_95 = (
-        None
-        if interval is None or before <= FLOOR
-        else [end / (before - FLOOR) for end in interval]
-    )
-    rows = {}
-    for k, (name, unit) in enumerate(zip(ROWS, ("m", "N", "N"), strict=True)):
-        seen = ~np.isnan(errors.before[:, k])
-        if seen.any():
-            said = (
-                None if errors.after is None else float((errors.after[seen, k] ** 2).mean() ** 0.5)
-            )
-            said_before = float((errors.before[seen, k] ** 2).mean() ** 0.5)
-            rows[name] = {
-                "before": said_before,
-                "after": said,
-                "noise_floor": bed.repeatability[k],
-                "unit": unit,
-            }
-    gap = {
-        "before": before,
-        "after": after,
-        "noise_floor": FLOOR,
-        "closed": closed,
-        "closed_95": closed_95,
-    }
-    return gap | {"rows": rows, "proven": outcome.proven, "settings": errors.settings}
-
-
-def sentence(outcome: WheelFinding, bed: Rig) -> str:
-    """Return the verdict in words."""
-    judgement = outcome.judgement
-    labels = ", ".join(each.label for each in judgement.named)
-    words = {
-        Verdict.NONE: "no missing effect shows in these tables",
-        Verdict.NAMED: f"named: {labels}",
-        Verdict.CONFUSABLE: f"confusable: {labels}. To separate: {outcome.separate_by}",
-        Verdict.UNKNOWN: (
-            f"unknown (closest: {labels}; what is left depends most on {outcome.left[1]} in the"
-            f" {outcome.left[0]} row)"
-        ),
-    }[judgement.verdict]
-    words += doubt_note(judgement.verdict, judgement.probabilities)
-    before, after = outcome.held_out.rms(bed.repeatability)
-    proven = {None: "too few settings to prove it", True: "proven", False: "not proven"}[
-        outcome.proven
-    ]
-    told = (
-        ""
-        if after is None
-        else (
-            f"; held-out error from {before:.2f} to {after:.2f} deviations of repeatability,"
-            f" {proven}"
-        )
-    )
-    return f"{words}{told}. {NOT_IDENTIFIED[0].upper()}{NOT_IDENTIFIED[1:]}."
 
 
 if __name__ == "__main__":

@@ -117,10 +117,10 @@ def choose_device(name: str) -> torch.device:
 
 
 def _parser() -> argparse.ArgumentParser:
-    recipe = Recipe()
     parser = argparse.ArgumentParser(
         prog="train", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
+    recipe = Recipe()
     parser.add_argument(
         "--rover", nargs="+", default=list(ROVERS), help="names or YAML files of rovers"
     )
@@ -138,6 +138,12 @@ def _parser() -> argparse.ArgumentParser:
         help="folder of the training curves",
     )
     parser.add_argument("--seed", type=SEED, default=recipe.seed, help="seed of all random numbers")
+    _add_drives(parser, recipe)
+    _add_training(parser, recipe)
+    return parser
+
+
+def _add_drives(parser: argparse.ArgumentParser, recipe: Recipe) -> None:
     parser.add_argument(
         "--tasks",
         type=whole(recipe.batch),
@@ -167,6 +173,9 @@ def _parser() -> argparse.ArgumentParser:
         default=0,
         help="processes on this machine for the drives; 0: one, or one for each CPU if many",
     )
+
+
+def _add_training(parser: argparse.ArgumentParser, recipe: Recipe) -> None:
     parser.add_argument(
         "--device",
         choices=("auto", "cpu", "cuda"),
@@ -189,10 +198,9 @@ def _parser() -> argparse.ArgumentParser:
         default=PRIOR.constants_sd,
         help="relative deviation of each soil constant; 0: exact",
     )
-    penalties = [penalty.name.lower() for penalty in Orthogonality]
     parser.add_argument(
         "--orthogonality",
-        choices=penalties,
+        choices=[penalty.name.lower() for penalty in Orthogonality],
         default=recipe.orthogonality.name.lower(),
         help="kind of the penalty",
     )
@@ -205,7 +213,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--orthogonality-strength", type=real(0.0), default=recipe.strength, help="its weight"
     )
-    return parser
 
 
 def recipe_of(args: argparse.Namespace) -> Recipe:

@@ -3,7 +3,7 @@
 """Arguments that several commands take, checked before any work starts."""
 
 import math
-from argparse import ArgumentTypeError
+from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -12,6 +12,20 @@ from rover_parameters.records import ConfigError
 
 LARGEST_SEED = 2**32 - 1
 """Largest seed that torch and NumPy accept after commands have added to it."""
+
+
+def command_parser(name: str, description: str | None) -> ArgumentParser:
+    """Return the parser of a command, which shows ``description`` as it is written."""
+    return ArgumentParser(
+        prog=name, description=description, formatter_class=RawDescriptionHelpFormatter
+    )
+
+
+def add_out(parser: ArgumentParser, folder: str, what: str = "folder of the results") -> None:
+    """Add the option ``--out``."""
+    parser.add_argument(
+        "--out", type=Path, default=Path(folder), help=f"{what} (default: %(default)s)"
+    )
 
 
 def whole(low: int, high: int | None = None) -> Callable[[str], int]:
@@ -58,6 +72,26 @@ def real(low: float, high: float = math.inf, *, exclusive: bool = False) -> Call
 def effects(text: str) -> tuple[str, ...]:
     """Split names at commas, each once."""
     return tuple(dict.fromkeys(name for each in text.split(",") if (name := each.strip())))
+
+
+def add_search_options(parser: ArgumentParser, library: str, seed: str) -> None:
+    """Add the options of every search for effects; ``library`` and ``seed`` explain two of them."""
+    parser.add_argument(
+        "--soil",
+        default="loose_sand",
+        help="name of a soil or path of a soil file (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--library",
+        type=effects,
+        default=(),
+        metavar="NAME,...",
+        help=f"effects to consider (default: {library})",
+    )
+    parser.add_argument(
+        "--seed", type=SEED, default=0, help=f"seed of the {seed} (default: %(default)s)"
+    )
+    add_out(parser, "out/finding")
 
 
 def make_folder(option: str, folder: Path) -> None:

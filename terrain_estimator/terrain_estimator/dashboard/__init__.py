@@ -4,7 +4,8 @@
 
 - ``values``: messages as plain values.
 - ``history``: rows over time in constant memory.
-- ``journal``: changes in words.
+- ``reported_states``: states in the messages, in words.
+- ``journal``: changes of these states that lasted.
 - ``model``: all of these, and the part of them that a viewer lacks.
 - ``web``: the page and its viewers.
 

@@ -13,11 +13,13 @@ from typing import Any
 from terrain_estimator.config import ShownConfig
 from terrain_estimator.dashboard.history import ChartHistory, Row
 from terrain_estimator.dashboard.journal import Journal
+from terrain_estimator.dashboard.reported_states import reported_states
 from terrain_estimator.dashboard.values import TOPICS, Values
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.messaging.pairing import RESTART_AFTER
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.pages.number_format import finite
 from terrain_estimator.topics import Message, stamp_ns
 
 STALE_S = 2.5
@@ -29,8 +31,6 @@ BACK_S = 1.0
 
 A bag that loops may be short, and topics of one instant are not this far apart.
 """
-LIKELY = 0.5
-"""[1] Probability from which a change of the ground is an event."""
 TIMED = ("terrain_estimate", "wheel_slip", "wheel_sinkage", "odom")
 """Topics whose stamps are times of measurement."""
 
@@ -38,7 +38,6 @@ _BOUNDS = ("", "_lower_95", "_lower_68", "_upper_68", "_upper_95")
 _ESTIMATED = tuple(f"{name}{bound}" for name in ("cohesion", "tan_phi") for bound in _BOUNDS)
 _PLACE = ("x", "y", "z", "velocity")
 _WORST = ("change_probability", "outcome", "health")
-_EVENT_LEVELS = {"OK": "ok", "WARN": "warn"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,8 @@ class LiveModel:
         self._now[topic], self._heard_s[topic] = values, now_s
         self.revision += 1
         if not math.isnan(self._stamp_s):
-            self._judge(topic, values)
+            for each in reported_states(topic, values):
+                self._journal.see(each.lane, each.state, self._stamp_s, each.level, each.text)
 
     def _advance(self, stamp_s: float, now_s: float) -> None:
         """Complete the row of the previous instant when a later stamp arrives."""
@@ -157,58 +157,6 @@ class LiveModel:
             *(None if value is None else float(f"{value:.7g}") for value in values),
         )
 
-    def _judge(self, topic: str, values: Values) -> None:
-        """Note in the journal what is worth an event in this message."""
-        time_s, see = self._stamp_s, self._journal.see
-        if topic == "terrain_estimate":
-            refused = not values["used"] and values["outcome"] != Outcome.STANDSTILL.name
-            text = (
-                f"{values['outcome']}: {values['advice']}"
-                if refused
-                else "observations are used again"
-            )
-            see(
-                "outcome",
-                values["outcome"] if refused else "",
-                time_s,
-                "warn" if refused else "ok",
-                text,
-            )
-            if not refused:
-                level = "warn" if values["status"] == Status.DEGRADED.name else "ok"
-                see("status", values["status"], time_s, level, values["status_text"])
-            probability = values["change_probability"] or 0.0
-            changed = probability > LIKELY
-            text = (
-                f"the ground changed (probability {probability:.0%})"
-                if changed
-                else "the ground has settled"
-            )
-            see("ground", "changed" if changed else "", time_s, "warn" if changed else "ok", text)
-        elif topic == "estimator_health":
-            see(
-                "health",
-                values["level"],
-                time_s,
-                _EVENT_LEVELS.get(values["level"], "error"),
-                f"health: {values['summary']}",
-            )
-            resets = values["resets"]
-            text = (
-                f"the posterior was reset ({resets} times since the start)"
-                if resets
-                else "the estimator restarted"
-            )
-            see("resets", str(resets or ""), time_s, "warn", text)
-        elif topic == "traction_advice":
-            stop = values["stop"]
-            text = (
-                f"planner: {values['status_text']}"
-                if stop
-                else "planner: the stop recommendation is withdrawn"
-            )
-            see("stop", "stop" if stop else "", time_s, "error" if stop else "ok", text)
-
     def update(self, cursor: Cursor, now_s: float) -> str:
         """Return what a viewer with this cursor lacks, as JSON.
 
@@ -224,8 +172,8 @@ class LiveModel:
             "journal": [asdict(event) for event in self._journal.since(known.journal)],
             "now": self._now,
             "ages": {topic: round(now_s - heard_s, 3) for topic, heard_s in self._heard_s.items()},
-            "time": _known(self._stamp_s),
-            "origin": _known(self._origin_s),
+            "time": finite(self._stamp_s),
+            "origin": finite(self._origin_s),
         }
         if anew:
             answer["begin"] = {
@@ -237,7 +185,3 @@ class LiveModel:
                 "levels": [each.name for each in Level],
             }
         return json.dumps(answer, allow_nan=False, separators=(",", ":"))
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value

@@ -11,6 +11,7 @@ from terrain_estimator.intervals import OUTSIDE_68, credible_interval
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.pages.number_format import finite
 from terrain_estimator.topics import ADVICE, ESTIMATE, HEALTH, INPUT_TYPES, TRUTH, Message
 
 MOST = 16
@@ -20,12 +21,8 @@ _WORDS = 400  # characters of a text
 Values = dict[str, Any]
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def _all(values: Iterable[float]) -> list[float | None]:
-    return [_finite(value) for value in islice(values, MOST)]
+    return [finite(value) for value in islice(values, MOST)]
 
 
 def _names(values: Iterable[str]) -> list[str]:
@@ -35,7 +32,7 @@ def _names(values: Iterable[str]) -> list[str]:
 def _estimate(message: Message) -> Values:
     decision = message.decision
     parameters = {
-        f"{name}{part}": _finite(getattr(message, f"{name}{part}"))
+        f"{name}{part}": finite(getattr(message, f"{name}{part}"))
         for name in ("cohesion", "tan_phi")
         for part in ("", "_stddev", "_lower_95", "_upper_95")
     }
@@ -44,7 +41,7 @@ def _estimate(message: Message) -> Values:
         **_bands_68(message),
         "cohesion_identified": bool(message.cohesion_identified),
         "tan_phi_identified": bool(message.tan_phi_identified),
-        "change_probability": _finite(message.change_probability),
+        "change_probability": finite(message.change_probability),
         "soil": _names(message.soil),
         "soil_probability": _all(message.soil_probability),
         "effect": _names(message.effect),
@@ -58,7 +55,7 @@ def _estimate(message: Message) -> Values:
         "advice": decision.advice[:_WORDS],
         "sequence": message.sequence,
         "observations_used": message.observations_used,
-        "time_used": _finite(message.time_used),
+        "time_used": finite(message.time_used),
         "model": message.model_id[:_WORDS],
     }
 
@@ -73,8 +70,8 @@ def _bands_68(message: Message) -> Values:
         known = math.isfinite(mean) and math.isfinite(sd) and sd > 0.0
         lower, upper = credible_interval(mean, sd, OUTSIDE_68) if known else (math.nan, math.nan)
         bounds |= {
-            f"{name}_lower_68": _finite(float(lower)),
-            f"{name}_upper_68": _finite(float(upper)),
+            f"{name}_lower_68": finite(float(lower)),
+            f"{name}_upper_68": finite(float(upper)),
         }
     return bounds
 
@@ -101,9 +98,9 @@ def _odometry(message: Message) -> Values:
         2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2)
     )
     return {
-        **{axis: _finite(getattr(place, axis)) for axis in ("x", "y", "z")},
-        "heading": _finite(heading),
-        "velocity": _finite(message.twist.twist.linear.x),
+        **{axis: finite(getattr(place, axis)) for axis in ("x", "y", "z")},
+        "heading": finite(heading),
+        "velocity": finite(message.twist.twist.linear.x),
         "frame": message.header.frame_id[:_WORDS],
     }
 
@@ -123,13 +120,13 @@ def _health(message: Message) -> Values:
             {
                 "topic": topic,
                 **{name: int(getattr(message, f"input_{name}")[k]) for name in counters},
-                "age": _finite(message.input_age[k]),
+                "age": finite(message.input_age[k]),
             }
             for k, topic in enumerate(_names(message.input_topic))
         ],
-        "normalized_innovation_squared": _finite(message.normalized_innovation_squared),
-        "update_latency_median": _finite(message.update_latency_median),
-        "update_latency_max": _finite(message.update_latency_max),
+        "normalized_innovation_squared": finite(message.normalized_innovation_squared),
+        "update_latency_median": finite(message.update_latency_median),
+        "update_latency_max": finite(message.update_latency_max),
         "resets": message.resets,
     }
 
@@ -147,15 +144,15 @@ def _advice(message: Message) -> Values:
         "known": bool(message.known),
         "stop": bool(message.stop),
         "status_text": message.status_text[:_WORDS],
-        **{name: _finite(getattr(message, name)) for name in numbers},
+        **{name: finite(getattr(message, name)) for name in numbers},
     }
 
 
 def _truth(message: Message) -> Values:
     return {
         "soil": message.soil[:_WORDS],
-        "cohesion": _finite(message.cohesion),
-        "tan_phi": _finite(message.tan_phi),
+        "cohesion": finite(message.cohesion),
+        "tan_phi": finite(message.tan_phi),
     }
 
 

@@ -3,12 +3,15 @@
 """One simulated drive on real DDS, with every node in a process of its own."""
 
 import json
+import random
 import shutil
+from argparse import ArgumentParser
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from terrain_estimator.console.arguments import real
 from terrain_estimator.demonstration.processes import Fleet, FleetError, Program
 
 START_TIMEOUT_S = 60.0  # importing torch from a cold disk is slow
@@ -35,6 +38,44 @@ class Recording:
 
     bag: Path
     timing: dict[str, Any]  # the watch's report: messages, rate_hz, jitter_ms_p99 by topic
+
+
+def add_duration(parser: ArgumentParser, duration_s: float) -> None:
+    """Add the option ``--duration``."""
+    parser.add_argument(
+        "--duration",
+        type=real(0.0, exclusive=True),
+        default=duration_s,
+        help="simulated time [s] (default: %(default)s)",
+    )
+
+
+def add_pace(parser: ArgumentParser, factor: float) -> None:
+    """Add the options ``--real-time-factor`` and ``--domain-id``."""
+    parser.add_argument(
+        "--real-time-factor",
+        type=real(0.0, exclusive=True),
+        default=factor,
+        help="simulated time over real time (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--domain-id",
+        type=int,
+        default=0,
+        help="ROS domain (default: a random one, so that nothing else is disturbed)",
+    )
+
+
+def add_seed(parser: ArgumentParser) -> None:
+    """Add the option ``--seed``."""
+    parser.add_argument(
+        "--seed", type=int, default=1, help="seed of drive and noise (default: %(default)s)"
+    )
+
+
+def random_domain() -> int:
+    """Draw a ROS domain that probably nobody uses."""
+    return random.SystemRandom().randint(1, 101)
 
 
 def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Recording:

@@ -1,14 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which physical effect does the nominal model lack? Named, sized, or honestly unknown.
+"""The search for the physical effect that the nominal model lacks: named, sized, or unknown.
 
     nominal = nominal_of(rover, soil)
-    study = Study(nominal, [cut(run, nominal.contact) for run in runs])      # fits "nothing is missing"
-    candidates = search(study, singles(), progress)                             # each named effect, the most probable first
-    study.with_discrepancy(candidates[0])                                  # what is left beside it, whatever it is
-    finding = investigate(study, singles(), thresholds, progress)               # all of it, and the verdict
-    diagnosis = diagnose(study, singles(), finding, progress)                   # where it disagrees, what these runs can tell apart
-    proof = prove(nominal, finding.best, held_out)                         # does it help on runs that it has not seen?
+    # fits "nothing is missing"
+    study = Study(nominal, [cut(run, nominal.contact) for run in runs])
+    # each named effect, the most probable first
+    candidates = search(study, singles(), progress)
+    # the rest beside the best one
+    study.with_discrepancy(candidates[0])
+    # all of it, and the verdict
+    finding = investigate(study, singles(), thresholds, progress)
+    # where it disagrees, which effects these runs separate, what to drive next
+    diagnosis = diagnose(study, singles(), finding, progress)
+    # whether it helps on unseen runs
+    proof = prove(nominal, finding.best, held_out)
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
 - ``library``: the registry's effects as hypotheses.
@@ -32,8 +38,8 @@
   best. ``advice``: in words.
 - ``separation``: manoeuvres by hand, for tables of one wheel.
 
-No files, no clock, no ROS. It knows nothing of how effects are hidden in tests, and tests nothing
-of how they are found.
+No files, no clock, no ROS. The generator of hidden effects in tests/hidden shares no module and no
+number with it.
 """
 
 from terrain_estimator.discovery.evidence.search import Candidate, Study, search

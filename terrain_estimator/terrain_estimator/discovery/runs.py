@@ -12,7 +12,7 @@ from torch import Tensor
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator.screening import screen
-from terrain_estimator.model.packing import ground_torque, link, pack
+from terrain_estimator.model.packing import ground_torque, link, pack, view_of, without_link
 from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
@@ -27,29 +27,29 @@ class RunError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class RecordedRun:
-    """What one drive measured."""
+    """The measurements of one drive."""
 
     name: str
-    packed: Tensor  # [T, 8 A + 9] observations of terrain_estimator.model.packing
+    packed: Tensor  # [T, P] observations of terrain_estimator.model.packing
     wheel_rate: Tensor  # [T, A] [rad/s], NaN where it is not measured
     time: Tensor  # [T] [s] since the start
 
 
 class Refusals:
-    """How many observations were refused, and why the first of each kind was."""
+    """Counts of refused observations, with the first reason of each kind."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Begin without any."""
         self._counts: Counter[Outcome] = Counter()
         self._first: dict[Outcome, str] = {}
 
     def add(self, outcome: Outcome, detail: str) -> None:
-        """One more."""
+        """Count one more."""
         self._counts[outcome] += 1
         self._first.setdefault(outcome, detail)
 
     def __str__(self) -> str:
-        """In words, the most frequent first."""
+        """Return the counts in words, the most frequent first."""
         said = (
             f"{count} {outcome.name} ({self._first[outcome]}): {outcome.advice}"
             for outcome, count in self._counts.most_common()
@@ -64,7 +64,9 @@ def run_of(
     config: CoreConfig,
     refusals: Refusals,
 ) -> RecordedRun:
-    """The run that these observations make, screened as the estimator does; those that it refuses are added to ``refusals``.
+    """Return the run of these observations, screened as the estimator does.
+
+    Refused ones are added to ``refusals``.
 
     Raises:
         RunError: none of them can be used, and why.
@@ -99,7 +101,7 @@ def run_of(
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """What the discrepancy of a block may depend on, [B, A] or [B, 1], smooth in time.
+    """The signals on which a discrepancy may depend, [B, A] or [B, 1], smooth in time.
 
     Measured signals are means over the two neighbouring blocks, never of the block itself: the
     noise of a signal moves the rows of its own block, so that residuals correlate with it where
@@ -122,14 +124,14 @@ class Blocks:
     """The B blocks of a run; V velocities join them."""
 
     name: str
-    packed: Tensor  # [B, BLOCK, 8 A + 9]; the first observation of an unlinked block covers no time
+    packed: Tensor  # [B, BLOCK, P]; the first observation of an unlinked block covers no time
     wheel_rate: Tensor  # [B, BLOCK, A] [rad/s]
     ends: Tensor  # [B, 2] numbers of the velocity before and after the block
     velocities: int  # V
     signals: Signals
 
     def between(self, first: int, last: int) -> "Blocks":
-        """Blocks ``first`` to ``last - 1`` as a run of their own."""
+        """Return blocks ``first`` to ``last - 1`` as a run of their own."""
         here = slice(first, last)
         ends = self.ends[here] - self.ends[first, 0]
         signals = Signals(*(getattr(self.signals, item.name)[here] for item in fields(Signals)))
@@ -138,12 +140,12 @@ class Blocks:
         )
 
     def follows(self) -> Tensor:
-        """Whether each block goes on where the one before it ended, [B] bool."""
+        """Return whether each block continues the one before, [B] bool."""
         joined = self.ends[1:, 0] == self.ends[:-1, 1]
         return torch.cat([torch.zeros(1, dtype=torch.bool), joined])
 
     def pieces(self, length: int) -> list[int]:
-        """Numbers of the first blocks of pieces of ``length`` linked blocks, one after the other."""
+        """Return the first blocks of pieces of ``length`` linked blocks, one after the other."""
         found, first = [], 0
         for number, joined in enumerate(self.follows().tolist()):
             first = first if joined else number
@@ -160,8 +162,9 @@ def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
         RunError: fewer than five such blocks.
     """
     axles = nominal.geometry.axle_x.shape[0]
-    usable = usable_wheels(run.packed[:, : 8 * axles].reshape(-1, 8, axles), nominal).all(1)
-    starts, begins = _starts(usable.tolist(), (run.packed[:, -1] > 0.0).tolist())
+    usable = usable_wheels(run.packed, nominal).all(1)
+    linked = view_of(run.packed, axles).linked > 0.0
+    starts, begins = _starts(usable.tolist(), linked.tolist())
     if len(starts) < _FEWEST:
         raise RunError(
             f"{run.name}: {len(starts)} whole seconds of linked observations with every wheel in"
@@ -170,7 +173,7 @@ def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
     index = torch.tensor(starts).unsqueeze(1) + torch.arange(BLOCK)
     packed = run.packed[index].clone()
     fresh = torch.tensor(begins)
-    packed[fresh, 0, -2:] = 0.0
+    packed[fresh, 0] = without_link(packed[fresh, 0])
     # A block that begins anew has a velocity of its own at its start.
     last = torch.cumsum(1 + fresh.long(), 0) - 1
     rate = run.wheel_rate[index]
@@ -185,7 +188,7 @@ _FEWEST = 5
 
 
 def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[bool]]:
-    """First observation of each whole block, and whether its velocity is not that of the block before."""
+    """Return the first observation of each whole block, and whether the block begins anew."""
     starts: list[int] = []
     begins: list[bool] = []
     first, count, fresh = 0, 0, True
@@ -203,28 +206,28 @@ def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[boo
 
 def _rim_rate(packed: Tensor, axles: int, radius: float) -> Tensor:
     """Mean wheel rate of each block from velocity and slip, where no encoder tells it."""
-    rim = (
-        packed[..., 8 * axles : 8 * axles + 1] / (1.0 - packed[..., :axles].clamp(max=0.9)) / radius
-    )
+    view = view_of(packed, axles)
+    rim = view.velocity.unsqueeze(-1) / (1.0 - view.slip.clamp(max=0.9)) / radius
     return rim.mean(1, keepdim=True).expand(-1, packed.shape[1], -1)
 
 
 def _signals(packed: Tensor, speed: Tensor, time: Tensor) -> Signals:
-    axles = speed.shape[-1]
-    wheels = packed[..., : 8 * axles].view(*packed.shape[:2], 8, axles)
-    slip, slip_rate = _around(wheels[:, :, 0].mean(1), time)
-    sinkage, sinkage_rate = _around(wheels[:, :, 2].mean(1), time)
-    velocity = packed[..., 8 * axles]
+    view = view_of(packed, speed.shape[-1])
+    slip, slip_rate = _around(view.slip.mean(1), time)
+    sinkage, sinkage_rate = _around(view.sinkage.mean(1), time)
     seconds = time.mean(1, keepdim=True)
-    gone = torch.cumsum(velocity.mean(1), 0).unsqueeze(1) * (BLOCK * packed[..., -2].max())
-    pitch, pitch_rate = _around(packed[..., 8 * axles + 2].mean(1, keepdim=True), time)
+    gone = torch.cumsum(view.velocity.mean(1), 0).unsqueeze(1) * (BLOCK * view.step.max())
+    pitch, pitch_rate = _around(view.pitch.mean(1, keepdim=True), time)
     return Signals(
         slip, sinkage, speed.mean(1), pitch, pitch_rate, seconds, gone, slip_rate, sinkage_rate
     )
 
 
 def _around(means: Tensor, time: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean of the blocks before and after each, and the slope between them; at an end the only neighbour and no slope."""
+    """Return the mean of the blocks before and after each, and the slope between them.
+
+    At an end the only neighbour and no slope.
+    """
     seconds = time.mean(1, keepdim=True)
     before, after = torch.cat([means[1:2], means[:-1]]), torch.cat([means[1:], means[-2:-1]])
     apart = torch.cat([seconds[1:], seconds[-2:-1]]) - torch.cat([seconds[1:2], seconds[:-1]])

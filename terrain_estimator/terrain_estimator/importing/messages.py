@@ -11,11 +11,9 @@ import numpy as np
 from terrain_estimator.bags import BagTopic, BagWriter, Message
 from terrain_estimator.importing.mapping import Mapping
 from terrain_estimator.importing.samples import MeasuredValue, TableSample
-from terrain_estimator.topics import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES, PITCH_IN_ORIENTATION, PITCH_IN_POSE
 
 UNKNOWN = -1.0  # first element of a covariance in sensor_msgs/Imu: not measured
-PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance, row-major: rotation about y
-PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
 
 BOGIE = "bogie"
 """Name of the bogie's joint, the default of the estimator's parameter bogie_joint."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of a training."""
+"""Plot of a training."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from terrain_estimator.learning.training import Progress
 
 
 def draw_curves(history: list[Progress], path: Path, title: str) -> None:
-    """Loss and overlap over the iterations, as a PNG."""
+    """Draw loss and overlap over the iterations, as a PNG."""
     mpl.use("Agg")
     import matplotlib.pyplot as plt  # noqa: PLC0415 (after the choice of a backend without display)
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plants that depart from the physics of the rows: effects of random size, for the net to learn from and to be judged on.
+"""Plants that depart from the physics of the rows by effects of random size.
 
-Two families that share no effect. A net that has seen the first is judged on both, the second is
-what nobody thought of.
+The net is trained and judged on them. There are two families that share no effect. A net that was
+trained on the first is judged on both; the second stands for effects that were not modelled.
 """
 
 import math
@@ -21,14 +21,17 @@ HIDDEN = 0.4
 
 
 class Family(Enum):
-    """Which effects a plant may have."""
+    """Family of effects that a plant may have."""
 
     LEARNT = "seen in training"
     FOREIGN = "not seen in training"
 
 
 def largest_sizes(family: Family, rover: Rover) -> Mapping[str, tuple[float, float]]:
-    """Ranges of the effects of a family, in their units; at their ends each outweighs the sensors' noise on this rover."""
+    """Return the ranges of the effects of a family, in their units.
+
+    At its ends each effect outweighs the sensors' noise on this rover.
+    """
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
     rate = 0.2 / rover.wheel_radius
     load = rover.weight / len(rover.wheels)
@@ -56,7 +59,10 @@ def largest_sizes(family: Family, rover: Rover) -> Mapping[str, tuple[float, flo
 def random_plant(
     family: Family, rover: Rover, batch: int, share: float, generator: torch.Generator
 ) -> Plant | None:
-    """Every effect of the family in a ``share`` [1] of the episodes, its size uniform over its range; none at all for 0."""
+    """Draw a plant in which every effect of the family acts in a ``share`` [1] of the episodes.
+
+    Sizes are uniform over their ranges. None for a share of 0.
+    """
     if share == 0.0:
         return None
     effects = []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The model file that comes of a finding: the rover's model with the effect that was named."""
+"""Model file of a finding: the rover's model with the named effect."""
 
 import math
 from pathlib import Path
@@ -12,11 +12,14 @@ from terrain_estimator.model.model_file import ModelFileError, load_model
 from terramechanics.vehicle.rover import Rover
 
 ELSEWHERE = 0.3
-"""[1] Relative deviation of a size from one day to the next, beside what the fit leaves open: no effect keeps to its named law."""
+"""[1] Relative deviation of a size from one day to the next, in addition to that of the fit.
+
+No effect keeps exactly to its named law.
+"""
 
 
 def check_model(model: str, rover: Rover) -> None:
-    """That a model which is named can be extended, before anything is searched. Raises ModelFileError."""
+    """Check that the model can be extended; raises ModelFileError."""
     known = load_model(model)
     if known.rover != rover:
         raise ModelFileError(
@@ -27,9 +30,10 @@ def check_model(model: str, rover: Rover) -> None:
 
 
 def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path | str:
-    """Write the model with the named effect, its size as found for a prior; returns the file, or why there is none.
+    """Write the model with the named effect, the size found as its prior.
 
-    ``model`` is the name or file of the model to extend, that of the rover's name if empty.
+    Return the file, or the reason why none is written. ``model`` is the name or file of the model
+    to extend; empty: the model with the rover's name.
     """
     if model and Path(model).resolve() == path.resolve():
         return f"no model is written: {path} is the model to extend; give another --out"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Training data in chunks with a seed each: the same data whoever draws them, in whatever order, on however many workers."""
+"""Training data in chunks, each with a seed: the data depend neither on order nor on workers."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
@@ -22,7 +22,7 @@ CHUNK = 20
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What to draw."""
+    """Description of the data to draw."""
 
     rover: Rover
     soil: Soil
@@ -32,9 +32,8 @@ class Order:
     strength: StrengthRange = BENCHMARK
     family: Family = Family.LEARNT
     share: float = 0.0  # [1] of the drives in which each effect of the family acts
-    constants_sd: float = (
-        PRIOR.constants_sd
-    )  # [1] of each soil constant, which is drawn from a uniform range of that deviation
+    # [1] of each soil constant, which is drawn from a uniform range of that deviation
+    constants_sd: float = PRIOR.constants_sd
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +46,11 @@ class Chunk:
 
 
 Spread = Callable[[Callable[[Chunk], Regression], Sequence[Chunk]], Iterable[Regression]]
-"""How the chunks are spread over workers: a function that is applied to each, results in the order of the chunks."""
+"""Apply a function to each chunk, on any workers; results are in the order of the chunks."""
 
 
 def chunks(order: Order) -> list[Chunk]:
-    """The chunks of an order; the last may be smaller."""
+    """Return the chunks of an order; the last may be smaller."""
     firsts = range(0, order.drives, CHUNK)
     return [
         Chunk(order, number, min(CHUNK, order.drives - first))
@@ -60,13 +59,13 @@ def chunks(order: Order) -> list[Chunk]:
 
 
 def generator_of(chunk: Chunk) -> torch.Generator:
-    """The generator of a chunk, independent of that of every other chunk and seed."""
+    """Return the generator of a chunk, independent of that of every other chunk and seed."""
     (state,) = np.random.SeedSequence([chunk.order.seed, chunk.number]).generate_state(1, np.uint64)
     return torch.Generator().manual_seed(int(state >> np.uint64(1)))
 
 
 def draw_chunk(chunk: Chunk) -> Regression:
-    """Simulate and measure the drives of a chunk, and make their rows; a pure function of the chunk."""
+    """Simulate and measure the drives of a chunk, and return their rows; a pure function."""
     order, generator = chunk.order, generator_of(chunk)
     plant = random_plant(order.family, order.rover, chunk.size, order.share, generator)
     spread = order.constants_sd * 3.0**0.5
@@ -88,5 +87,5 @@ def draw_chunk(chunk: Chunk) -> Regression:
 
 
 def generate(order: Order, spread: Spread = map) -> Regression:
-    """All drives of an order."""
+    """Return all drives of an order."""
     return Regression.join(list(spread(draw_chunk, chunks(order))))

@@ -14,7 +14,7 @@ from terrain_estimator.model.gaussian import cholesky, log_determinant
 def log_marginal(
     features: Tensor, target: Tensor, weight: Tensor, mean: Tensor, precision: Tensor
 ) -> Tensor:
-    """log p(target) of tasks with unit noise under k ~ N(mean, diag(precision)^-1), shape [tasks].
+    """Return log p(target) [tasks] with unit noise under k ~ N(mean, diag(precision)^-1).
 
     ``features`` [tasks, n, D], ``target`` [tasks, n], ``weight`` [tasks, n] 1 where the row counts,
     ``mean`` and ``precision`` [D]. For the conjugate recursion (Banerjee et al. eqs. 20 and 21) the
@@ -40,11 +40,11 @@ def negative_log_predictive(
     precision: Tensor,
     cost: Tensor | None = None,
 ) -> Tensor:
-    """Mean negative log predictive density of a row after a context, a scalar [nat].
+    """Return the mean negative log predictive density of a row after a context, a scalar [nat].
 
     ``features`` [tasks, blocks, Q, D] in units of the noise; the first ``context`` [tasks] blocks
     are given, the rest is predicted: -[log p(x_1..T) - log p(x_1..C)] / (rows predicted). ``cost``
-    [tasks, blocks] is what the units cost a block.
+    [tasks, blocks] is the cost of the units for each block.
     """
     tasks, blocks, rows, size = features.shape
     given = (torch.arange(blocks, device=context.device) < context.unsqueeze(-1)).to(valid.dtype)
@@ -61,7 +61,7 @@ def negative_log_predictive(
 
 
 class Orthogonality(Enum):
-    """What keeps learnt features from taking over what c and tan phi mean."""
+    """Penalty that keeps the learnt features from replacing those of c and tan phi."""
 
     PAPER = "the paper's penalty, on features as they are, divided by the number of tasks"
     WHITENED = "squared cosines between nominal and learnt features"
@@ -69,10 +69,10 @@ class Orthogonality(Enum):
 
 
 def whiten(columns: Tensor, covariance: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Columns [..., Q, D] in units of the noise of their rows, and what that costs in log density [...].
+    """Return columns [..., Q, D] in units of their rows' noise, and the cost in log density [...].
 
     The rows have the ``covariance`` [..., Q, Q] of the sensors and a learnt variance ``noise`` [Q]
-    besides. The cost is the log of the volume that the latter adds: 0 where nothing is learnt.
+    in addition. The cost is the log of the volume that the latter adds: 0 where nothing is learnt.
     """
     factor = cholesky(covariance + torch.diag(noise))
     cost = 0.5 * (log_determinant(factor) - log_determinant(cholesky(covariance)))
@@ -80,24 +80,24 @@ def whiten(columns: Tensor, covariance: Tensor, noise: Tensor) -> tuple[Tensor, 
 
 
 def span_share(nominal: Tensor, learnt: Tensor, valid: Tensor) -> Tensor:
-    """Share of the squared length of ``learnt`` [tasks, blocks, Q, K] that lies in the span of ``nominal``, a scalar in [0, 1].
+    """Return the share of the learnt features that lies in the span of the nominal ones.
 
-    In each task by itself, over all its valid blocks. Where it is zero the marginal posterior of
+    A scalar in [0, 1]: the share of the squared length of ``learnt`` [tasks, blocks, Q, K], in each
+    task by itself, over all its valid blocks. Where it is zero the marginal posterior of
     the nominal parameters is that of the physics alone.
     """
     weight = valid.view(*valid.shape, 1, 1)
-    basis = torch.linalg.qr(
-        (nominal * weight).flatten(1, 2).detach()
-    ).Q  # the span is given, and a task without blocks has no gradient
+    # detached: the span is given, and a task without blocks has no gradient
+    basis = torch.linalg.qr((nominal * weight).flatten(1, 2).detach()).Q
     columns = (learnt * weight).flatten(1, 2)
     inside = (basis.transpose(1, 2) @ columns).square().sum(1)
     return (inside / columns.square().sum(1).clamp(min=1e-12)).mean()
 
 
 def paper_penalty(features: Tensor) -> Tensor:
-    """SUM_tasks SUM_rows || I - 1/T SUM_t phi phi' ||_F^2 of ``features`` [tasks, T, rows, D] (Banerjee et al. eq. 24).
+    """Return SUM_tasks SUM_rows || I - 1/T SUM_t phi phi' ||_F^2 (Banerjee et al. eq. 24).
 
-    c in kPa, learnt features as they leave the net.
+    ``features`` [tasks, T, rows, D]: c in kPa, learnt features as they leave the net.
     """
     steps, size = features.shape[1], features.shape[-1]
     second = torch.einsum("btri,btrj->brij", features, features) / steps
@@ -105,9 +105,10 @@ def paper_penalty(features: Tensor) -> Tensor:
 
 
 def shortfall(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor) -> Tensor:
-    """How far the posterior means of c [kPa] and tan phi after every whole task lie below zero, averaged; a scalar.
+    """Return the mean amount by which posterior means of c [kPa] and tan phi lie below zero.
 
-    ``features`` [tasks, T, D] and ``target`` [tasks, T] in units of the noise.
+    A scalar, of the posteriors after every whole task. ``features`` [tasks, T, D] and ``target``
+    [tasks, T] are in units of the noise.
     """
     gathered = features.transpose(1, 2) @ features + torch.diag(precision)
     pull = (features.transpose(1, 2) @ target.unsqueeze(-1)) + (precision * mean).unsqueeze(-1)
@@ -116,7 +117,7 @@ def shortfall(features: Tensor, target: Tensor, mean: Tensor, precision: Tensor)
 
 
 def overlap(nominal: Tensor, learnt: Tensor, valid: Tensor) -> Tensor:
-    """Squared cosines between nominal and learnt features, averaged over tasks, a scalar in [0, 1].
+    """Return the mean squared cosine between nominal and learnt features, a scalar in [0, 1].
 
     The cross terms of the paper's orthogonality penalty (eq. 24) after whitening by the rows' noise
     and scaling each feature to unit length: as written in the paper they vanish beside the unscaled

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.packing import AXLE_FIELDS, pack_measurement
+from terrain_estimator.model.packing import PackedView, pack_measurement, view_of
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Drive, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
@@ -21,18 +21,18 @@ from terramechanics.vehicle.rover import Rover
 ROVERS = ("paper_rover", "mars_rover")
 """Rovers of the models that ship."""
 SOILS = ("loose_sand", "compact_sand", "regolith")
-"""Soils that the models that ship know, in the order of their hypotheses."""
+"""Soils of the models that ship, in the order of their hypotheses."""
 
 
 @dataclass(frozen=True, slots=True)
 class StrengthRange:
-    """Where c [Pa] and phi [rad] come from: uniform over unions of disjoint intervals."""
+    """Distribution of c [Pa] and phi [rad]: uniform over unions of disjoint intervals."""
 
     cohesion: tuple[tuple[float, float], ...]
     angle: tuple[tuple[float, float], ...]
 
     def strength(self, share: Tensor) -> Tensor:
-        """c [Pa] and tan phi, shape [batch, 2], at these shares [batch, 2] of the length of all intervals."""
+        """Return c [Pa] and tan phi [batch, 2] at shares [batch, 2] of all intervals' length."""
         return torch.stack(
             [uniform(self.cohesion, share[:, 0]), torch.tan(uniform(self.angle, share[:, 1]))], 1
         )
@@ -40,35 +40,35 @@ class StrengthRange:
 
 @dataclass(frozen=True, slots=True)
 class AboveZero:
-    """Where c [Pa] and tan phi come from: independent Gaussians, of which only what is above zero is possible."""
+    """Distribution of c [Pa] and tan phi: independent Gaussians, truncated at zero."""
 
     mean: tuple[float, float]
     sd: tuple[float, float]
 
     def strength(self, share: Tensor) -> Tensor:
-        """c [Pa] and tan phi, shape [batch, 2], at these quantiles [batch, 2]."""
+        """Return c [Pa] and tan phi, shape [batch, 2], at these quantiles [batch, 2]."""
         mean, sd = torch.tensor([self.mean, self.sd], dtype=torch.float64)
         impossible = torch.special.ndtr(-mean / sd)
         return mean + sd * torch.special.ndtri(impossible + (1.0 - impossible) * share)
 
 
 def degrees(*ends: float) -> tuple[float, float]:
-    """An interval in radians."""
+    """Return an interval in radians."""
     low, high = ends
     return math.radians(low), math.radians(high)
 
 
 BENCHMARK = StrengthRange(((500.0, 5000.0),), (degrees(15.0, 45.0),))
-"""Where the benchmarks draw from."""
+"""Distribution of the benchmarks' drives."""
 PAPER = StrengthRange(((500.0, 700.0), (1300.0, 5000.0)), (degrees(0.0, 20.0), degrees(45.0, 60.0)))
 """The paper's training tasks (Banerjee et al., section V): its test tasks lie in the gaps."""
 CONSTANTS_SPREAD = 0.05
-"""[1] Each soil constant of a training task is wrong by up to this share: that is what the net can learn."""
+"""[1] Each soil constant of a training task is wrong by up to this share."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tasks:
-    """A batch of drives: packed observations [batch, time, 8 A + 9], and what is true."""
+    """A batch of drives: packed observations [batch, time, P], and their truth."""
 
     measured: Tensor
     true: Tensor  # the same without noise, deviations as measured
@@ -77,13 +77,13 @@ class Tasks:
 
     @classmethod
     def joined(cls, parts: Sequence["Tasks"]) -> "Tasks":
-        """The drives of all parts."""
+        """Return the drives of all parts."""
         return cls(
             *(torch.cat([getattr(part, field.name) for part in parts]) for field in fields(cls))
         )
 
     def split(self, size: int) -> list["Tasks"]:
-        """The same in batches of ``size`` drives."""
+        """Return these drives in batches of ``size``."""
         pieces = zip(
             *(getattr(self, field.name).split(size) for field in fields(self)), strict=True
         )
@@ -91,7 +91,7 @@ class Tasks:
 
 
 def uniform(intervals: tuple[tuple[float, float], ...], share: Tensor) -> Tensor:
-    """The points of a union of disjoint intervals that have this ``share`` [1] of its length before them."""
+    """Return the points of a union of intervals at this ``share`` [1] of its length."""
     ends = torch.tensor(intervals, dtype=torch.float64)
     if len(intervals) == 1:
         return ends[0, 0] + (ends[0, 1] - ends[0, 0]) * share
@@ -109,7 +109,7 @@ def random_ground(
     spread: float = CONSTANTS_SPREAD,
     strength: StrengthRange | AboveZero = BENCHMARK,
 ) -> Ground:
-    """One ground a drive: c and phi as ``strength`` says, each soil constant uniform within +-``spread``."""
+    """Draw one ground a drive: c and phi of ``strength``, each constant uniform in +-``spread``."""
     unit = torch.rand(batch, 2, generator=generator, dtype=torch.float64)
     error = 2.0 * torch.rand(batch, 6, generator=generator, dtype=torch.float64) - 1.0
     constants = soil.constants() * (1.0 + spread * error)
@@ -129,7 +129,7 @@ def draw_tasks(
 ) -> Tasks:
     """Simulate and measure a batch of drives; the same state of the generator gives the same tasks.
 
-    ``plant`` holds what acts besides the nominal model.
+    ``plant`` holds the effects that act besides the nominal model.
     """
     drive = simulate(
         rover,
@@ -144,9 +144,10 @@ def draw_tasks(
 
 
 def measure_tasks(drive: Drive, noise: Noise, generator: torch.Generator) -> Tasks:
-    """Measured and true observations of a batch of drives. Torque is that of the motor, without wheel inertia.
+    """Return measured and true observations of a batch of drives.
 
-    Where effects act between truth and sensors, what the sensors are given stands for the truth.
+    Torque is that of the motor, without wheel inertia. Where effects act between truth and sensors,
+    the input of the sensors stands for the truth.
     """
     rover, sample = drive.rover, drive.seen
     sample = replace(
@@ -155,23 +156,17 @@ def measure_tasks(drive: Drive, noise: Noise, generator: torch.Generator) -> Tas
     )
     measured = pack_measurement(measure_drive(rover, sample, noise, generator))
     true = pack_measurement(measure_drive(rover, sample, replace(noise, factor=0.0), generator))
-    for deviation in _deviations(len(rover.axle_x)):
-        true[..., deviation] = measured[..., deviation]
+    exact, noisy = view_of(true, len(rover.axle_x)), view_of(measured, len(rover.axle_x))
+    for name in PackedView._fields:
+        if name.endswith("_sd"):
+            getattr(exact, name).copy_(getattr(noisy, name))
     return Tasks(measured, true, sample.strength[:, 0, 0], drive.measurable())
 
 
 def _without_inertia(rover: Rover, sample: Sample) -> Tensor:
-    """Motor torque [batch, time, axles] less the part that turns the wheel faster, with what friction takes of it."""
+    """Return the motor torque [batch, time, axles] less the part that accelerates the wheel.
+
+    It includes the part that friction takes.
+    """
     gain = torch.diff(sample.wheel_rate, dim=1) / TIME_STEP
     return sample.torque - rover.wheel_inertia * torch.cat([gain[:, :1], gain], 1)
-
-
-def _deviations(axles: int) -> list[int]:
-    """Places of the standard deviations in a packed observation."""
-    groups = [
-        axles * index + axle
-        for index, name in enumerate(AXLE_FIELDS)
-        if name.endswith("_sd")
-        for axle in range(axles)
-    ]
-    return [*groups, 8 * axles + 1, 8 * axles + 3, 8 * axles + 5]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Trains the network and its prior; reproducible from the seed."""
+"""Training of the network and its prior, reproducible from the seed."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from terrain_estimator.learning.loss import (
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics import Physics
 from terrain_estimator.model.prior import Prior, RoverBody
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
@@ -35,14 +36,17 @@ PRIOR = Prior(
     centre_of_mass_sd=0.02,
     constants_sd=0.05 / 3**0.5,
 )
-"""Mean and deviation of the benchmarks' draws: c uniform in 0.5 to 5 kPa, phi in 15 to 45 deg, constants within 5 %."""
+"""The one statement of the prior: mean and deviation of the benchmarks' draws.
+
+These are uniform: c in 0.5 to 5 kPa, phi in 15 to 45 deg, constants within 5 %.
+"""
 LEAST_NOISE = 0.05
 """[row scale] Learnt noise at the start of a training."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Every choice of a training."""
+    """Settings of a training."""
 
     seed: int = 0
     iterations: int = 1000
@@ -54,9 +58,7 @@ class Recipe:
     orthogonality: Orthogonality = Orthogonality.SPAN
     strength: float = 0.1  # weight of the orthogonality penalty
     positivity: float = 1.0  # weight of the mean shortfall of c [kPa] and tan phi below zero
-    caution: float = (
-        1.0  # by which the learnt prior deviations of the net's weights are divided for use
-    )
+    caution: float = 1.0  # divisor of the learnt prior deviations of the net's weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +66,13 @@ class Progress:
     """One iteration."""
 
     iteration: int
-    loss: float  # mean negative log predictive density of a row [nat], less that of the sensors' noise scale
+    # mean negative log predictive density of a row [nat], less that of the sensors' noise scale
+    loss: float
     overlap: float  # squared cosine between learnt and nominal features
 
 
 def body_of(rover: Rover) -> RoverBody:
-    """What the rows need of ``rover``."""
+    """Return the properties of ``rover`` that the rows need."""
     return RoverBody(
         len(rover.axle_x),
         rover.wheels_per_axle,
@@ -90,15 +93,19 @@ def build_model(
     *,
     moments: bool = True,
 ) -> PAlpaca:
-    """An untrained model of a rover that knows these soils; with ``moments`` its net has columns in the moment rows too."""
+    """Return an untrained model of a rover with these soils.
+
+    With ``moments`` its net has columns in the moment rows, too.
+    """
     body = body_of(rover)
     torque = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
+    # scale of a learnt effect in each row
     sizes = [
         0.05 * rover.gravity,
         0.05,
         *([0.05 * torque] * body.axles),
         *([0.05, 0.05] if moments else []),
-    ]  # what a learnt effect may amount to
+    ]
     net = NetFeatures(
         body.axles,
         columns,
@@ -106,11 +113,12 @@ def build_model(
         0.1 * rover.wheel_radius,
         torch.tensor(sizes, dtype=torch.float64),
     )
-    return PAlpaca(body, torch.stack([soil.constants() for soil in soils]), prior, net)
+    constants = torch.stack([soil.constants() for soil in soils])
+    return PAlpaca(Physics(body, constants, prior.constants_sd), net, prior)
 
 
 class _Learnt(nn.Module):
-    """What is learnt beside the net: prior precision of its weights, and noise that the sensors do not explain."""
+    """Learnt precision of the prior of the net's weights, and noise beyond that of the sensors."""
 
     def __init__(self, columns: int, rows: int) -> None:
         super().__init__()
@@ -157,8 +165,11 @@ def train(
 
 
 def _adopt(model: PAlpaca, learnt: _Learnt, recipe: Recipe) -> None:
-    """Prior and noise as they are used, and parameters without gradients: a scripted module with them fails in inference mode."""
-    model.net_precision.copy_(learnt.log_precision.detach().exp() * recipe.caution**2)
+    """Set the prior of the net's weights, and drop the gradients of the parameters.
+
+    A scripted module whose parameters have gradients fails in inference mode.
+    """
+    model.hypotheses.net_precision.copy_(learnt.log_precision.detach().exp() * recipe.caution**2)
     for parameter in model.net.parameters():
         parameter.requires_grad = False
 
@@ -166,7 +177,7 @@ def _adopt(model: PAlpaca, learnt: _Learnt, recipe: Recipe) -> None:
 def _losses(
     model: PAlpaca, learnt: _Learnt, data: Regression, context: Tensor, recipe: Recipe
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Predictive loss, overlap, and weighted penalties of some tasks."""
+    """Return predictive loss, overlap, and weighted penalties of some tasks."""
     nominal_count = data.nominal.shape[-1]
     columns = model.learnt(data.inputs.flatten(0, 1))[:, distinct_rows(model.axles)].unflatten(
         0, data.valid.shape
@@ -176,11 +187,10 @@ def _losses(
     whitened, cost = whiten(joined, data.covariance, noise)
     features, target = whitened[..., :-1], whitened[..., -1]
     others = features.new_zeros(nominal_count - 2)
-    mean = torch.cat(
-        [model.prior_mean / model.unit, others, torch.zeros_like(learnt.log_precision)]
-    )
+    prior, unit = model.hypotheses, model.hypotheses.unit
+    mean = torch.cat([prior.prior_mean / unit, others, torch.zeros_like(learnt.log_precision)])
     precision = torch.cat(
-        [(model.prior_sd / model.unit) ** -2.0, others + 1.0, learnt.log_precision.exp()]
+        [(prior.prior_sd / unit) ** -2.0, others + 1.0, learnt.log_precision.exp()]
     )
     loss = negative_log_predictive(features, target, data.valid, context, mean, precision, cost)
     nominal, net = features[..., :nominal_count], features[..., nominal_count:]

@@ -19,11 +19,9 @@ from terrain_estimator.config import ConversionConfig, CoreConfig
 from terrain_estimator.estimator.screening import NOISE_BOUND
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.topics import Message
+from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Message
 from terramechanics.vehicle.rover import Rover
 
-PITCH_IN_POSE = 28  # (4, 4) of a 6 x 6 covariance: rotation about y
-PITCH_IN_ORIENTATION = 4  # (1, 1) of a 3 x 3 covariance
 UNIT_QUATERNION_TOLERANCE = 0.1  # a norm further from 1 is no orientation (all zeros: "not set")
 
 Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message

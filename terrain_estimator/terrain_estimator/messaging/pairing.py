@@ -9,10 +9,12 @@ replayed at full speed gives the same sets as live.
 """
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from terrain_estimator.config import PairingConfig
 from terrain_estimator.messaging.sequence_numbers import Sequence
-from terrain_estimator.topics import Message
+from terrain_estimator.topics import REQUIRED_INPUTS, Message
 
 CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
 # messages in a row before the last stamp after which the publisher's clock counts as set back
@@ -209,6 +211,12 @@ class Synchronizer:
             if candidate_ns >= stamp_ns:
                 break
         return best
+
+
+def input_synchronizer(names: Iterable[str], config: PairingConfig) -> Synchronizer:
+    """Return a synchronizer of the estimator's inputs ``names``, as its parameters define it."""
+    topics = tuple(InputTopic(name, name in REQUIRED_INPUTS) for name in names)
+    return Synchronizer(topics, round(config.tolerance_s * 1e9), round(config.timeout_s * 1e9))
 
 
 def _consume(entry: _Input, at: int) -> Message:

@@ -25,12 +25,11 @@ from terrain_estimator.messaging.messages import (
     prediction_message,
     update_header,
 )
-from terrain_estimator.messaging.pairing import Counters, InputTopic, MessageSet, Synchronizer
+from terrain_estimator.messaging.pairing import Counters, MessageSet, input_synchronizer
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
 from terrain_estimator.topics import (
     BODY_FRAME,
-    REQUIRED_INPUTS,
     Make,
     Message,
     paired_inputs,
@@ -68,11 +67,8 @@ class Pipeline:
     def __init__(self, model: LoadedModel, config: EstimatorConfig) -> None:
         """Build the parts from the configuration."""
         self.inputs = paired_inputs(use_imu=config.core.use_imu)
-        topics = tuple(InputTopic(name, name in REQUIRED_INPUTS) for name in self.inputs)
         self._index = {name: index for index, name in enumerate(self.inputs)}
-        self._synchronizer = Synchronizer(
-            topics, round(config.pairing.tolerance_s * 1e9), round(config.pairing.timeout_s * 1e9)
-        )
+        self._synchronizer = input_synchronizer(self.inputs, config.pairing)
         rover = rover_of(model, config.rover)
         self.rover_name = rover.name
         self._converter = Converter(rover, config.conversion, config.core)

@@ -13,7 +13,13 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.model.packing import RATES
+from terrain_estimator.model.packing import (
+    view_of,
+    with_pitch,
+    with_sinkage,
+    with_slip_and_sd,
+    with_torque,
+)
 from terrain_estimator.model.rows import (
     ContactModel,
     Rows,
@@ -26,7 +32,8 @@ from terrain_estimator.model.rows import (
     with_body,
 )
 from terramechanics.contact.stresses import wheel_forces
-from terramechanics.effects.law import Law, Readings, with_torque
+from terramechanics.effects.law import Law, Readings
+from terramechanics.effects.law import with_torque as with_true_torque
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import Geometry, shifted_centre
 
@@ -40,20 +47,15 @@ class Observed(NamedTuple):
     sinkage_rate: Tensor | None = None  # [n, A] [m/s], likewise
 
 
-def wheel_rates(packed: Tensor, axles: int, first: int = RATES) -> Tensor:
-    """Return the wheel rates [n, A] [rad/s] of packed observations that hold them."""
-    return packed[:, 8 * axles + first : 9 * axles + first]
-
-
 def readings_of(observed: Observed) -> Readings:
     """Return the sensor values that effects can change."""
-    packed, a = observed.packed, observed.wheel_rate.shape[1]
+    view = view_of(observed.packed, observed.wheel_rate.shape[1])
     return Readings(
-        slip=packed[:, :a],
-        slip_sd=packed[:, a : 2 * a],
-        sinkage=packed[:, 2 * a : 3 * a],
-        torque=packed[:, 6 * a : 7 * a],
-        pitch=packed[:, 8 * a + 2 : 8 * a + 3],
+        slip=view.slip,
+        slip_sd=view.slip_sd,
+        sinkage=view.sinkage,
+        torque=view.torque,
+        pitch=view.pitch.unsqueeze(1),
         wheel_rate=observed.wheel_rate,
         slip_rate=observed.slip_rate,
         sinkage_rate=observed.sinkage_rate,
@@ -61,19 +63,10 @@ def readings_of(observed: Observed) -> Readings:
 
 
 def with_readings(packed: Tensor, readings: Readings) -> Tensor:
-    """Return ``packed`` [n, P] with other sensor values, for each of n or 1 times more."""
-    a = readings.wheel_rate.shape[1]
-    groups = [
-        readings.slip,
-        readings.slip_sd,
-        readings.sinkage,
-        packed[:, 3 * a : 6 * a],
-        readings.torque,
-        packed[:, 7 * a : 8 * a + 2],
-        readings.pitch,
-        packed[:, 8 * a + 3 :],
-    ]
-    return torch.cat(groups, 1)
+    """Return ``packed`` [n, P] with other sensor values."""
+    packed = with_slip_and_sd(packed, readings.slip, readings.slip_sd)
+    packed = with_torque(with_sinkage(packed, readings.sinkage), readings.torque)
+    return with_pitch(packed, readings.pitch.squeeze(1), readings.wheel_rate.shape[1])
 
 
 class StressIntegrals(nn.Module):
@@ -93,7 +86,7 @@ class StressIntegrals(nn.Module):
 
 
 class EffectRows(nn.Module):
-    """Rows of one rover under several laws; ``values`` [n or 1, V] are theirs, one behind the other."""
+    """Rows of one rover under several laws; their values [n or 1, V] follow one another."""
 
     def __init__(
         self, laws: Sequence[Law], mass_kg: float, integrals: nn.Module | None = None
@@ -105,7 +98,7 @@ class EffectRows(nn.Module):
         self.integrals = StressIntegrals() if integrals is None else integrals
 
     def size_moments(self, mean: Tensor, variance: Tensor) -> Tensor:
-        """Return mean and variance [J, 2] of every size, where those of the values [V] are given."""
+        """Return mean and variance [J, 2] of every size from those of the values [V]."""
         means, variances = (
             mean.split_with_sizes(self.counts),
             variance.split_with_sizes(self.counts),
@@ -120,7 +113,7 @@ class EffectRows(nn.Module):
         for k, law in enumerate(self.laws):
             readings = law.corrected(readings, own[k])
             loss = law.drive_loss(readings.wheel_rate, own[k])
-            readings = with_torque(readings, readings.torque - loss)
+            readings = with_true_torque(readings, readings.torque - loss)
         return with_readings(observed.packed, readings)
 
     def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:
@@ -139,7 +132,7 @@ class EffectRows(nn.Module):
     def forces(
         self, inputs: ContactInputs, wheel_rate: Tensor, contact: ContactModel, values: Tensor
     ) -> Tensor:
-        """Return :func:`wheel_forces` with the effects on the contact in them, [..., n, A, 3, 3]."""
+        """Return :func:`wheel_forces` with the effects in them, [..., n, A, 3, 3]."""
         own = values.split_with_sizes(self.counts, 1)
         for k, law in enumerate(self.laws):
             inputs = law.contact(inputs, own[k], wheel_rate)

@@ -26,7 +26,7 @@ from terrain_estimator.discovery import (
 from terrain_estimator.discovery.proof.held_out import long_enough
 from terrain_estimator.discovery.runs import Refusals, run_of
 from terrain_estimator.messaging.conversion import Converter
-from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
+from terrain_estimator.messaging.pairing import MessageSet, input_synchronizer
 from terrain_estimator.observation import Observation
 from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.cluster import Cluster, Held, Item, Result, cluster
@@ -176,11 +176,7 @@ def _observations(
 
 
 def _paired(reader: BagReader, reading: BagOptions, converter: Converter) -> Iterator[MessageSet]:
-    topics = tuple(InputTopic(name, name in REQUIRED_INPUTS) for name in INPUT_TYPES)
-    pairing = reading.config.pairing
-    synchronizer = Synchronizer(
-        topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9)
-    )
+    synchronizer = input_synchronizer(INPUT_TYPES, reading.config.pairing)
     index = {reading.names[name]: (number, name) for number, name in enumerate(INPUT_TYPES)}
     for raw in reader.messages(index):
         (number, name), message = index[raw.topic], reader.decode(raw)

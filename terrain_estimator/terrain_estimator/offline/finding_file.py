@@ -9,7 +9,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -37,15 +37,19 @@ def known(value: Any) -> Any:  # noqa: ANN401 (whatever JSON holds)
     return value
 
 
-def write_finding(folder: Path, content: Mapping[str, Any]) -> list[Path]:
+def write_finding(
+    folder: Path,
+    content: Mapping[str, Any],
+    page: Callable[[Mapping[str, Any]], str] = finding_page,
+) -> list[Path]:
     """Write finding.json and report.html to ``folder``, which is created; return their paths.
 
-    The same content gives the same bytes.
+    ``page`` makes the text of the report. The same content gives the same bytes.
     """
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
         "finding.json": json.dumps(known(content), indent=1, allow_nan=False) + "\n",
-        "report.html": finding_page(content),
+        "report.html": page(content),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")

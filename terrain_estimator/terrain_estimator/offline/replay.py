@@ -175,34 +175,41 @@ def replay(
     with BagReader(bag) as reader:
         check_inputs(str(bag), reader.topics, names)
         reader.expect({names[name]: type_name for name, type_name in INPUT_TYPES.items()})
-        result.missing_s, result.notes = (
-            reader.missing_s,
-            reader.notes + _other_model(reader, model, names["terrain_estimate"]),
-        )
+        result.missing_s = reader.missing_s
+        result.notes = reader.notes + _other_model(reader, model, names["terrain_estimate"])
         wheels = rover_of(model, config.rover).wheel_names
         result.slip, result.sinkage = WheelHistory(wheels), WheelHistory(wheels)
         pipeline = Pipeline(model, config)
         if start:
             pipeline.restore(start.arrays)
             result.state_sha256 = start.sha256
-        for name in names.values():
-            if name in reader.topics:
-                reader.prepare(name)
-        with whole_bag(output) as writer:
-            writer.add_metadata(
-                "terrain_estimator",
-                identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {}),
-            )
-            outgoing = _Output(writer, pipeline, names)
-            gc.collect()
-            gc.freeze()  # collections over torch's modules would take a tenth of the time
-            started_s = time.perf_counter()
-            _run(reader, pipeline, outgoing, names, result)
-        result.wall_s = time.perf_counter() - started_s
-        result.inputs = dict(pipeline.counters)
-        if result.last:
-            result.status = status_of(result.last.update, pipeline.meta.rows).name
+        origin = identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {})
+        _estimate(reader, pipeline, origin, names, result)
     return result
+
+
+def _estimate(
+    reader: BagReader,
+    pipeline: Pipeline,
+    origin: dict[str, str],
+    names: Mapping[str, str],
+    result: Replay,
+) -> None:
+    """Write the estimates bag, with ``origin`` as its metadata, and complete the result."""
+    for name in names.values():
+        if name in reader.topics:
+            reader.prepare(name)
+    with whole_bag(result.estimates_bag) as writer:
+        writer.add_metadata("terrain_estimator", origin)
+        output = _Output(writer, pipeline, names)
+        gc.collect()
+        gc.freeze()  # collections over torch's modules would take a tenth of the time
+        started_s = time.perf_counter()
+        _run(reader, pipeline, output, names, result)
+    result.wall_s = time.perf_counter() - started_s
+    result.inputs = dict(pipeline.counters)
+    if result.last:
+        result.status = status_of(result.last.update, pipeline.meta.rows).name
 
 
 def _other_model(reader: BagReader, model: LoadedModel, estimates: str) -> list[str]:

@@ -20,6 +20,7 @@ from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.offline.replay import Replay
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.pages.number_format import finite
 
 WIDTH = 150
 """[characters] Width of the table where stdout is no terminal."""
@@ -70,7 +71,7 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
         "status": replay.status,
         "estimate": estimate_summary(replay),
         "wall_s": replay.wall_s,
-        "times_real_time": _finite(replay.times_real_time),
+        "times_real_time": finite(replay.times_real_time),
         "identical_to_live": (
             None if replay.differences is None else not any(replay.differences.values())
         ),
@@ -88,10 +89,10 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
         (("cohesion_pa", "cohesion"), ("tan_phi", "tan_phi"))
     ):
         result[name] = {
-            "mean": _finite(float(estimate.mean[index])),
-            "sd": _finite(math.sqrt(float(estimate.covariance[index, index]))),
-            "lower_95": _finite(float(estimate.lower_95[index])),
-            "upper_95": _finite(float(estimate.upper_95[index])),
+            "mean": finite(float(estimate.mean[index])),
+            "sd": finite(math.sqrt(float(estimate.covariance[index, index]))),
+            "lower_95": finite(float(estimate.lower_95[index])),
+            "upper_95": finite(float(estimate.upper_95[index])),
             "identified": bool(estimate.identified[index]),
             "truth": None if truth is None else float(getattr(truth, attribute)),
         }
@@ -195,7 +196,3 @@ def remarks(replay: Replay) -> list[str]:
             f" {f'differs from live: {difference}' if difference else 'is identical to live'}"
         )
     return lines
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.pages import finding_words as say
-from terrain_estimator.pages.number_format import NORMAL_95
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import (
     AFTER,
@@ -101,13 +101,18 @@ def effects_title(finding: Finding) -> str:
 
 
 def _asked(finding: Finding) -> dict[str, Any]:
-    library = [
+    told = {"rover": "", "soil": ""} | dict(finding.get("asked") or {})
+    searched = {"runs": finding["runs"], "held_out": finding["held_out"]}
+    return told | searched | {"library": library(finding)}
+
+
+def library(finding: Finding) -> list[str]:
+    """Return the effects that were considered."""
+    return [
         name
         for name in finding["probabilities"]
         if name not in {"none", "unknown"} and " + " not in name
     ]
-    told = {"rover": "", "soil": ""} | dict(finding.get("asked") or {})
-    return told | {"runs": finding["runs"], "held_out": finding["held_out"], "library": library}
 
 
 def candidates(finding: Finding) -> tuple[list[dict[str, Any]], list[str]]:
@@ -235,7 +240,7 @@ def _half_series(
     strengths: Sequence[Mapping[str, Any]], key: str, unit: float, k: int
 ) -> PlotSeries:
     word = tuple(STYLES)[k]
-    halves = [NORMAL_95 * unit * each[f"{key}_sd"][k] for each in strengths]
+    halves = [HALF_WIDTH_95 * unit * each[f"{key}_sd"][k] for each in strengths]
     return PlotSeries(word, [unit * each[key][k] for each in strengths], *STYLES[word], halves)
 
 

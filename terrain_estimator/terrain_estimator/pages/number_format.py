@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
+from terrain_estimator.intervals import HALF_WIDTH_95
+
 DIGITS = 3
 """Significant digits of a number without a deviation."""
-NORMAL_95 = 1.959964
-"""Half width of the 95 % interval of a Gaussian, in deviations."""
 _MINUS = "\N{MINUS SIGN}"
 _ABSENT = Markup('<span class="absent">not known</span>')
 
@@ -24,6 +24,11 @@ def number(value: float | None, unit: str = "", digits: int = DIGITS) -> Markup:
     )
 
 
+def finite(value: float) -> float | None:
+    """Return a number that is finite; None in its place otherwise."""
+    return float(value) if math.isfinite(value) else None
+
+
 def interval(
     mean: float, sd: float, unit: str = "", limits: tuple[float, float] | None = None
 ) -> Markup:
@@ -33,7 +38,8 @@ def interval(
     """
     places = _places(sd)
     low, high = (
-        _fixed(limit, places) for limit in limits or (mean - NORMAL_95 * sd, mean + NORMAL_95 * sd)
+        _fixed(limit, places)
+        for limit in limits or (mean - HALF_WIDTH_95 * sd, mean + HALF_WIDTH_95 * sd)
     )
     shown = Markup("{} ± {}").format(
         _data(mean, _fixed(mean, places)), _data(sd, _fixed(sd, places))

@@ -127,13 +127,7 @@ def points(
             )
         if goal is not None:
             axes.axvline(goal, color=INK, linestyle="--", linewidth=1.0)
-        figure.legend(
-            loc="outside upper right",
-            ncols=len(series),
-            frameon=False,
-            handletextpad=0.2,
-            borderpad=0.0,
-        )
+        legend(figure, len(series), handletextpad=0.2)
         svg = inline(figure, name)
     head = ("", *(column for each in series for column in _columns(each)))
     rows = [
@@ -171,13 +165,7 @@ def lines(
             )
         axes.set(xlabel=axes_words[0], ylabel=axes_words[1])
         axes.grid(visible=True)
-        figure.legend(
-            loc="outside upper right",
-            ncols=len(series),
-            frameon=False,
-            handletextpad=0.4,
-            borderpad=0.0,
-        )
+        legend(figure, len(series), handletextpad=0.4)
         svg = inline(figure, name)
     words = (
         f"{title}: curves of {', '.join(each.name for each in series)}, {axes_words[1]} over"
@@ -213,6 +201,11 @@ def _rows(labels: Sequence[str], axis: str) -> tuple[Figure, Axes]:
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=(1, 2, 2.5, 5, 10), min_n_ticks=3))
     axes.set_xlabel(axis)
     return figure, axes
+
+
+def legend(figure: Figure, columns: int, **spacing: float) -> None:
+    """Draw the legend of a picture above it."""
+    figure.legend(loc="outside upper right", ncols=columns, frameon=False, borderpad=0.0, **spacing)
 
 
 def inline(figure: Figure, name: str) -> Markup:

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from terrain_estimator.pages.number_format import finite
 from terrain_estimator.pages.pictures import (
     AFTER,
     BEFORE,
@@ -25,6 +26,7 @@ from terrain_estimator.pages.pictures import (
     PlotSeries,
     Table,
     inline,
+    legend,
 )
 
 TABLE_ROWS = 24
@@ -176,17 +178,8 @@ def _finish(figure: Figure, axes: Axes, axis: str, time_s: Sequence[float]) -> N
     axes.set(xlabel=_TIME, ylabel=axis, xlim=(0.0, _end(time_s)))
     axes.grid(visible=True, color=QUIET)
     axes.set_axisbelow(True)
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        loc="outside upper right",
-        ncols=len(labels) if len(labels) <= _LEGEND else 3,
-        frameon=False,
-        handletextpad=0.4,
-        borderpad=0.0,
-        columnspacing=1.0,
-    )
+    count = len(axes.get_legend_handles_labels()[1])
+    legend(figure, count if count <= _LEGEND else 3, handletextpad=0.4, columnspacing=1.0)
 
 
 def _end(time_s: Sequence[float]) -> float:
@@ -216,7 +209,7 @@ def _table(
 
 
 def _known(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else value
+    return None if value is None else finite(value)
 
 
 def _said(series: PlotSeries) -> str:

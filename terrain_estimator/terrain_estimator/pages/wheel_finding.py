@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from terrain_estimator.pages import finding_words as say
-from terrain_estimator.pages.finding import STYLES, Finding, candidates, effects_title
+from terrain_estimator.pages.finding import STYLES, Finding, candidates, effects_title, library
 from terrain_estimator.pages.page import page
 from terrain_estimator.pages.pictures import Picture, PlotSeries, Table, points
 
@@ -21,15 +21,10 @@ _PROVEN = {
 def wheel_page(finding: Finding) -> str:
     """Return the page about one finding of ``--wheel-table`` (the content of finding.json)."""
     listed, rest = candidates(finding)
-    library = [
-        name
-        for name in finding["probabilities"]
-        if name not in {"none", "unknown"} and " + " not in name
-    ]
     return page(
         "wheel_finding.html",
         verdict=say.verdict(finding),
-        asked={**finding, **finding["asked"], "library": library},
+        asked={**finding, **finding["asked"], "library": library(finding)},
         candidates=listed,
         rest=rest,
         effects=finding["effects"],

@@ -4,9 +4,9 @@
 
 from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
 from terrain_estimator.messaging.conversion import Converter
-from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
+from terrain_estimator.messaging.pairing import input_synchronizer
 from terrain_estimator.observation import Observation
-from terrain_estimator.topics import REQUIRED_INPUTS, Message, paired_inputs, stamp_ns
+from terrain_estimator.topics import Message, paired_inputs, stamp_ns
 from terramechanics.vehicle.rover import Rover
 
 
@@ -18,15 +18,9 @@ class PlannerInputs:
 
     def __init__(self, rover: Rover, config: PlannerConfig) -> None:
         """Start without messages; any frame is accepted, since the estimator refuses wrong ones."""
-        pairing, core = (
-            config.pairing,
-            CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu),
-        )
+        core = CoreConfig(use_torque=config.use_torque, use_imu=config.use_imu)
         self.topics = paired_inputs(use_imu=config.use_imu)
-        topics = tuple(InputTopic(name, name in REQUIRED_INPUTS) for name in self.topics)
-        self._synchronizer = Synchronizer(
-            topics, round(pairing.tolerance_s * 1e9), round(pairing.timeout_s * 1e9)
-        )
+        self._synchronizer = input_synchronizer(self.topics, config.pairing)
         self._converter = Converter(rover, ConversionConfig(body_frame=""), core)
 
     def add(self, topic: str, message: Message) -> list[Observation | None]:

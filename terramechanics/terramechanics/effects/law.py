@@ -116,7 +116,7 @@ class Law(nn.Module):
         return 1.0
 
     def size_moments(self, mean: Tensor, variance: Tensor) -> Tensor:
-        """Return mean and variance [2] of the size where its value has ``mean`` and ``variance``."""
+        """Return mean and variance [2] of the size from those of its value."""
         return torch.stack([mean, variance])
 
     def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:

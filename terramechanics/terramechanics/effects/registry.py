@@ -32,6 +32,12 @@ class Description:
     by_axle: bool = False  # it acts on one axle, which has to be named
     planar: bool = True  # a planar rover shows it
 
+    def values(self, size: Size) -> torch.Tensor:
+        """Return the values [batch or 1, V] of its law at ``size``, the extra ones zero."""
+        sizes = torch.as_tensor(size, dtype=torch.float64).flatten()
+        value = torch.tensor(list(map(self.law.value_of, sizes.tolist())), dtype=torch.float64)
+        return torch.nn.functional.pad(value.unsqueeze(1), [0, len(self.law.extra)])
+
     def acting(self, values: torch.Tensor, axle: int | None = None) -> SimulatedEffect:
         """Return the effect with ``values`` [batch or 1, V] of its law for a simulation."""
         return SimulatedEffect(partial(self.law, axle=axle), values)
@@ -110,7 +116,9 @@ EFFECTS = {
         ),
         Description(
             name="payload",
-            sentence="The rover carries more (or less) mass at its centre of mass than its file says.",
+            sentence=(
+                "The rover carries more (or less) mass at its centre of mass than its file says."
+            ),
             coefficient="payload_kg",
             unit="kg",
             low=-80.0,
@@ -122,8 +130,8 @@ EFFECTS = {
         Description(
             name="grousers",
             sentence=(
-                "Lugs on the rim shear the soil between them: thrust and torque that grow with slip "
-                "and saturate."
+                "Lugs on the rim shear the soil between them: thrust and torque that grow with "
+                "slip and saturate."
             ),
             coefficient="grouser_thrust_n",
             unit="N",
@@ -200,7 +208,9 @@ EFFECTS = {
         ),
         Description(
             name="latency",
-            sentence="Slip and sinkage come from images and are reported as present when they are older.",
+            sentence=(
+                "Slip and sinkage come from images and are reported as present when they are older."
+            ),
             coefficient="latency_s",
             unit="s",
             low=0.0,
@@ -259,17 +269,12 @@ def describe(name: str) -> Description:
 
 
 def make_effect(name: str, size: Size, axle: int | None = None) -> SimulatedEffect:
-    """Return the named effect for a simulation. ``size`` is a number or a tensor [batch]; 0 is none.
+    """Return the named effect for a simulation.
 
-    ``axle`` goes to an effect of one axle, 0 is the front. Raises ConfigError for a name that is
-    unknown or not simulated.
+    ``size`` is a number or a tensor [batch]; 0 has no effect. ``axle`` goes to an effect of one
+    axle, 0 is the front. Raises ConfigError for a name that is unknown or not simulated.
     """
     description = describe(name)
     if not description.planar:
         raise ConfigError(f"effect {name} acts sideways, which a planar rover does not simulate")
-    sizes = torch.as_tensor(size, dtype=torch.float64).flatten()
-    value = torch.tensor(
-        [description.law.value_of(each) for each in sizes.tolist()], dtype=torch.float64
-    )
-    others = torch.zeros(value.shape[0], len(description.law.extra), dtype=torch.float64)
-    return description.acting(torch.cat([value.unsqueeze(1), others], 1), axle)
+    return description.acting(description.values(size), axle)

@@ -15,10 +15,10 @@ from terramechanics.vehicle.rover import Rover
 
 
 class SimulatedEffect(Effect):
-    """A law that acts with the values [batch or 1, V]."""
+    """A law that acts with ``values`` [batch or 1, V], which may change from step to step."""
 
     def __init__(self, make: Callable[[Rover], Law], values: Tensor) -> None:
-        self._make, self._values = make, values
+        self._make, self.values = make, values
         self._rover: Rover | None = None
         self._built: Law | None = None
 
@@ -33,7 +33,7 @@ class SimulatedEffect(Effect):
         return self._built or self._make(rover)
 
     def _of(self, where: Situation) -> Tensor:
-        return self._values if self._values.shape[0] == 1 else self._values[where.episode]
+        return self.values if self.values.shape[0] == 1 else self.values[where.episode]
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         """Change the inputs of the stress integrals by the law."""
@@ -47,7 +47,8 @@ class SimulatedEffect(Effect):
         none = torch.zeros_like(added.traction)
         lateral = none if added.lateral is None else added.lateral
         parts = [none, added.traction, added.torque, lateral][: forces.shape[-1]]
-        return forces + torch.stack(torch.broadcast_tensors(*parts), dim=-1)  # type: ignore[no-untyped-call]
+        alike = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
+        return forces + torch.stack(alike, dim=-1)
 
     def payload(self, where: Situation) -> Payload | None:
         """Place the law's mass where its moments have it."""
@@ -79,7 +80,7 @@ class SimulatedEffect(Effect):
             sample.wheel_rate,
             sample.time,
         )
-        seen = self._law(self._rover).reported(true, self._values)
+        seen = self._law(self._rover).reported(true, self.values)
         pitch = seen.pitch.squeeze(-1)
         # A sample carries dv/dt, a sensor reads dv/dt + g sin ab.
         turned = self._rover.gravity * (torch.sin(sample.pitch) - torch.sin(pitch))

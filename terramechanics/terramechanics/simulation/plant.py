@@ -27,7 +27,7 @@ Size = float | Tensor
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """All that forces depend on besides slip and sinkage, constant within a step, of some episodes."""
+    """Inputs of forces besides slip and sinkage, constant within a step, of some episodes."""
 
     rover: Rover
     time: float  # [s] at the end of the step
@@ -138,7 +138,8 @@ def with_constants(
         n = n * exponent
     if stiffness is not None:
         k_c, k_phi = k_c * stiffness, k_phi * stiffness
-    columns = torch.broadcast_tensors(n, k_c, k_phi, shear_modulus, c1, c2)  # type: ignore[no-untyped-call]
+    parts = (n, k_c, k_phi, shear_modulus, c1, c2)
+    columns = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
     return ContactInputs(
         inputs.slip,
         inputs.sinkage,
@@ -168,7 +169,7 @@ def with_exit_angle(inputs: ContactInputs, angle: Tensor) -> ContactInputs:
 
 @dataclass(frozen=True, slots=True)
 class Pull:
-    """A force on the body, [rows] each, along and up in the body's axes, with its point of attack."""
+    """A force on the body, [rows] each, in the body's axes, with its point of attack."""
 
     along: Tensor  # [N]
     up: Tensor  # [N]
@@ -186,7 +187,7 @@ class Payload:
 
 
 class Effect:
-    """Something that the nominal model lacks. Every method here leaves the nominal model as it is."""
+    """An effect that the nominal model lacks. These methods leave the nominal model as it is."""
 
     def begin(self, rover: Rover, batch: int) -> None:
         """Begin a new simulation of ``batch`` rovers: forget what was remembered."""
@@ -223,7 +224,7 @@ class Effect:
         """Take note at the end of a step of what later steps depend on."""
 
     def sensed(self, sample: Sample) -> Sample:
-        """Return the sample that the sensors are given, before noise. Called once a step, in order."""
+        """Return the sample for the sensors, before noise. Called once a step, in order."""
         return sample
 
 
@@ -231,7 +232,7 @@ class Plant:
     """The effects of a simulation, in the order in which they act."""
 
     def __init__(self, effects: Sequence[Effect]) -> None:
-        """``effects`` remember what happened in a drive, so a plant serves one simulation at a time."""
+        """``effects`` remember a drive, so that a plant serves one simulation at a time."""
         self.effects = tuple(effects)
 
     def begin(self, rover: Rover, batch: int) -> None:

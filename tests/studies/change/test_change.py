@@ -102,14 +102,14 @@ def test_a_second_in_which_nobody_drives_is_not_a_good_one() -> None:
     )
     score = score_change(kind, whole)
     assert score.drives == (10, 10, 10)
-    assert score.known_s == (9.0, 9.0)
-    assert score_change(kind, whole._replace(crossing_s=np.full(10, 2.0))).known_s == (4.0, 4.0)
+    assert score.recovered_s == (9.0, 9.0)
+    assert score_change(kind, whole._replace(crossing_s=np.full(10, 2.0))).recovered_s == (4.0, 4.0)
     assert score.before == change.FalseAlarms("mars_rover", "loose_sand", 5.0, 3)
     ended = error.copy()
     ended[:, 31:] = math.nan
     short = score_change(kind, whole._replace(error=ended))
     assert short.drives == (10, 10, 0)
-    assert short.known_s == (math.inf, math.inf)
+    assert short.recovered_s == (math.inf, math.inf)
     assert math.isnan(short.coverage_40_s[0])
     assert "| 10 / 10 / 0 |" in page(
         ChangeRun("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], [])

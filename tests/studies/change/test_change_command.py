@@ -54,9 +54,9 @@ def test_two_sharp_changes_are_told_and_an_ended_run_goes_on(
     run = json.loads((tmp_path / "change.json").read_text())
     (score,), (constant,) = run["changes"], run["constant"]
     assert score["drives"] == [2, 2, 2]
-    assert score["found"] == 1.0
+    assert score["detected"] == 1.0
     assert score["delay_p90_s"]["value"] <= 3.0
-    assert min(score["known_s"]) >= score["crossing_s"] > 3.0
+    assert min(score["recovered_s"]) >= score["crossing_s"] > 3.0
     assert np.isfinite(score["error_15_s"]).all()
     assert score["before"]["hours"] * 3600.0 > 10.0
     assert constant["hours"] == pytest.approx(20.0 / 3600.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small files that ask for much memory: they are refused, and nothing like that is allocated."""
+"""Small files that ask for much memory are refused without allocating it."""
 
 import resource
 import tracemalloc
@@ -47,7 +47,7 @@ def chunk(compression: str, data: bytes, claimed: int) -> Chunk:
 
 
 def topic(data: bytes = b"", log_time: int = 0) -> bytes:
-    """The contents of a chunk with one message."""
+    """Return the contents of a chunk with one message."""
     schema = Schema(id=1, data=b"uint8 x", encoding="ros2msg", name="x/msg/X")
     channel = Channel(id=1, topic="/x", message_encoding="cdr", metadata={}, schema_id=1)
     return built(
@@ -78,7 +78,7 @@ def little_memory() -> Iterator[None]:
 
 
 def spread(path: Path, *parts: tuple[int, bytes]) -> Path:
-    """A file of so many bytes with these parts, by their places; between them are holes, which take no room on the disk."""
+    """Write a sparse file of a given size with these parts, by their offsets."""
     with path.open("wb") as file:
         for place, part in parts:
             file.seek(place)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Unfinished, damaged and foreign files: what can be read is read, the rest is a clear error."""
+"""Unfinished, damaged and foreign files: readable parts are read, the rest is a clear error."""
 
 import shutil
 from pathlib import Path
@@ -113,7 +113,7 @@ def test_zeros_at_the_end_of_a_recording_are_passed_over(killed: Path, tmp_path:
 
 
 def read_or_error(path: Path) -> tuple[int, str]:
-    """Decode all messages; return how many there were, and the error that ended it."""
+    """Decode all messages; return their number, and the error that ended it."""
     count = 0
     try:
         with BagReader(path) as reader:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is left of a recording when the power fails: all that is older than the recorder says.
+"""State of a recording after a power cut: all older than the recorder's interval is left.
 
 No disk can be cut off here, so one is modelled at its worst: a file holds after the cut what it
 held when its last fsync began, under the names that its folder had when the folder was synced last.
@@ -24,7 +24,7 @@ CUTS = 12
 
 
 class Disk:
-    """Takes the place of ``os.fsync``."""
+    """Stand-in for ``os.fsync``."""
 
     def __init__(self) -> None:
         self.delay_s = 0.0
@@ -48,7 +48,7 @@ class Disk:
                 self._files[status.st_ino] = content
 
     def cut(self, folder: Path, left: Path) -> Path:
-        """Write what would be left of a folder."""
+        """Write what a power cut would leave of a folder."""
         left.mkdir()
         with self._lock:
             assert folder.name in self._folders[folder.parent.stat().st_ino], (
@@ -71,7 +71,7 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
 
 
 def readable(folder: Path) -> set[int]:
-    """Log times of the messages in what a cut left."""
+    """Return the log times of the messages that a cut left."""
     if not any(file.stat().st_size for file in folder.glob("*.mcap")):
         return set()
     with BagReader(folder) as reader:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A damaged bag is made whole: what is left of it is kept, what is not is counted, and the original is not touched."""
+"""Recovery of damaged bags: the rest is kept, losses are counted, the original is not changed."""
 
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def read(path: Path) -> list[RawMessage]:
 
 
 def recovered(file: Path, data: bytes, target: Path) -> tuple[Recovery, list[RawMessage]]:
-    """Recover a file of that content; what is read of the new bag."""
+    """Recover a file of that content; return what is read of the new bag."""
     file.write_bytes(data)
     recovery = recover(file, target)
     assert file.read_bytes() == data, "the original is not touched"
@@ -72,7 +72,7 @@ def recovered(file: Path, data: bytes, target: Path) -> tuple[Recovery, list[Raw
 
 
 def message_records(path: Path) -> list[tuple[int, int]]:
-    """First byte and first byte behind every message of a recording."""
+    """Return the first byte of every message of a recording, and the first byte after it."""
     found = [
         (each.offset, each.offset + HEAD.size + len(each.payload))
         for each in records(path)
@@ -264,7 +264,7 @@ def test_it_says_what_was_recovered_and_lost(
     said = capsys.readouterr().out
     assert (
         f"{tmp_path / 'run_recovered'}: {TOTAL - 1} messages in 3.900 s recovered, 1 lost before"
-        " the last one; nothing tells" in said
+        " the last one; it is unknown whether more followed" in said
     )
     assert main([str(bag)]) == 2
     assert "run_recovered exists already" in capsys.readouterr().err

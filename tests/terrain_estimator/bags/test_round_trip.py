@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is written is read again, by us and by others."""
+"""Bags that we write are read again, by us and by others."""
 
 import math
 from pathlib import Path

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A long recording in several files is one run, for our reader and for others, and each of its files is whole."""
+"""A long recording in several files is one run for every reader, and each file is whole."""
 
 import threading
 from pathlib import Path

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""add_slip: a recording without slip becomes one that replays, and nothing else of it changes."""
+"""add_slip makes a recording without slip replayable and changes nothing else."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,7 @@ STEPS = 80
 def bag_without_slip(
     folder: Path, namespace: str = "", more: tuple[str, ...] = (), frame: str = "base_link"
 ) -> Path:
-    """A drive whose velocity comes twice, as of two sensors."""
+    """Write a drive whose velocity comes twice, as from two sensors."""
     types = Types()
     kinds = {
         name: kind for name, kind in INPUT_TYPES.items() if name != "wheel_slip" or name in more
@@ -52,7 +52,7 @@ def run(bag: Path, *arguments: str) -> int:
 
 
 def contents(folder: Path, topic: str = "") -> list[Any]:
-    """Topic, time and bytes of all messages but one topic's."""
+    """Return topic, time and bytes of all messages but one topic's."""
     with BagReader(folder) as reader:
         return [
             (raw.topic, raw.log_time_ns, raw.data)

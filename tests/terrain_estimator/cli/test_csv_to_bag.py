@@ -29,7 +29,7 @@ ROWS = ["0.5,100,2,0.1,10,-20,12,11,60,60,5,6", "0.6,101,2,0.1,20,30,,10,60,30,7
 
 
 def mapping(**changes: Any) -> dict[str, Any]:
-    """Return a mapping of two wheels; a change to None takes a key out."""
+    """Return a mapping of two wheels; a change to None removes a key."""
     whole: dict[str, Any] = {
         "time": {"column": "t"},
         "slip_definition": "max_normalised",
@@ -136,7 +136,7 @@ def test_a_signal_that_was_not_measured_is_absent(
 
 
 def test_a_bogie_angle_arrives_as_a_joint_nose_up(tmp_path: Path) -> None:
-    """The column of the pitch serves for it: 2 deg nose down."""
+    """Use the column of the pitch: 2 deg nose down."""
     assert (
         run(tmp_path, mapping(bogie_angle={"column": "p", "unit": "deg", "positive": "nose_down"}))
         == 0
@@ -207,7 +207,7 @@ def test_the_example_of_the_documentation_converts(
         ),
         (
             {"contact_angle": {"unit": "deg", "noise": {"absolute": 1}}},
-            "contact_angle: no wheel has a column of it",
+            "contact_angle: no wheel has a column for it",
         ),
         (
             {"constant_pitch": {"value": 0.0, "unit": "deg", "noise": {"absolute": 1}}},
@@ -267,8 +267,14 @@ def test_a_wrong_mapping_is_named(
             [HEADER, ROWS[0], ROWS[1].replace("101", "-inf")],
             "row 3, column 'v': '-inf' is not finite",
         ),
-        ([HEADER, ROWS[0], ROWS[0]], "row 3, column 't': '0.5' is not later than the row before"),
-        ([HEADER, ROWS[1], ROWS[0]], "row 3, column 't': '0.5' is not later than the row before"),
+        (
+            [HEADER, ROWS[0], ROWS[0]],
+            "row 3, column 't': '0.5' is not later than in the row before",
+        ),
+        (
+            [HEADER, ROWS[1], ROWS[0]],
+            "row 3, column 't': '0.5' is not later than in the row before",
+        ),
         (
             [HEADER, ROWS[0].replace("0.5", "", 1)],
             "row 2, column 't': '' is empty: every row needs its time",

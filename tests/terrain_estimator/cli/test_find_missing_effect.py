@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command on sealed bags of short drives. How often its verdicts are right is tested elsewhere."""
+"""find_missing_effect on sealed bags of short drives, not how often its verdicts are right."""
 
 import json
 import re

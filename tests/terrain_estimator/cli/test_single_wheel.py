@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Single-wheel tables: simulated with an effect that no law of the library makes, broken ones, and the measured ones."""
+"""Single-wheel tables: simulated with effects outside the library, broken ones, measured ones."""
 
 import csv
 import json
@@ -35,7 +35,7 @@ TURNED = f"{HEADER},slip_angle_deg,lateral_force_N"
 
 
 class Churned(Effect):
-    """The soil below a slipping wheel gets softer: another law than the library's, which changes the exponent."""
+    """Soil that softens below a slipping wheel in its exponent, unlike the library's law."""
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         del where
@@ -43,7 +43,10 @@ class Churned(Effect):
 
 
 class Ploughed(Effect):
-    """The side of the wheel pushes soil away by Rankine's passive pressure over the chord: the library integrates along the rim."""
+    """Soil pushed by the wheel's side with Rankine's passive pressure over the chord.
+
+    The library integrates along the rim.
+    """
 
     def push(self, where: Situation, contact: ContactInputs, forces: torch.Tensor) -> torch.Tensor:
         if contact.slip_angle is None:
@@ -67,7 +70,10 @@ def table(
     slips: tuple[float, ...] = SLIPS,
     angles: tuple[float, ...] = (0.0,),
 ) -> Path:
-    """Two replicates of every setting, of a soil with constants off by 5 %; slip angles in degrees, with the carriage's slip."""
+    """Return two replicates of every setting, of a soil with constants off by 5 %.
+
+    Slip angles are in degrees, with the carriage's slip.
+    """
     generator = torch.Generator().manual_seed(3)
     soil = load_soil("loose_sand")
     bed = Rig(wheel_alone(load_rover("mars_rover"), RADIUS, WIDTH), soil, 0.05, NOISE)
@@ -137,7 +143,7 @@ def found(path: Path, *extra: str) -> dict[str, Any]:
     return content
 
 
-def test_softening_that_goes_with_slip_is_named_where_the_speed_varies_and_helps_on_settings_held_out(
+def test_softening_with_slip_is_named_where_the_speed_varies_and_helps_on_held_out_settings(
     tmp_path: Path,
 ) -> None:
     finding = found(
@@ -203,7 +209,7 @@ def test_where_no_side_ploughs_none_is_named(tmp_path: Path) -> None:
     assert finding["gap"]["rows"]["lateral_force"]["before"] < 4.0 * NOISE[2]
 
 
-def test_rows_with_a_slip_angle_are_read_with_the_slip_along_the_wheel_and_those_without_lateral_force_left_out(
+def test_rows_with_a_slip_angle_have_the_slip_along_the_wheel_and_need_a_lateral_force(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "turned.csv"
@@ -355,7 +361,7 @@ def test_lines_without_entries_are_passed_over_and_a_wheel_that_stands_is_left_o
 
 
 class AskedError(WheelTableError):
-    """Ends the command where the search would begin."""
+    """End of the command where the search would begin."""
 
 
 def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_looked_for(
@@ -399,7 +405,7 @@ def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_look
         (["--reference", grousered], f"{grousered} is given twice"),
         (
             ["--given", "grousers", "--library", "grousers"],
-            "grousers stands in --library and in --given",
+            "grousers is in --library and in --given",
         ),
         (["--out", str(wheel)], f"--out {wheel}: no file can be written there"),
     ):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers on the command lines of the long measurements: none that ends them in the middle, or in a page without figures."""
+"""Numbers on command lines: none may end a long measurement in the middle or without figures."""
 
 from collections.abc import Callable
 

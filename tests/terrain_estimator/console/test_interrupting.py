@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A command that is interrupted says so in one line, and its processes end with it."""
+"""Interrupted commands end with one line, and their processes end with them."""
 
 import os
 import re
@@ -44,7 +44,10 @@ if __name__ == "__main__":
 def test_all_processes_of_a_long_computation_end_at_once_and_quietly(
     number: signal.Signals, send: Callable[[int, int], None]
 ) -> None:
-    """Ctrl-C reaches the whole group, what ``kill`` sends one process; the pipe's end is seen when no process holds it any more."""
+    """Ctrl-C reaches the whole group, ``kill`` one process.
+
+    The pipe's end is seen when no process holds it any more.
+    """
     command = ["env", "--default-signal=INT", sys.executable, "-c", WORKING]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, sys.path))}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}

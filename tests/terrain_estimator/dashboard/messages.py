@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a drive, as estimator, planner and simulator publish them, with numbers that all differ."""
+"""Messages of a drive as estimator, planner and simulator publish them, with distinct numbers."""
 
 import math
 from collections.abc import Iterator
@@ -20,19 +20,47 @@ def header(make: Make, step: int, frame: str = "base_link") -> Any:
 
 def estimate(make: Make, step: int, **fields: Any) -> Any:
     decision = make(
-        "msg_defs/msg/MeasurementDecision", outcome=0, outcome_name="ACCEPTED", advice="", rows_used=[], mahalanobis_squared=1.0,
-        threshold=9.0, degrees_of_freedom=3,
-    )  # fmt: skip
+        "msg_defs/msg/MeasurementDecision",
+        outcome=0,
+        outcome_name="ACCEPTED",
+        advice="",
+        rows_used=[],
+        mahalanobis_squared=1.0,
+        threshold=9.0,
+        degrees_of_freedom=3,
+    )
     values: dict[str, Any] = {
-        "header": header(make, step), "sequence": step, "model_id": "mars_rover-7", "model_sha256": "", "configuration_sha256": "",
-        "cohesion": 1500.0 + step, "cohesion_stddev": 100.25, "cohesion_lower_95": 1303.5 + step, "cohesion_upper_95": 1696.5 + step,
-        "tan_phi": 0.6 + 1e-4 * step, "tan_phi_stddev": 0.0123, "tan_phi_lower_95": 0.5759, "tan_phi_upper_95": 0.6241,
-        "covariance": [1e4, 0.0, 0.0, 1e-4], "cohesion_identified": True, "tan_phi_identified": True, "mass_below_zero": 0.0,
-        "change_probability": 0.0125, "soil": ["loose_sand"], "soil_probability": [1.0],
-        "effect": ["drive_drag", "slope_bias"], "effect_value": [0.2005, -0.01], "effect_stddev": [0.0031, 0.02],
+        "header": header(make, step),
+        "sequence": step,
+        "model_id": "mars_rover-7",
+        "model_sha256": "",
+        "configuration_sha256": "",
+        "cohesion": 1500.0 + step,
+        "cohesion_stddev": 100.25,
+        "cohesion_lower_95": 1303.5 + step,
+        "cohesion_upper_95": 1696.5 + step,
+        "tan_phi": 0.6 + 1e-4 * step,
+        "tan_phi_stddev": 0.0123,
+        "tan_phi_lower_95": 0.5759,
+        "tan_phi_upper_95": 0.6241,
+        "covariance": [1e4, 0.0, 0.0, 1e-4],
+        "cohesion_identified": True,
+        "tan_phi_identified": True,
+        "mass_below_zero": 0.0,
+        "change_probability": 0.0125,
+        "soil": ["loose_sand"],
+        "soil_probability": [1.0],
+        "effect": ["drive_drag", "slope_bias"],
+        "effect_value": [0.2005, -0.01],
+        "effect_stddev": [0.0031, 0.02],
         "effect_unit": ["N m s/rad", "rad"],
-        "status": 2, "status_text": "identified", "rows": [], "observations_used": step, "time_used": 0.1 * step, "decision": decision,
-    }  # fmt: skip
+        "status": 2,
+        "status_text": "identified",
+        "rows": [],
+        "observations_used": step,
+        "time_used": 0.1 * step,
+        "decision": decision,
+    }
     return make(ESTIMATE, **values | fields)
 
 
@@ -48,11 +76,30 @@ def refused(make: Make, step: int) -> Any:
 
 def health(make: Make, step: int, level: int = 0, summary: str = "estimating") -> Any:
     return make(
-        HEALTH, header=header(make, step), sequence=step, level=level, summary=summary, model_id="", model_sha256="",
-        configuration_sha256="", accepted=step, rejected=7, outcome=["ACCEPTED", "GATED", "DUPLICATE"], outcome_count=[step, 7, 0],
-        input_topic=["wheel_slip"], input_received=[step], input_unpaired=[2], input_out_of_order=[0], input_lost=[1], input_age=[0.05],
-        normalized_innovation_squared=1.07, condition_number=12.0, update_latency_median=0.00125, update_latency_max=0.004, resets=0,
-    )  # fmt: skip
+        HEALTH,
+        header=header(make, step),
+        sequence=step,
+        level=level,
+        summary=summary,
+        model_id="",
+        model_sha256="",
+        configuration_sha256="",
+        accepted=step,
+        rejected=7,
+        outcome=["ACCEPTED", "GATED", "DUPLICATE"],
+        outcome_count=[step, 7, 0],
+        input_topic=["wheel_slip"],
+        input_received=[step],
+        input_unpaired=[2],
+        input_out_of_order=[0],
+        input_lost=[1],
+        input_age=[0.05],
+        normalized_innovation_squared=1.07,
+        condition_number=12.0,
+        update_latency_median=0.00125,
+        update_latency_max=0.004,
+        resets=0,
+    )
 
 
 def advice(make: Make, step: int, *, stop: bool) -> Any:
@@ -70,21 +117,49 @@ def advice(make: Make, step: int, *, stop: bool) -> Any:
     return message
 
 
-ADVICE_NUMBERS: dict[str, Any] = {"estimate_sequence": 0, "stop_reason": 0, "speed_limit": 0.0815} | dict.fromkeys(
+ADVICE_NUMBERS: dict[str, Any] = {
+    "estimate_sequence": 0,
+    "stop_reason": 0,
+    "speed_limit": 0.0815,
+} | dict.fromkeys(
     (
-        "commanded_speed", "slope", "pull_available", "pull_available_lower", "pull_available_upper", "pull_needed", "traction_margin",
-        "traction_margin_lower", "stall_probability", "front_stall_probability", "slope_limit", "slope_limit_median", "expected_slip",
-        "expected_slip_lower", "expected_slip_upper", "expected_velocity", "expected_sinkage", "expected_sinkage_lower",
-        "expected_sinkage_upper", "measured_slip", "measured_sinkage",
-    ), math.nan,
-)  # fmt: skip
+        "commanded_speed",
+        "slope",
+        "pull_available",
+        "pull_available_lower",
+        "pull_available_upper",
+        "pull_needed",
+        "traction_margin",
+        "traction_margin_lower",
+        "stall_probability",
+        "front_stall_probability",
+        "slope_limit",
+        "slope_limit_median",
+        "expected_slip",
+        "expected_slip_lower",
+        "expected_slip_upper",
+        "expected_velocity",
+        "expected_sinkage",
+        "expected_sinkage_lower",
+        "expected_sinkage_upper",
+        "measured_slip",
+        "measured_sinkage",
+    ),
+    math.nan,
+)
 
 
 def truth(make: Make) -> Any:
     numbers = (
-        "position", "friction_angle", "sinkage_exponent", "cohesive_modulus", "frictional_modulus", "shear_modulus", "stress_angle_offset",
+        "position",
+        "friction_angle",
+        "sinkage_exponent",
+        "cohesive_modulus",
+        "frictional_modulus",
+        "shear_modulus",
+        "stress_angle_offset",
         "stress_angle_slope",
-    )  # fmt: skip
+    )
     given = {
         "header": header(make, 0),
         "sequence": 0,
@@ -98,7 +173,7 @@ def truth(make: Make) -> Any:
 
 
 def measured(make: Make, step: int) -> Iterator[tuple[str, Any]]:
-    """Slip, sinkage and odometry of one instant."""
+    """Yield slip, sinkage and odometry of one instant."""
     count = len(WHEELS)
     common = {"header": header(make, step), "sequence": step}
     slip = {
@@ -138,6 +213,6 @@ def odometry(make: Make, step: int) -> Any:
 
 
 def instant(make: Make, step: int) -> Iterator[tuple[str, Any]]:
-    """All that comes at 10 Hz."""
+    """Yield all messages of one instant at 10 Hz."""
     yield from measured(make, step)
     yield "terrain_estimate", estimate(make, step)

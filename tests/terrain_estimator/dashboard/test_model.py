@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a viewer gets, without ROS and without a browser."""
+"""Answers to a viewer, without ROS and without a browser."""
 
 import json
 import math

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The web server in this process: who is let in, and that nobody is waited for."""
+"""The web server in this process: admission, and no waiting for slow viewers."""
 
 import asyncio
 import json
@@ -31,7 +31,7 @@ UPGRADE = {
 
 
 class Long(LiveModel):
-    """Answers a certain cursor at a length that no socket buffers."""
+    """A model with an answer to a certain cursor that no socket can buffer."""
 
     def update(self, cursor: Cursor, now_s: float) -> str:
         return json.dumps("x" * LENGTH) if cursor.recent == 7 else super().update(cursor, now_s)
@@ -42,7 +42,7 @@ def served(
     kind: type[LiveModel] = LiveModel,
     rate_hz: float = RATE_HZ,
 ) -> int:
-    """Runs a check beside the server, whose model has something new every time; returns how often it was asked for that."""
+    """Run a check next to a server with ever-changing data; return the number of its updates."""
 
     async def both() -> int:
         model, stop = kind("one", ShownConfig()), threading.Event()
@@ -130,7 +130,7 @@ def test_what_is_no_cursor_asks_for_everything() -> None:
 
 
 def deaf_viewer(server: WebServer) -> socket.socket:
-    """Speaks the protocol and never reads."""
+    """Connect by the protocol and never read."""
     address = ("127.0.0.1", int(server.url.rstrip("/").rpartition(":")[2]))
     deaf = socket.create_connection(address)
     lines = [
@@ -145,7 +145,7 @@ def deaf_viewer(server: WebServer) -> socket.socket:
 
 
 def frame(text: str) -> bytes:
-    """A short text as a WebSocket frame, masked with zeros."""
+    """Return a short text as a WebSocket frame, masked with zeros."""
     return bytes([0x81, 0x80 | len(text), 0, 0, 0, 0]) + text.encode()
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole story of find_missing_effect in a few minutes: `python -m tests.terrain_estimator.discovery.discover`.
+"""find_missing_effect in a few minutes: ``python -m tests.terrain_estimator.discovery.discover``.
 
 A simulated rover drives with an effect in it that a seed draws from the hidden ones (or none). Its
 bags are sealed: the estimator's inputs and nothing else. The command looks for the effect as a user
@@ -110,7 +110,7 @@ def say(line: str) -> None:
 
 
 def drawn(seed: int, hide: str | None, seconds: float) -> Case:
-    """The case of a seed: what is hidden, unless ``hide`` says it, on which soil, in which drives."""
+    """Draw the case of a seed: hidden effect (or ``hide``), soil and drives."""
     generator = random.Random(seed)
     name, soil = generator.choice(["none", *GENERATORS]), generator.choice(SOILS)
     parts = () if (hide or name) == "none" else ((hide or name, 1.0),)
@@ -118,7 +118,7 @@ def drawn(seed: int, hide: str | None, seconds: float) -> Case:
 
 
 def told(case: Case, seed: int) -> dict[str, Any]:
-    """The truth, as truth.json has it; its checksum is given away before the search."""
+    """Return the truth as truth.json has it; its checksum is printed before the search."""
     truth = case.truth
     return {
         "seed": seed,
@@ -131,7 +131,7 @@ def told(case: Case, seed: int) -> dict[str, Any]:
 
 
 def hidden_words(case: Case) -> str:
-    """What was hidden."""
+    """Return a sentence on the hidden effect."""
     if not case.truth.plan.parts:
         return "Nothing was hidden."
     [(name, _)], [size], [equivalent] = (
@@ -151,7 +151,7 @@ def hidden_words(case: Case) -> str:
 
 
 def verdict_words(finding: dict[str, Any], truth: tuple[str, ...]) -> str:
-    """Whether the verdict is right; ``truth`` as in ``Plan.names``."""
+    """Return whether the verdict is right, in words; ``truth`` as in ``Plan.names``."""
     verdict = finding["verdict"]
     names = [tuple(sorted(each["name"] for each in effects)) for effects in alternatives(finding)]
     wanted = {(): "none", ("unknown",): "unknown"}.get(truth, "named")
@@ -169,7 +169,7 @@ def verdict_words(finding: dict[str, Any], truth: tuple[str, ...]) -> str:
 
 
 def strengths(case: Case, runs: list[str]) -> dict[str, dict[str, float]]:
-    """c and tan phi of the ground by the name of the run."""
+    """Return c and tan phi of the ground by the name of the run."""
     pairs = zip(case.truth.cohesion_pa, case.truth.tan_phi, strict=True)
     return {
         run: {"cohesion_pa": cohesion, "tan_phi": friction}

@@ -22,7 +22,7 @@ SIZES = {"drive_drag": 0.5, "slope_bias": 0.01}
 
 @cache
 def drives(name: str) -> tuple[RecordedRun, ...]:
-    """Two drives of 25 s with the soil constants as in the file."""
+    """Return two drives of 25 s with the soil constants as in the file."""
     generator = torch.Generator().manual_seed(41)
     strength = torch.tensor([[2500.0, 0.6], [1500.0, 0.7]], dtype=torch.float64)
     plant = Plant([make_effect(name, SIZES[name])]) if name else None

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How much of the held-out gap the right name closes: `python -m tests.terrain_estimator.discovery.proofs [NAME ...]`.
+"""Share of the held-out gap that the right name closes.
+
+``python -m tests.terrain_estimator.discovery.proofs [NAME ...]``
 
 Of each case's five drives four tell the size of the effect and the last one is held out. The law
 that is hidden is another one than the library's of the same name.
@@ -26,7 +28,7 @@ SEED = 52_000
 
 
 def run_of(drive: Measurement, rover: Rover, name: str) -> RecordedRun:
-    """One measured drive as a run: the means of each axle's wheels, torque without what turns the wheels faster."""
+    """Return one measured drive as a run: axle means, torque without the wheels' own inertia."""
     means = axle_means(drive, rover.axles)
     gain = torch.diff(means.wheel_rate, dim=0, prepend=means.wheel_rate[:1]) / TIME_STEP
     means = dataclasses.replace(means, torque=means.torque - rover.wheel_inertia * gain)
@@ -46,7 +48,7 @@ def run_of(drive: Measurement, rover: Rover, name: str) -> RecordedRun:
 
 
 def proof_of(case: Case, name: str) -> Proof:
-    """The proof of ``name`` on the last drive, fitted to the others."""
+    """Return the proof of ``name`` on the last drive, fitted to the others."""
     nominal = nominal_of(case.rover, load_soil(case.truth.soil))
     with torch.inference_mode():
         runs = [

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `make discover` does before and after the search. The search itself is tested where the command is."""
+"""`make discover` before and after the search, which is tested where the command is."""
 
 import hashlib
 import json

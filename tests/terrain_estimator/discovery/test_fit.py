@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fits of hypotheses to drives whose missing effect is known. Tests of how often a verdict is right are in tests/hidden."""
+"""Fits of hypotheses to drives of known truth; tests/hidden has the rates of right verdicts."""
 
 import math
 
@@ -26,7 +26,7 @@ from tests.terrain_estimator.discovery.known import LOOSE, MARS, SIZES, drives, 
 
 
 def best_of(name: str, hypotheses: list[Hypothesis]) -> tuple[Candidate, float]:
-    """The most probable hypothesis and its log evidence over nothing."""
+    """Return the most probable hypothesis and its log evidence over nothing."""
     with torch.inference_mode():
         found = max(
             (study(name).explain(each) for each in hypotheses),
@@ -35,7 +35,7 @@ def best_of(name: str, hypotheses: list[Hypothesis]) -> tuple[Candidate, float]:
     return found, found.fit.log_evidence - study(name).nothing.fit.log_evidence
 
 
-def test_where_nothing_is_missing_the_rows_fit_to_their_noise_and_no_effect_is_worth_its_freedom() -> (
+def test_where_nothing_is_missing_rows_fit_to_their_noise_and_no_effect_is_worth_its_freedom() -> (
     None
 ):
     nothing = study("").nothing.fit

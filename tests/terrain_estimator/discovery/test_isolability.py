@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Expected log Bayes factors against their closed form, and which effects two known drives can tell apart."""
+"""Expected log Bayes factors against their closed form, and effects that two drives separate."""
 
 import pytest
 import torch
@@ -35,9 +35,7 @@ def table(columns: int) -> Tensor:
     )
 
 
-def test_a_small_mark_gains_half_its_square_under_the_rows_covariance_with_the_own_unknowns_marginalised() -> (
-    None
-):
+def test_a_small_signature_gains_half_its_square_under_the_marginal_covariance() -> None:
     one, signature = stage(), 0.1 * table(1)
     own = one.own.flatten(0, 1)
     noise = torch.block_diag(*one.covariance)  # type: ignore[no-untyped-call]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A drag of the drives that was found in two runs, confronted with a run that has it and with one that has not."""
+"""A drag of the drives, found in two runs and judged on one with it and one without it."""
 
 import dataclasses
 from functools import cache

@@ -19,13 +19,13 @@ LENGTHS = [60, 60]
 
 
 def errors(generator: np.random.Generator) -> Floats:
-    """Unit variance; every second shares noise with the two before it."""
+    """Return series of unit variance in which neighbours share noise."""
     white = [generator.standard_normal(length + 2) for length in LENGTHS]
     return np.concatenate([(each[2:] + each[1:-1] + each[:-2]) / np.sqrt(3.0) for each in white])
 
 
 def covered(block: int, generator: np.random.Generator) -> int:
-    """In how many of SERIES pairs of series the interval holds the true difference of their root mean squares, 3 - 1."""
+    """Return how often the interval holds the true difference of root mean squares, 3 - 1."""
     hits = 0
     for _ in range(SERIES):
         before, after = 3.0 * errors(generator), errors(generator)

@@ -134,9 +134,7 @@ def test_effects_that_tables_of_one_wheel_confuse_come_with_a_measurement() -> N
     assert separate_by(shown[:1]) == ""
 
 
-def test_calibration_cuts_between_runs_whose_effect_is_in_the_library_and_those_whose_effect_was_taken_out() -> (
-    None
-):
+def test_calibration_cuts_between_effects_in_the_library_and_those_taken_out() -> None:
     samples = [CalibrationCase("", gains({"payload": -4.0}, 6.0, -9.0), None)]
     for share in (0.82, 0.9, 1.0):
         with_truth = gains({"payload": 300.0 * share, "latency": 10.0}, 250.0, 300.0)

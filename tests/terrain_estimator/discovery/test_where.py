@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where rows disagree: false alarms on noise alone, and known effects in the right row with the right strength."""
+"""Disagreeing rows: false alarms on noise alone, and known effects in the right row."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def autoregressive(shape: tuple[int, ...], kept: float, generator: torch.Generat
 def test_noise_alone_raises_an_alarm_no_more_often_than_the_level_however_long_it_lasts(
     kept: float,
 ) -> None:
-    """200 sets of three runs with smooth signals and regions of them; 95 % limits by the binomial law."""
+    """Test 200 sets of three runs with smooth signals; 95 % limits by the binomial law."""
     generator = torch.Generator().manual_seed(17)
     signals = [
         autoregressive((BLOCKS, 1, COLUMNS // 2), 0.9, generator).expand(-1, ROWS, -1)

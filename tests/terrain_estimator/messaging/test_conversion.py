@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages become an observation by wheel names, in the core's conventions, the same from rclpy and from a bag."""
+"""Conversion of messages to observations, the same from rclpy and from a bag."""
 
 import dataclasses
 import math
@@ -13,17 +13,11 @@ import pytest
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
 from terrain_estimator.config import ConversionConfig, CoreConfig
-from terrain_estimator.messaging.conversion import (
-    PITCH_IN_ORIENTATION,
-    PITCH_IN_POSE,
-    Conversion,
-    Converter,
-    nose_up_pitch,
-)
+from terrain_estimator.messaging.conversion import Conversion, Converter, nose_up_pitch
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.topics import Make
+from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Make
 from terramechanics.vehicle.rover import Rover, load_rover
 
 ROVER: Rover = load_rover("mars_rover")
@@ -36,14 +30,14 @@ OFFLINE = Types().make
 
 
 def spread(values: list[float], delta: float = 0.0) -> list[float]:
-    """Values per axle as values per wheel, left and right apart by twice ``delta``."""
+    """Return values per axle as values per wheel, left and right apart by twice ``delta``."""
     return [
         values[wheel.axle] + (delta if wheel.side == "left" else -delta) for wheel in ROVER.wheels
     ]
 
 
 def quaternion(make: Make, nose_up: float) -> Any:
-    """Orientation of a rover whose nose points up: a rotation about y by the negative angle (REP-103)."""
+    """Return the orientation of a rover with its nose up: a negative rotation about y (REP-103)."""
     return make(
         "geometry_msgs/msg/Quaternion",
         x=0.0,

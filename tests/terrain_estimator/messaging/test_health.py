@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The state of health: what was counted, and the worst of the last period in words."""
+"""State of health: counts, and the worst of the last period in words."""
 
 import dataclasses
 import math

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A run is kept in bounded memory, and nothing that happened is lost from its sums."""
+"""Runs in bounded memory, without losses in their sums."""
 
 import math
 

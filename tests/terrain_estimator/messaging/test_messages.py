@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Outgoing messages carry the update as it is, in words too, the same bytes from rclpy and from a bag's classes."""
+"""Outgoing messages hold the whole update, also in words, with the same bytes live and offline."""
 
 import dataclasses
 import math
@@ -41,7 +41,7 @@ def decided(
 
 
 def updated(decision: Decision | None = None, **changes: Any) -> Update:
-    """An update with both parameters identified; ``changes`` are those of the estimate."""
+    """Return an update with both parameters identified; ``changes`` apply to the estimate."""
     estimate = Estimate(
         mean=np.array([1500.0, 0.6]),
         covariance=np.array([[1e4, -3.0], [-3.0, 4e-4]]),

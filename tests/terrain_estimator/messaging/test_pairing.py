@@ -38,7 +38,7 @@ def play(
 
 
 def streams(seed: int, steps: int, jitter_ns: int = 0, loss: float = 0.1) -> list[list[Event]]:
-    """Five streams with missing messages, and with stamps that jitter."""
+    """Return five streams with missing messages and jittering stamps."""
     draw = random.Random(seed)
 
     def stream(topic: int) -> list[Event]:
@@ -52,7 +52,7 @@ def streams(seed: int, steps: int, jitter_ns: int = 0, loss: float = 0.1) -> lis
 
 
 def interleave(all_streams: list[list[Event]], draw: random.Random, skew_ns: int) -> list[Event]:
-    """A random merge that keeps each stream's order and lets no stream run ahead by more than ``skew_ns``."""
+    """Merge streams at random, each in its order and none ahead by more than ``skew_ns``."""
     rest = [list(stream) for stream in all_streams]
     merged: list[Event] = []
     while any(rest):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is missing of our messages is counted by their sequence numbers, and said by a replay."""
+"""Missing messages are counted by their sequence numbers, and reported by replay."""
 
 import json
 from pathlib import Path

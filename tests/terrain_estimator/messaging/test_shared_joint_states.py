@@ -39,7 +39,7 @@ def mast(stamp_ns: int) -> Event:
 
 
 def drive(*offsets_ns: int) -> Iterator[Event]:
-    """With a message of the mast before that of the wheels, for each of these differences of stamps."""
+    """Return a drive with a mast's message before the wheels', at these stamp differences."""
     for topic, stamp_ns, message in drive_messages(TYPES.make, STEPS * STEP_NS * 1e-9):
         if topic == JOINTS:
             yield from (mast(stamp_ns + offset_ns) for offset_ns in offsets_ns)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Slip from wheel rates and a velocity, with the deviation that follows from theirs."""
+"""Slip from wheel rates and a velocity, with its standard deviation."""
 
 import math
 from typing import Any
@@ -53,7 +53,7 @@ def velocity(
     *,
     stamped: bool = False,
 ) -> Message:
-    """An odometry, or a stamped twist; both with the velocity's frame where it belongs."""
+    """Return an odometry, or a stamped twist, with its frame in the right field."""
     covariance = np.zeros(36)
     covariance[0] = variance
     twist = TYPES.make(
@@ -89,7 +89,7 @@ def published_of(rates: list[float], given: Message, **values: Any) -> list[Mess
 
 
 def axle_means(message: Message) -> tuple[list[float], list[float]]:
-    """What the estimator makes of the slips: mean and deviation of each axle."""
+    """Return the estimator's mean and deviation of the slips of each axle."""
     others = {topic: given for topic, _, given in drive_messages(TYPES.make, 0.2)}
     convert = Converter(ROVER, ConversionConfig(), CoreConfig()).convert
     observation = convert(
@@ -99,9 +99,7 @@ def axle_means(message: Message) -> tuple[list[float], list[float]]:
     return observation.slip.tolist(), observation.slip_sd.tolist()
 
 
-def test_the_deviation_of_an_axle_is_the_spread_of_its_mean_though_its_wheels_have_the_velocity_and_the_radius_in_common() -> (
-    None
-):
+def test_the_deviation_of_an_axle_is_the_spread_of_its_mean_despite_common_errors() -> None:
     rates, speed, draws = np.array([1.2, 1.0, 1.1, 1.1, math.nan, 1.2]), 0.11, 20_000
     sds: dict[str, Any] = {"radius_deviation": 0.02, "rate_deviation": 0.03}
     (message,) = published(rates.tolist(), speed, 0.01**2, **sds)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What an update says is what was done: rows that entered, changes of the ground that were seen."""
+"""Updates report what was done: the rows that entered, and the changes of the ground."""
 
 import dataclasses
 
@@ -28,7 +28,7 @@ def drive(model: LoadedModel) -> list[Observation]:
 def test_an_impossible_velocity_is_no_change_of_the_ground(
     model: LoadedModel, drive: list[Observation]
 ) -> None:
-    """Whichever of the ten observations of a block it comes with: the last of them closed the block with it."""
+    """Try all ten observations of a block, since the last one closes the block."""
     estimator = Estimator(model, CoreConfig())
     for observation in drive[:50]:
         estimator.update(observation)

@@ -17,10 +17,11 @@ from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.adding import Sized, add_effects, with_effects
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import measure_tasks
-from terrain_estimator.model.effect_model import PAlpacaWithEffects
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
 from terrain_estimator.model.model_file import AddedEffect, LoadedModel, ModelFileError, load_model
-from terrain_estimator.model.packing import SCALAR_FIELDS, pack
+from terrain_estimator.model.packing import TIMING, pack, packed_size, view_of
+from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
 from terrain_estimator.model.rows import row_names
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Estimate
@@ -32,10 +33,32 @@ from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 
 SIZES = {
-    "slope_bias": 0.02, "bulldozing": 2e4, "drive_drag": 2.0, "coulomb_drag": 1.5, "payload": 40.0, "grousers": 60.0, "slip_sinkage": 0.5,
-    "multipass": 1.0, "odometry_scale": 0.06, "sinkage_bias": 0.004, "rate_dependence": 0.3, "exit_angle": 0.2,
-}  # fmt: skip
+    "slope_bias": 0.02,
+    "bulldozing": 2e4,
+    "drive_drag": 2.0,
+    "coulomb_drag": 1.5,
+    "payload": 40.0,
+    "grousers": 60.0,
+    "slip_sinkage": 0.5,
+    "multipass": 1.0,
+    "odometry_scale": 0.06,
+    "sinkage_bias": 0.004,
+    "rate_dependence": 0.3,
+    "exit_angle": 0.2,
+}
 TILT = SIZES["slope_bias"]
+REPORT = (
+    "forecast",
+    "forecast_variance",
+    "innovation",
+    "innovation_variance",
+    "misfit",
+    "degrees",
+    "closed",
+    "changed",
+    "usable",
+)
+"""Parts of the state that the estimator reads after each observation."""
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +67,7 @@ def plain() -> LoadedModel:
 
 
 def driven(model: LoadedModel, name: str, size: float, seconds: float, seed: int = 3) -> Drive:
-    """An S1 drive on the model's first soil with the library's law."""
+    """Return an S1 drive on the model's first soil with the library's law."""
     generator = torch.Generator().manual_seed(seed)
     ground = Ground.constant(model.metadata.soils[0])
     return simulate(
@@ -59,12 +82,13 @@ def measured(drive: Drive, seed: int = 4) -> list[Observation]:
 
 
 def in_python(plain: LoadedModel, *effects: Sized) -> LoadedModel:
-    """The model with effects without the time that compiling takes; that the compiled one is the same has a test of its own."""
+    """Return the model with effects uncompiled; the compiled one has a test of its own."""
     added = tuple(
         AddedEffect(each.name, describe(each.name).unit, each.mean, each.sd) for each in effects
     )
     module = with_effects(plain, effects)
-    return LoadedModel(module, dataclasses.replace(plain.metadata, effects=added))  # type: ignore[arg-type]
+    metadata = dataclasses.replace(plain.metadata, effects=added)
+    return LoadedModel(module, metadata)  # type: ignore[arg-type]
 
 
 def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
@@ -72,16 +96,20 @@ def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
     return [estimator.update(observation).estimate for observation in observations][-1]
 
 
-def residuals(model: PAlpacaWithEffects, drive: Drive, size: float) -> torch.Tensor:
+def residuals(model: PAlpaca, drive: Drive, size: float) -> torch.Tensor:
     """The most that a row of an exact drive leaves over with the effect at ``size`` times the prior mean, in units of its scale."""
     packed = measure_tasks(drive, Noise(factor=0.0), torch.Generator().manual_seed(0)).measured[0]
-    packed = torch.cat([packed[:, :-2], drive.sample.wheel_rate[0], packed[:, -2:]], 1)
+    place = packed_size(3) - TIMING
+    packed = torch.cat([packed[:, :place], drive.sample.wheel_rate[0], packed[:, place:]], 1)
     theta = torch.cat(
-        [drive.sample.strength[0, 0, 0] / model.unit, torch.ones(1, dtype=torch.float64)]
+        [drive.sample.strength[0, 0, 0] / model.hypotheses.unit, torch.ones(1, dtype=torch.float64)]
     )
-    constants = torch.zeros(model.uncertain_constants, dtype=torch.float64)
-    deviations = torch.cat([constants, (size - 1.0) * model.values.mean / model.values.sd])
-    rows = model.rows(packed, model.nominal_contact(0), deviations, theta, model.every_row)
+    physics = model.physics
+    assert isinstance(physics, PhysicsWithEffects)
+    constants = torch.zeros(physics.uncertain_constants, dtype=torch.float64)
+    deviations = torch.cat([constants, (size - 1.0) * physics.values.mean / physics.values.sd])
+    contact = physics.nominal.nominal_contact(0)
+    rows = physics.rows(packed, contact, deviations, theta, model.every_row)
     scale = torch.tensor([3.72, 1.0, *[5.0] * model.axles, 3.72, 1.0, 1.0], dtype=torch.float64)
     assert bool((rows.used > 0.0).all())
     left = rows.target - rows.features[0] @ theta
@@ -139,20 +167,30 @@ def test_the_exported_model_gives_the_numbers_of_the_python_model(
     loaded, module = load_model(str(tmp_path / "model.pt")), with_effects(plain, effects)
     assert loaded.metadata == metadata
     assert [(each.name, each.unit, each.mean, each.sd) for each in loaded.effects] == [
-        ("payload", "kg", 10.0, 5.0), ("rate_dependence", "1", 0.0, 0.2)
-    ]  # fmt: skip
+        ("payload", "kg", 10.0, 5.0),
+        ("rate_dependence", "1", 0.0, 0.2),
+    ]
     assert metadata.parameters[-8:] == (
-        "payload", "payload_1", "payload_2", "rate_dependence", "mass", "centre_of_mass", "acceleration_bias", "velocity"
-    )  # fmt: skip
+        "payload",
+        "payload_1",
+        "payload_2",
+        "rate_dependence",
+        "mass",
+        "centre_of_mass",
+        "acceleration_bias",
+        "velocity",
+    )
     assert loaded.model_id == f"{plain.model_id}+payload+rate_dependence"
-    with torch.inference_mode(), torch.jit.optimized_execution(should_optimize=False):  # type: ignore[attr-defined]
+    plainly = torch.jit.optimized_execution(should_optimize=False)  # type: ignore[attr-defined]
+    with torch.inference_mode(), plainly:
         here, there = module.initial(), loaded.module.initial()
         for observation in measured(driven(plain, "payload", 10.0, 1.2)):
             packed = pack(observation, observation.torque, 0.1, linked=True, rates=True)
             here, there = module.update(here, packed), loaded.module.update(there, packed)
-        torch.testing.assert_close(
-            there["report"], here["report"], rtol=1e-9, atol=1e-12, equal_nan=True
-        )
+        for name in REPORT:
+            torch.testing.assert_close(
+                there[name], here[name], rtol=1e-9, atol=1e-12, equal_nan=True
+            )
         torch.testing.assert_close(
             loaded.module.effects(there), module.effects(here), rtol=1e-9, atol=1e-12
         )
@@ -164,8 +202,8 @@ def test_a_wheel_whose_rate_is_not_known_is_left_out(plain: LoadedModel) -> None
         observation, wheel_rate=np.where([True, False, True], observation.wheel_rate, np.nan)
     )
     packed = pack(unknown, unknown.torque, 0.1, linked=True, rates=True)
-    assert torch.isnan(packed[:3]).tolist() == [False, True, False]
-    assert packed.shape[0] == 3 * 8 + len(SCALAR_FIELDS) + 3
+    assert torch.isnan(view_of(packed, 3).slip).tolist() == [False, True, False]
+    assert packed.shape[0] == packed_size(3) + 3
 
 
 def test_every_effect_of_the_registry_can_be_added_or_says_why_not(plain: LoadedModel) -> None:
@@ -197,7 +235,7 @@ def test_a_wrong_effect_is_refused_by_name(
 
 def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedModel) -> None:
     values = plain.module.state_dict()
-    values["of_old"] = values.pop("stencil_moves")
+    values["of_old"] = values.pop("physics.stencil_moves")
     old = dataclasses.replace(plain, module=SimpleNamespace(state_dict=lambda: values))  # type: ignore[arg-type]
     with pytest.raises(
         ModelFileError,

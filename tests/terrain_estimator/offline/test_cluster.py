@@ -24,7 +24,7 @@ ORDER = Order(
 
 
 def die_once(chunk: Chunk, marker: Path) -> Regression:
-    """Kills the worker that draws chunk 1, the first time."""
+    """Kill the worker that draws chunk 1, the first time."""
     if chunk.number == 1 and not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""find_missing_effect on a cluster: the same bytes whoever computes, with a worker killed and a bag that cannot be read."""
+"""find_missing_effect on a cluster: the same bytes, with a worker killed and a broken bag."""
 
 import os
 import signal
@@ -35,14 +35,14 @@ def finding(bags: list[str], out: Path, *extra: str) -> bytes:
 
 
 def die_once(marker: Path, function: Callable[[Any, Any], Any], kept: Any, item: Any) -> Any:
-    """Kills the worker that comes here first."""
+    """Kill the first worker that calls this."""
     if not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return function(kept, item)
 
 
-def test_any_number_of_workers_gives_the_same_bytes_even_if_one_is_killed_and_a_broken_bag_is_left_out(
+def test_any_number_of_workers_gives_the_same_bytes_with_one_killed_and_a_broken_bag(
     bags: list[str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

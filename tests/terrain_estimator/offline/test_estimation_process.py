@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Estimating in a second process: the same answers as in this one, and no process left behind, however it ends."""
+"""Estimating in a second process: the same answers, and no process left behind."""
 
 import dataclasses
 import multiprocessing
@@ -43,7 +43,7 @@ def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def batches(pipeline: Pipeline) -> Iterator[Converted]:
-    """A drive in batches of different sizes, some sets without an observation, some with values that are refused."""
+    """Return a drive in batches of different sizes, with missing and with refused observations."""
     conversions = []
     for topic, _, message in drive_messages(Types().make, 6.0):
         conversions += [pipeline.convert(complete) for complete in pipeline.pair(topic, message)]
@@ -142,7 +142,7 @@ def test_the_second_process_does_not_outlive_the_first(number: signal.Signals) -
 
 
 def _dead(process: Path) -> bool:
-    """Whether a process has ended and only waits for its new parent to notice."""
+    """Return whether a process has ended and only waits for its new parent to notice."""
     try:
         return (process / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except FileNotFoundError:

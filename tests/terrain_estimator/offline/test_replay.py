@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""replay: recordings in, estimates out, the same every time; what is wrong with a bag is said in words."""
+"""replay: recordings in, estimates out, the same every time, and faults of a bag in words."""
 
 import dataclasses
 import hashlib
@@ -39,7 +39,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(out: Path, *arguments: str | Path) -> tuple[int, dict[str, Any]]:
-    """Exit code, and the summary where one was written."""
+    """Return the exit code, and the summary where one was written."""
     code = replay.main([*map(str, arguments), "--out", str(out)])
     path = out / "summary.json"
     return code, json.loads(path.read_text()) if path.exists() else {}
@@ -235,7 +235,7 @@ def test_results_are_not_replaced_unless_asked_for(
     assert run(tmp_path, bag)[0] == 0
     assert run(tmp_path, bag)[0] == replay.WRONG
     assert (
-        "drive_estimates exists from an earlier replay: give --overwrite, or another folder by"
+        "drive_estimates exists from an earlier replay: give --overwrite, or another folder with"
         " --out" in capsys.readouterr().err
     )
     assert run(tmp_path, bag, "--overwrite")[0] == 0

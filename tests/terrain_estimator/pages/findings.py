@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Findings of every verdict, of the form that find_missing_effect writes; the numbers are invented."""
+"""Findings of every verdict in the form of find_missing_effect, with invented numbers."""
 
 from functools import cache
 from typing import Any
@@ -12,12 +12,12 @@ UNITS = {"drive_drag": "N m s/rad", "coulomb_drag": "N m", "slope_bias": "rad"}
 
 @cache
 def report(verdict: str) -> str:
-    """The page about it."""
+    """Return the page about a finding."""
     return finding_page(finding(verdict))
 
 
 def finding(verdict: str) -> dict[str, Any]:
-    """Everything that a finding can hold."""
+    """Return a finding with everything that it can hold."""
     names = {
         "named": ["drive_drag"],
         "confusable": ["drive_drag", "coulomb_drag"],
@@ -45,33 +45,10 @@ def finding(verdict: str) -> dict[str, Any]:
         "gap": (
             _GAP
             if added
-            else {
-                "before": 1.02,
-                "after": None,
-                "noise_floor": 1.0,
-                "closed": None,
-                "closed_95": None,
-            }
+            else dict.fromkeys(("after", "closed", "closed_95"))
+            | {"before": 1.02, "noise_floor": 1.0}
         ),
-        "proof": {
-            "effect": "drive_drag" if added else "",
-            "added": added,
-            "sentence": (
-                "drive_drag is added: rollouts miss by 1.08 instead of 1.93"
-                if added
-                else "nothing is added: rollouts miss by 1.02"
-            ),
-            "rows": [
-                _score("one_step", row, region, after=added)
-                for row in ("velocity", "torque_0")
-                for region in ("everywhere", "uphill")
-            ],
-            "parameters": [_half(half, after=added) for half in (0, 1)],
-            "rollout": (
-                _ROLLOUT | {"signal": "slip_0", "unit": "1"} | ({} if added else {"after": None})
-            ),
-            "velocity_rollout": _ROLLOUT | ({} if added else {"after": None}),
-        },
+        "proof": _proof(added=added),
         "parameters": {
             "before": _STRENGTHS,
             "after": {"cohesion_pa": [3100.0, 2410.5], "tan_phi": [0.612, 0.655]},
@@ -89,6 +66,27 @@ def finding(verdict: str) -> dict[str, Any]:
             "sha256": {"rover": "ab" * 32},
             "runs_sha256": [["dune_1", "cd" * 32]],
         },
+    }
+
+
+def _proof(*, added: bool) -> dict[str, Any]:
+    without = {} if added else {"after": None}
+    return {
+        "effect": "drive_drag" if added else "",
+        "added": added,
+        "sentence": (
+            "drive_drag is added: rollouts miss by 1.08 instead of 1.93"
+            if added
+            else "nothing is added: rollouts miss by 1.02"
+        ),
+        "rows": [
+            _score("one_step", row, region, after=added)
+            for row in ("velocity", "torque_0")
+            for region in ("everywhere", "uphill")
+        ],
+        "parameters": [_half(half, after=added) for half in (0, 1)],
+        "rollout": _ROLLOUT | {"signal": "slip_0", "unit": "1"} | without,
+        "velocity_rollout": _ROLLOUT | without,
     }
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs as replay hands them to its report; the numbers are invented."""
+"""Runs as replay passes them to its report, with invented numbers."""
 
 import dataclasses
 import math
@@ -25,7 +25,7 @@ ORIGIN = Origin(
 
 
 def run(observations: int = OBSERVATIONS, *, true: bool = True) -> ReplayedRun:
-    """A run whose ground changes in its middle, with a second of observations that were refused."""
+    """Return a run whose ground changes in its middle, with a second of refused observations."""
     history = RunHistory()
     for number in range(observations):
         refused = 500 <= number < 510
@@ -71,11 +71,11 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> ReplayedRun:
 
 @cache
 def one() -> str:
-    """The page about one run."""
+    """Return the page about one run."""
     return run_page([run()], ORIGIN)
 
 
 @cache
 def report() -> str:
-    """The page about two runs, of which one is without truth."""
+    """Return the page about two runs, one of them without truth."""
     return run_page([run(), dataclasses.replace(run(12, true=False), name="rock")], ORIGIN)

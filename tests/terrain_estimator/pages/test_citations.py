@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What an estimate rests on is cited in full."""
+"""The sources of an estimate are cited in full."""
 
 import re
 from pathlib import Path

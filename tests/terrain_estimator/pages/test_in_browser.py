@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reports in a real browser: nothing is said on the console, nothing is asked for, and they show what they were made from."""
+"""Reports in a real browser: no console output, no requests, and the values of their source."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,7 +34,7 @@ def written(tmp_path: Path) -> Callable[[str], Path]:
 
 
 def values(page: Page, selector: str) -> list[float]:
-    """The whole numbers behind what is shown."""
+    """Return the whole numbers behind those on the page."""
     return [
         float(each)
         for each in page.locator(f"{selector} data").evaluate_all(

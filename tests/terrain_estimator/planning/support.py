@@ -28,7 +28,7 @@ BORDER_M = 1.5
 
 @cache
 def table() -> TractionTable:
-    """The statics of the rover on loose sand alone: a third of the work."""
+    """Return the statics of the rover on loose sand alone: a third of the work."""
     return TractionTable(ROVER, (load_soil("loose_sand"),))
 
 
@@ -39,13 +39,13 @@ def belief(
     identified: bool = True,
     changed: float = 0.0,
 ) -> Belief:
-    """A belief in a ground."""
+    """Return a belief in a ground."""
     return Belief(np.array(strength), np.diag(np.array(sd) ** 2), (1.0,), identified, changed)
 
 
 @cache
 def simulated() -> Drive:
-    """A level drive from firm onto soft ground."""
+    """Return a level drive from firm onto soft ground."""
     constants = load_soil("loose_sand").constants()
     firm, soft = (torch.tensor(strength, dtype=torch.float64) for strength in (FIRM, SOFT))
     ground = Ground(
@@ -56,12 +56,12 @@ def simulated() -> Drive:
 
 @cache
 def drive() -> tuple[list[Observation], list[int]]:
-    """Its measurements, and how many axles are on the soft ground."""
+    """Return its measurements, and the number of axles on the soft ground."""
     sample = simulated().sample
     measured = measure_drive(ROVER, sample, Noise(), torch.Generator().manual_seed(2))
     return observations_of(measured, 0), (sample.contact[0] >= BORDER_M).sum(-1).tolist()
 
 
 def drive_gets_stuck() -> bool:
-    """How it ends."""
+    """Return whether the drive ends stuck."""
     return bool(simulated().sample.stuck[0, -1])

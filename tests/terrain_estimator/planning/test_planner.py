@@ -48,7 +48,7 @@ def advice(observations: list[Observation], known: Belief, **values: Any) -> Adv
 
 
 def standing(stamp_ns: int = 0) -> Observation:
-    """What is measured where the wheels do not turn: no slip, the pitch."""
+    """Return the measurements of standing wheels: no slip, the pitch."""
     one = drive()[0][0]
     nothing = np.full(3, math.nan)
     return dataclasses.replace(
@@ -63,7 +63,7 @@ def standing(stamp_ns: int = 0) -> Observation:
 
 
 def before(axles: int) -> list[Observation]:
-    """Measurements up to the last with so many axles on the soft ground."""
+    """Return the measurements up to the last with so many axles on the soft ground."""
     observations, inside = drive()
     return observations[: len(inside) - inside[::-1].index(axles)]
 
@@ -91,9 +91,7 @@ def test_on_ground_that_holds_it_goes_on() -> None:
     assert found.margins.slip.lower < found.slip < found.margins.slip.upper
 
 
-def test_with_the_front_wheels_alone_on_soft_ground_it_stops_though_the_rover_still_drives_well() -> (
-    None
-):
+def test_soft_ground_under_the_front_wheels_alone_stops_a_rover_that_still_drives_well() -> None:
     found = advice(before(1), UNKNOWN)
     assert found.reason is Reason.FRONT
     assert found.slip < 0.4
@@ -109,7 +107,7 @@ def test_without_torque_the_front_wheels_tell_nothing() -> None:
 
 
 def words(found: Advice, **estimate: Any) -> str:
-    """The advice in words, after an estimate."""
+    """Return the advice in words, after an estimate."""
     types = Types()
     return str(advice_message(found, types.make, 0, types.make(ESTIMATE, **estimate)).status_text)
 
@@ -146,11 +144,11 @@ def test_wheels_that_dig_in_are_a_reason_to_stop(name: str, value: float, reason
     "name", ["slip", "sinkage", "torque", "contact_angle", "wheel_rate", "pitch", "velocity"]
 )
 def test_a_few_absurd_readings_are_no_reason_to_stop(name: str, value: float) -> None:
-    """A stop holds until it is withdrawn: one slip of 1e6 in the mean of two seconds was one."""
+    """One slip of 1e6 in the mean of two seconds caused a stop that held until withdrawn."""
     moving = before(0)
-    absurd = value if name in ("pitch", "velocity") else np.full(3, value)
+    absurd: dict[str, Any] = {name: value if name in ("pitch", "velocity") else np.full(3, value)}
     for place in range(-9, 0, 3):
-        moving[place] = dataclasses.replace(moving[place], **{name: absurd})  # type: ignore[arg-type]
+        moving[place] = dataclasses.replace(moving[place], **absurd)
     found, usual = advice(moving, belief(FIRM)), advice(before(0), belief(FIRM))
     assert (found.stop, found.known) == (usual.stop, True) == (False, True)
     assert found.slip == pytest.approx(usual.slip, abs=0.05)
@@ -207,7 +205,7 @@ def test_a_rover_that_has_not_moved_yet_may_creep_but_is_not_judged() -> None:
 
 
 def test_ticking_encoders_are_told_from_driving() -> None:
-    """By standstill_speed, as in the estimator: the planner fell silent while such a rover stood."""
+    """The planner gave no advice while such a rover stood: standstill_speed has to decide."""
     ticking = dataclasses.replace(standing(), wheel_rate=np.full(3, 0.045 / ROVER.wheel_radius))
     given = planner()
     given.observe(ticking)

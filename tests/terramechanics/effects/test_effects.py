@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every named effect in the simulation: what it moves, in which direction and by how much, and that without size it is not there."""
+"""Every named effect in the simulation: direction, amount, and nothing without size."""
 
 from dataclasses import fields
 from functools import cache
@@ -25,10 +25,21 @@ LOOSE = load_soil("loose_sand")
 BATCH = 4
 SIMULATED = [name for name, effect in EFFECTS.items() if effect.planar]
 SIZES = {
-    "slope_bias": 0.02, "bulldozing": 1e4, "drive_drag": 0.5, "coulomb_drag": 0.5, "payload": 20.0, "grousers": 5.0,
-    "slip_sinkage": 0.3, "multipass": 0.3, "odometry_scale": 0.05, "failed_wheel": 0.6, "sinkage_bias": 0.002,
-    "latency": 0.25, "rate_dependence": 0.2, "exit_angle": 0.2,
-}  # fmt: skip
+    "slope_bias": 0.02,
+    "bulldozing": 1e4,
+    "drive_drag": 0.5,
+    "coulomb_drag": 0.5,
+    "payload": 20.0,
+    "grousers": 5.0,
+    "slip_sinkage": 0.3,
+    "multipass": 0.3,
+    "odometry_scale": 0.05,
+    "failed_wheel": 0.6,
+    "sinkage_bias": 0.002,
+    "latency": 0.25,
+    "rate_dependence": 0.2,
+    "exit_angle": 0.2,
+}
 
 
 def drive(plant: Plant | None = None, schedule: str = "S1") -> Drive:
@@ -50,7 +61,7 @@ def with_effect(name: str, share: float = 1.0) -> Drive:
 
 
 def moved(name: str, signal: str, share: float = 1.0) -> Tensor:
-    """Change of what the sensors are given, [batch, time] or [batch, time, axles]."""
+    """Return the change of the sensors' samples, [batch, time] or [batch, time, axles]."""
     return getattr(with_effect(name, share).seen, signal) - getattr(nominal().seen, signal)
 
 
@@ -135,12 +146,17 @@ def test_episodes_of_one_batch_have_their_own_sizes(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "signal", "sign"),
     [
-        ("bulldozing", "slip", 1), ("bulldozing", "torque", 1),
-        ("payload", "sinkage", 1), ("payload", "torque", 1),
-        ("grousers", "slip", -1), ("grousers", "velocity", 1),
-        ("slip_sinkage", "sinkage", 1), ("exit_angle", "sinkage", -1), ("rate_dependence", "sinkage", -1),
+        ("bulldozing", "slip", 1),
+        ("bulldozing", "torque", 1),
+        ("payload", "sinkage", 1),
+        ("payload", "torque", 1),
+        ("grousers", "slip", -1),
+        ("grousers", "velocity", 1),
+        ("slip_sinkage", "sinkage", 1),
+        ("exit_angle", "sinkage", -1),
+        ("rate_dependence", "sinkage", -1),
     ],
-)  # fmt: skip
+)
 def test_an_effect_moves_a_signal_in_its_direction(name: str, signal: str, sign: int) -> None:
     assert sign * float(moved(name, signal).mean()) > 0.0
 
@@ -282,7 +298,7 @@ def test_contact_behind_the_axle_carries_load_and_holds_back() -> None:
 
 
 def test_the_stresses_behind_the_axle_are_integrated_like_a_plain_sum() -> None:
-    """The stretched rear branch by a Riemann sum of the formula of Ishigami et al. (2007), for N, T and M."""
+    """Compare the stretched rear branch with a Riemann sum (Ishigami et al. 2007), for N, T, M."""
     slip, sinkage, reach = 0.3, 0.02, 0.2
     n, k_c, k_phi, shear, c1, c2 = LOOSE.constants()
     cohesion, tan_phi = LOOSE.strength()
@@ -303,9 +319,16 @@ def test_the_stresses_behind_the_axle_are_integrated_like_a_plain_sum() -> None:
     )
     tau = (cohesion + sigma * tan_phi) * (1.0 - torch.exp(-j / shear))
     area = r * b * (entry + reach) / count
-    expected = torch.stack([
-        (tau * theta.sin() + sigma * theta.cos()).sum(), (tau * theta.cos() - sigma * theta.sin()).sum(), r * tau.sum(),
-    ]) * area  # fmt: skip
+    expected = (
+        torch.stack(
+            [
+                (tau * theta.sin() + sigma * theta.cos()).sum(),
+                (tau * theta.cos() - sigma * theta.sin()).sum(),
+                r * tau.sum(),
+            ]
+        )
+        * area
+    )
     one, depth, behind = (
         torch.tensor([value], dtype=torch.float64) for value in (slip, sinkage, reach)
     )

@@ -13,7 +13,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "effects.md"
 
 
 def row(effect: Description) -> str:
-    """One line of the table, from the registry."""
+    """Return one line of the table, from the registry."""
     unit = "" if effect.unit == "1" else effect.unit
     limits = f"{effect.low:g} to {effect.high:g}"
     rows = ", ".join(effect.rows)
@@ -31,9 +31,7 @@ def test_the_table_is_that_of_the_registry() -> None:
     assert table == expected, "\n".join(["the table has to be:", *expected])
 
 
-def test_every_effect_says_what_it_is_in_one_sentence_with_a_unit_a_source_and_a_range_around_nothing() -> (
-    None
-):
+def test_every_effect_has_one_sentence_a_unit_a_source_and_a_range_around_nothing() -> None:
     for name, effect in EFFECTS.items():
         assert effect.name == name
         assert effect.sentence.endswith(".")

@@ -1,15 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Expected log Bayes factors from linearised rows: what a signature in the rows gains over whatever else can explain it.
+"""Expected log Bayes factors between effects, from linearised rows.
 
 Where the truth changes the rows by m beside noise of covariance S, a hypothesis that can change
 them by C s, with the runs' own unknowns u free under their priors, is expected to be worse, by the
 rule of ``equations``, by
 
-    1/2 min over u, s, D of  r' W r + tr(W S) - N + log det (S + D) - log det S + priors,   r = m - J u - C s,   W = (S + D)^-1
+    1/2 min over u, s, D of  r' W r + tr(W S) - N + log det (S + D) - log det S + priors,
+    r = m - J u - C s,   W = (S + D)^-1
 
-with D the excess variance of each row of a run, which a wrong hypothesis takes for noise. For a
-small r it is the divergence of Kullback and Leibler 1951.
+with D the excess variance of each row of a run, which counts as noise under a wrong hypothesis. For
+a small r it is the divergence of Kullback and Leibler 1951.
 """
 
 from collections.abc import Sequence
@@ -34,13 +35,13 @@ class Stage:
 
 
 def stage(equations: Equations, unknowns: Unknowns, excess: Tensor) -> Stage:
-    """The rows of a fit; ``excess`` [Q] is noise beyond that of the sensors."""
+    """Return the rows of a fit; ``excess`` [Q] is noise beyond that of the sensors."""
     noise = equations.covariance + torch.diag_embed(excess * equations.present)
     return Stage(noise, equations.present, own_columns(equations, unknowns), own_prior(unknowns)[1])
 
 
 def own_columns(equations: Equations, unknowns: Unknowns) -> Tensor:
-    """Change of the rows by every unknown of their run, [B, Q, P]."""
+    """Return the change of the rows by every unknown of their run, [B, Q, P]."""
     blocks, count = equations.residual.shape
     local = 5 + unknowns.kappa.shape[0]
     index = positions(blocks, local - 2, equations.ends, 0).unsqueeze(1).expand(-1, count, -1)
@@ -50,11 +51,12 @@ def own_columns(equations: Equations, unknowns: Unknowns) -> Tensor:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """By how much an explanation falls short."""
+    """The shortfall of an explanation."""
 
     nats: float
     excess: tuple[Tensor, ...]  # [Q] of each run: what it takes for noise
-    gram: Tensor  # [1 + K, 1 + K] products of signature and columns under that noise, what the own unknowns explain taken out
+    # [1 + K, 1 + K] products of signature and columns, less what the own unknowns explain
+    gram: Tensor
 
 
 def loss(
@@ -63,7 +65,9 @@ def loss(
     ends: tuple[float, float] | None,
     excess: Sequence[Tensor] | None = None,
 ) -> Loss:
-    """Of columns against a signature: ``tables`` [B, Q, 1 + K] of every run have the signature first.
+    """Return the shortfall of columns against a signature.
+
+    ``tables`` [B, Q, 1 + K] of every run have the signature first.
 
     The first column has a coefficient inside ``ends``, the others one of deviation 1 that grows
     with it; where ``ends`` is None no column is used. ``excess`` is where to begin.
@@ -94,7 +98,10 @@ _SETTLED, _RELATIVE = 0.1, 3e-3
 
 
 def _eliminated(stage: Stage, table: Tensor, excess: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Products of the columns, the columns, and the priors' part, all with the own unknowns at their best for each column."""
+    """Eliminate the own unknowns at their best for each column.
+
+    Returns products of the columns, the columns, and the priors' part.
+    """
     factor = cholesky(stage.covariance + torch.diag_embed(excess * stage.present))
     size = stage.own.shape[2]
     white = torch.linalg.solve_triangular(
@@ -111,7 +118,10 @@ def _eliminated(stage: Stage, table: Tensor, excess: Tensor) -> tuple[Tensor, Te
 
 
 def _mixed(gram: Tensor, ends: tuple[float, float] | None) -> tuple[Tensor, float]:
-    """1 for the signature and what each column takes away, [1 + K], and the priors' part of the others than the first."""
+    """Return the mix of signature and columns, [1 + K], and the priors' part of all but the first.
+
+    It is 1 for the signature, and the share that each column takes off.
+    """
     mix = torch.zeros(gram.shape[0], dtype=torch.float64)
     mix[0], share = 1.0, 1.0
     if ends is None:
@@ -135,7 +145,10 @@ _SMALLEST = 1e-3
 
 
 def _excess(stage: Stage, rest: Tensor, start: Tensor) -> Tensor:
-    """Most likely D [Q] for what is left beside noise of covariance S, as ``equations.excess_variance`` iterates it."""
+    """Return the most likely D [Q] for a rest beside noise of covariance S.
+
+    Iterated as ``equations.excess_variance``.
+    """
     least = 1e-6 * (stage.covariance.diagonal(dim1=1, dim2=2) * stage.present).mean(0)
     excess = torch.maximum(start, least)
     for _ in range(_TIMES):
@@ -153,7 +166,7 @@ def _excess(stage: Stage, rest: Tensor, start: Tensor) -> Tensor:
 
 
 def _misfit(stage: Stage, rest: Tensor, excess: Tensor) -> float:
-    """r' W r + tr(W S) - N + log det (S + D) - log det S."""
+    """Return r' W r + tr(W S) - N + log det (S + D) - log det S."""
     factor = cholesky(stage.covariance + torch.diag_embed(excess * stage.present))
     weighted = torch.cholesky_solve(torch.cat([rest.unsqueeze(-1), stage.covariance], 2), factor)
     noise = weighted[..., 1:].diagonal(dim1=1, dim2=2).sum() - rest.numel()

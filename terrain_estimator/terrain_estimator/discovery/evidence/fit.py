@@ -23,7 +23,7 @@ from terrain_estimator.model.gaussian import cholesky, log_determinant
 LONGEST_STEP = (1.0, 0.25)
 """Largest change of c [kPa] and tan phi in one step."""
 SETTLED = 0.3
-"""[1] Decrease of the objective that a step predicts, after which no other is made; it is taken into account."""
+"""[1] Predicted decrease of the objective at which a fit ends; it is taken into account."""
 
 
 Evaluate = Callable[[Sequence[Query]], Sequence[Equations]]
@@ -94,7 +94,7 @@ def _normal(point: Point, equations: Sequence[Equations], shared: Shared) -> _No
 
 
 def _step(normal: _Normal, point: Point, shared: Shared) -> tuple[list[Tensor], Tensor, float]:
-    """Steps of every run's own unknowns and of the shared ones, and the decrease of the objective that they promise."""
+    """Return the steps of own and shared unknowns, and the decrease that they promise."""
     sizes = shared.low.shape[0]
     free = torch.ones_like(point.shared, dtype=torch.bool)
     move = _solved(normal, free)
@@ -190,7 +190,7 @@ _SHORTEST = 0.05
 def _asks(
     point: Point, shared: Shared, columns: Sequence[Tensor], known: Sequence[Tensor | None]
 ) -> list[Query]:
-    """What to ask of every run at a point."""
+    """Return the queries of every run at a point."""
     sizes = shared.low.shape[0]
     values = tuple(point.shared[:sizes].tolist())
     weights, steps = point.shared[sizes:], _inward(values, shared)
@@ -212,7 +212,9 @@ def predict(
     before: Sequence[Equations],
     spreads: Spreads | None = None,
 ) -> Fit:
-    """Where one evaluation at ``start`` predicts the minimum: rows taken as linear, weights and ``spreads`` as they follow.
+    """Predict the minimum from one evaluation at ``start``.
+
+    The rows count as linear; weights and ``spreads`` follow.
 
     A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it.
     ``before`` are the equations of a fit from which the start was taken: columns of the soil
@@ -255,7 +257,7 @@ def predict(
 
 
 def _covariance(normal: _Normal) -> Tensor:
-    """[K, K] of the shared unknowns."""
+    """Return the covariance [K, K] of the shared unknowns."""
     return torch.cholesky_inverse(cholesky(normal.schur))
 
 
@@ -263,14 +265,14 @@ _REWEIGHTED = 4
 
 
 def _volume(normal: _Normal, shared: Shared) -> float:
-    """log det of the posterior's precision over the prior's."""
+    """Return log det of the posterior's precision over the prior's."""
     return normal.log_volume + float(
         log_determinant(cholesky(normal.schur)) + 2.0 * torch.log(shared.sd).sum()
     )
 
 
 def _inward(values: tuple[float, ...], shared: Shared) -> tuple[float, ...]:
-    """Steps of differences that stay inside the physical range."""
+    """Return steps of differences that stay inside the physical range."""
     return tuple(
         -step if value + step > high else step
         for value, step, high in zip(values, shared.step, shared.high.tolist(), strict=True)
@@ -301,12 +303,15 @@ def _finished(best: tuple[Point, _Normal, float], shared: Shared, iterations: in
 
 
 def _given(objective: float, normal: _Normal, point: Point, shared: Shared) -> float:
-    """See Fit: without what the shared unknowns have to say of themselves."""
+    """Return the log evidence with the shared unknowns known, see :class:`Fit`."""
     return -0.5 * (objective - float((point.shared / shared.sd).square().sum()) + normal.log_volume)
 
 
 def _log_inside(values: Tensor, factor: Tensor, shared: Shared) -> float:
-    """log of the posterior's mass in the physical range over that of the prior, each size by itself."""
+    """Return the log mass of the posterior in the physical range over that of the prior.
+
+    Each size by itself.
+    """
     sizes = shared.low.shape[0]
     if sizes == 0:
         return 0.0

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How well some runs can tell effects apart.
+"""Effects that some runs can separate.
 
-Where effect i is missing at a typical size, its signature is what the rows change by. Effect j explains
-a part of it, with its size in its physical range and what else is not known of j free, and the
-runs' own unknowns explain another. What is left is the expected log Bayes factor of i over j, and
-with nothing in place of j the one of i over "nothing is missing" (``expected``).
+Where effect i is missing at a typical size, its signature is the change of the rows. Effect j
+explains a part of it, with its size in its physical range and its extra values free, and the runs'
+own unknowns explain another. The rest is the expected log Bayes factor of i over j, and with
+nothing in place of j the one of i over "nothing is missing" (``expected``).
 """
 
 from collections.abc import Sequence
@@ -29,28 +29,28 @@ LEAST = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """What a hypothesis does to the rows of some runs."""
+    """The change that a hypothesis makes to the rows of some runs."""
 
-    runs: tuple[
-        Tensor, ...
-    ]  # [B, Q, 1 + F] at the typical size; then further changes by a deviation of each other thing not known of it
+    # [B, Q, 1 + F] at the typical size, then further changes by a deviation of each extra value
+    runs: tuple[Tensor, ...]
     ends: tuple[float, float]  # [1] physical range of the size, in units of the typical one
 
     def joined(self, other: "Signature") -> "Signature":
-        """The same in more runs."""
+        """Return the signature in more runs."""
         return Signature(self.runs + other.runs, self.ends)
 
 
 @dataclass(frozen=True, slots=True)
 class Isolability:
-    """Of the effects that the runs excite."""
+    """Expected separation of the effects that the runs excite."""
 
     names: tuple[str, ...]
-    nats: Tensor  # [n, n] expected log Bayes factor of a row's effect over a column's; on the diagonal over nothing
+    # [n, n] expected log Bayes factor of a row's effect over a column's; diagonal: over nothing
+    nats: Tensor
     not_testable: dict[str, str]  # why, by name
 
     def nearest(self, name: str) -> str | None:
-        """The effect that explains ``name`` best; None where there is none."""
+        """Return the effect that explains ``name`` best; None where there is none."""
         if name not in self.names or len(self.names) == 1:
             return None
         row = self.nats[self.names.index(name)].clone()
@@ -59,7 +59,10 @@ class Isolability:
 
 
 def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidate) -> Isolability:
-    """For the runs of ``study``; ground and unexplained noise are those of the candidate ``around``."""
+    """Return the isolability of effects in the runs of ``study``.
+
+    Ground and unexplained noise are those of the candidate ``around``.
+    """
     stages, found = stages_of(around), signatures(study, hypotheses, around)
     names = [each.label for each in hypotheses]
     nats = matrix(stages, found)
@@ -80,7 +83,10 @@ def isolability(study: Study, hypotheses: Sequence[Hypothesis], around: Candidat
 
 
 def matrix(stages: Sequence[Stage], found: Sequence[Signature]) -> Tensor:
-    """Expected log Bayes factors [nat] of every signature over every other, and on the diagonal over nothing."""
+    """Return expected log Bayes factors [nat] of every signature over every other.
+
+    On the diagonal over nothing.
+    """
     nats = torch.zeros(len(found), len(found), dtype=torch.float64)
     for i, true in enumerate(found):
         others = [other for j, other in enumerate(found) if j != i]
@@ -104,7 +110,10 @@ _PROMISING = 0.01
 
 
 def table(true: Signature, others: Sequence[Signature]) -> list[Tensor]:
-    """A signature and what others can do, [B, Q, 1 + K] of each run, as :func:`expected.loss` takes them."""
+    """Return a signature and the columns of others, [B, Q, 1 + K] of each run.
+
+    As :func:`expected.loss` takes them.
+    """
     return [
         torch.cat([mine[..., :1], *rest], 2)
         for mine, *rest in zip(true.runs, *(other.runs for other in others), strict=True)
@@ -112,13 +121,13 @@ def table(true: Signature, others: Sequence[Signature]) -> list[Tensor]:
 
 
 def _promise(gram: Tensor, columns: slice) -> float:
-    """What these columns explain of the signature in one step [nat]."""
+    """Return the share of the signature [nat] that these columns explain in one step."""
     pull, block = gram[columns, 0], gram[columns, columns]
     return 0.5 * float(pull @ torch.linalg.solve(block + torch.diag(1e-9 + 0.0 * pull), pull))
 
 
 def stages_of(around: Candidate) -> list[Stage]:
-    """The linearised rows of all runs under a candidate."""
+    """Return the linearised rows of all runs under a candidate."""
     return [
         stage(each, unknowns, each.excess)
         for each, unknowns in zip(around.fit.equations, around.fit.point.runs, strict=True)
@@ -128,7 +137,7 @@ def stages_of(around: Candidate) -> list[Stage]:
 def signatures(
     study: Study, hypotheses: Sequence[Hypothesis], around: Candidate
 ) -> list[Signature]:
-    """Signatures of hypotheses in all runs."""
+    """Return the signatures of hypotheses in all runs."""
     nominal, mask, found = study.nominal, study.mask, around.fit
 
     def of_run(run: Blocks, where: tuple[Unknowns, Expansion]) -> list[Signature]:
@@ -150,7 +159,7 @@ def run_signatures(
     unknowns: Unknowns,
     around: Expansion,
 ) -> list[Signature]:
-    """Signatures of hypotheses in one run, around ``unknowns`` with the rows expanded ``around``."""
+    """Return the signatures of hypotheses in one run, with the rows expanded ``around``."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
         return RunEquations(run, HypothesisRows(nominal, run, hypothesis.effects), mask).shortfall(

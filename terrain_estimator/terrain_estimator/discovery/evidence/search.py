@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fits of every hypothesis to the same runs: nothing, each named effect, pairs, and a discrepancy without a name on top."""
+"""Fits of every hypothesis to the same runs: nothing, single effects, pairs, a discrepancy."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -27,12 +27,13 @@ from terrain_estimator.discovery.hypotheses.point import (
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import row_names
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A hypothesis and how well it explains the runs."""
+    """A hypothesis and its fit to the runs."""
 
     hypothesis: Hypothesis
     fit: Fit
@@ -40,7 +41,7 @@ class Candidate:
 
     @property
     def sizes(self) -> list[tuple[str, float, float]]:
-        """See Hypothesis.sizes."""
+        """Name, size and standard deviation of each effect, see :meth:`Hypothesis.sizes`."""
         return self.hypothesis.sizes(
             self.fit.point.shared.tolist(), self.fit.covariance.diagonal().sqrt().tolist()
         )
@@ -56,7 +57,7 @@ class Study:
         mask: Tensor | None = None,
         contributions: Contributions | None = None,
     ) -> None:
-        """``mask`` [R] is 1 for the rows that may be used, 0 for others; all where it is None.
+        """Take the runs; ``mask`` [R] is 1 for the rows that may be used, None for all.
 
         ``contributions`` computes what these runs contribute, by default here, one after the other.
         """
@@ -97,7 +98,10 @@ class Study:
         )
 
     def equations_of_nothing(self) -> list[Equations]:
-        """The equations of every run at the point at which "nothing is missing" fits best: those of its Fit are a step behind."""
+        """Return every run's equations at the best fit of "nothing is missing".
+
+        Those of its Fit are a step behind.
+        """
         found = self.nothing.fit
         none = torch.zeros(0, dtype=torch.float64)
         queries = [
@@ -117,7 +121,7 @@ class Study:
     def predict(
         self, hypothesis: Hypothesis, after: Candidate | None = None
     ) -> tuple[Point, float]:
-        """What one evaluation says of a hypothesis: about where it fits best, and its log evidence."""
+        """Predict the best fit of a hypothesis and its log evidence from one evaluation."""
         before = (after or self.nothing).fit
         start = self._start(hypothesis, after)
         found = predict(
@@ -130,7 +134,7 @@ class Study:
         return found.point, found.log_evidence
 
     def explain(self, hypothesis: Hypothesis, after: Candidate | None = None) -> Candidate:
-        """Fit a hypothesis, beginning from nothing, or from another candidate whose effects come first in it."""
+        """Fit a hypothesis from nothing, or from a candidate whose effects come first in it."""
         return self.fit_from(hypothesis, self._start(hypothesis, after))
 
     def fit_from(self, hypothesis: Hypothesis, start: Point, *, most: int = 8) -> Candidate:
@@ -147,7 +151,10 @@ class Study:
         return Candidate(hypothesis, found)
 
     def given(self, hypothesis: Hypothesis, values: Tensor) -> Candidate:
-        """Fit the runs' own unknowns to shared ones that are known from other runs; ``values`` as ``Fit.point.shared``."""
+        """Fit the runs' own unknowns at shared ones that other runs gave.
+
+        ``values`` as ``Fit.point.shared``.
+        """
         free = hypothesis.shared()
         pinned = Shared(values, values, free.sd, free.step)  # a range without width
         start = with_shared(self.nothing.fit.point, values)
@@ -158,14 +165,16 @@ class Study:
         return Candidate(hypothesis, fit(evaluate, first.point, pinned, columns, unknown, most=3))
 
     def refine(self, candidate: Candidate, *, most: int = 8) -> Candidate:
-        """The same with columns of the soil constants of its own, until nothing moves."""
+        """Fit a candidate until nothing moves, with its own columns of the soil constants."""
         evaluate, sizes = self._evaluate(candidate.hypothesis), candidate.hypothesis.shared()
         unknown: list[Tensor | None] = [None] * len(self.runs)
         found = fit(evaluate, candidate.fit.point, sizes, self._plain.columns, unknown, most=most)
         return dataclasses.replace(candidate, fit=found)
 
     def with_discrepancy(self, candidate: Candidate) -> Candidate:
-        """A candidate with a flexible discrepancy on top; the spread of its weights, row by row, is the most likely one.
+        """Return a candidate with a flexible discrepancy on top.
+
+        The spread of its weights, row by row, is the most likely one.
 
         The rows are exactly linear in the weights and in c and tan phi, so that one evaluation
         does: it is within 3 nat of a fit to the end, in a third of the time.
@@ -197,13 +206,13 @@ class Study:
 
 
 def _spread(power: Tensor, row_of: Tensor) -> Tensor:
-    """Deviation of each weight: root mean square over the weights of its row."""
+    """Return the deviation of each weight: root mean square over the weights of its row."""
     total = torch.zeros(int(row_of.max()) + 1, dtype=torch.float64).index_add_(0, row_of, power)
     return (total / torch.bincount(row_of)).sqrt()[row_of].clamp(min=1e-9)
 
 
 def _first_spread(found: Fit, rows: int) -> Tensor:
-    """Deviations [R] of the weights of a row to begin with: what is left unexplained there."""
+    """Return first deviations [R] of the weights of a row, from the unexplained variance there."""
     excess = torch.stack([each.excess for each in found.equations]).mean(0)
     noise = torch.stack(
         [
@@ -216,9 +225,9 @@ def _first_spread(found: Fit, rows: int) -> Tensor:
 
 
 def velocities_of(run: Blocks) -> Tensor:
-    """Velocities [V] [m/s] at the joints of a run's blocks, to begin with."""
+    """Return first velocities [V] [m/s] at the joints of a run's blocks."""
     velocity = torch.zeros(run.velocities, dtype=torch.float64)
-    mean = run.packed[..., 8 * run.wheel_rate.shape[-1]].mean(1)
+    mean = view_of(run.packed, run.wheel_rate.shape[-1]).velocity.mean(1)
     velocity[run.ends[:, 0]] = mean
     velocity[run.ends[:, 1]] = mean
     return velocity
@@ -230,9 +239,9 @@ FITTED, REFINED = 5, 2
 PROMISING = 0.25
 """[1] Share of the largest gain that is predicted below which a hypothesis is not fitted."""
 RIVAL = 0.7
-"""[1] Share of the best's gain below which another need not be fitted until nothing moves: it is no rival."""
+"""[1] Share of the best's gain below which another hypothesis is no rival and is not refined."""
 WORTHLESS = 2.0
-"""[nat] Largest predicted gain of hypotheses that explain nothing: then only the best is fitted, to make sure of it."""
+"""[nat] Largest predicted gain of hypotheses that explain nothing: then only the best is fitted."""
 
 
 def search(
@@ -241,7 +250,9 @@ def search(
     progress: Progress,
     after: Candidate | None = None,
 ) -> list[Candidate]:
-    """The most probable hypotheses, best first; ``after`` is a candidate whose effects come first in all of them.
+    """Return the most probable hypotheses, best first.
+
+    ``after`` is a candidate whose effects come first in all of them.
 
     What one evaluation predicts of each decides which are fitted.
     """
@@ -263,7 +274,7 @@ def search(
 
 
 def _refined(study: Study, candidates: list[Candidate], base: float) -> list[Candidate]:
-    """The best and its rivals fitted until nothing moves, where they gain anything over ``base``."""
+    """Fit the best and its rivals until nothing moves, where they gain anything over ``base``."""
     enough = RIVAL * (candidates[0].fit.log_evidence - base)
     rivals = [
         each
@@ -274,5 +285,5 @@ def _refined(study: Study, candidates: list[Candidate], base: float) -> list[Can
 
 
 def ranked(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The most probable first."""
+    """Sort candidates, the most probable first."""
     return sorted(candidates, key=lambda each: -each.fit.log_evidence)

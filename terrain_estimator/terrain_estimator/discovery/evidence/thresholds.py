@@ -9,7 +9,7 @@ from terrain_estimator.discovery import Thresholds
 
 
 def read_thresholds() -> Thresholds:
-    """Those that come with the package."""
+    """Return the thresholds that come with the package."""
     values = json.loads(
         (files("terrain_estimator.discovery.evidence") / "thresholds.json").read_text(
             encoding="utf-8"

@@ -33,7 +33,7 @@ from terrain_estimator.discovery.leftover.flexible import Column
 
 
 class Verdict(StrEnum):
-    """What the runs say."""
+    """The kind of answer that the runs allow."""
 
     NONE = "none"
     NAMED = "named"
@@ -61,23 +61,23 @@ class Gains:
 
     @property
     def best(self) -> float:
-        """Of the most probable named effect."""
+        """Gain of the most probable named effect [nat]."""
         return self.named[0][1]
 
     @property
     def explainable(self) -> float:
-        """What anything explains."""
+        """Largest gain of any explanation [nat]."""
         return max(self.best, self.nothing_with, self.best_with)
 
     @property
     def share(self) -> float:
-        """Part of that which the best name explains, 0 to 1."""
+        """Share of the explainable that the best name explains, 0 to 1."""
         return max(self.best, 0.0) / self.explainable if self.explainable > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The verdict, what it names, and how sure it is."""
+    """The verdict, its hypotheses and its probabilities."""
 
     verdict: Verdict
     named: tuple[
@@ -104,13 +104,15 @@ def judge(gains: Gains, thresholds: Thresholds) -> Judgement:
 
 
 SECOND_SHARE = 0.95
-"""[1] Of what the first effect leaves the second closes at least so much. Two effects that were hidden together did so to 0.70 to 1
-(median 1, ten cases), the best second one beside a single effect of another law to 0.91 at most
-(slip_sinkage; twelve cases)."""
+"""[1] Least share that the second effect closes of what the first leaves.
+
+Two effects that were hidden together closed 0.70 to 1 (median 1, ten cases), the best second one
+beside a single effect of another law 0.91 at most (slip_sinkage; twelve cases).
+"""
 
 
 def is_pair(single: Gains, pair: Gains, thresholds: Thresholds) -> bool:
-    """Whether the best ``pair`` is an answer, and not the best ``single`` effect."""
+    """Return whether the best ``pair`` is an answer, and not the best ``single`` effect."""
     gained = pair.best - single.best
     left = max(single.explainable, pair.explainable) - single.best
     return pair.share >= thresholds.share and gained >= max(
@@ -119,16 +121,19 @@ def is_pair(single: Gains, pair: Gains, thresholds: Thresholds) -> bool:
 
 
 def _told_apart_by(gains: Gains, thresholds: Thresholds) -> float:
-    """What the best gains [nat], over the best single effect where it is a pair: all pairs have an effect in common."""
+    """Return the gain of the best [nat]; of a pair that over the best single effect.
+
+    All pairs have an effect in common.
+    """
     return max(gains.best - gains.single, thresholds.anything)
 
 
 _SHARE_WIDTH = 0.03
-"""[1] of share over which "unknown" turns into a name: about what it varies by from seed to seed."""
+"""[1] Width in share over which "unknown" turns into a name: about its scatter among seeds."""
 
 
 def _probabilities(gains: Gains, thresholds: Thresholds) -> dict[str, float]:
-    """Smooth versions of the rule's three steps."""
+    """Return smooth versions of the rule's three steps."""
     something = _rise((gains.explainable - thresholds.anything) / (0.25 * thresholds.anything))
     known = _rise((gains.share - thresholds.share) / _SHARE_WIDTH)
     width = 0.5 * thresholds.apart * _told_apart_by(gains, thresholds)
@@ -148,7 +153,7 @@ def _rise(x: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Leftover:
-    """On what a discrepancy depends most."""
+    """The row and signal on which a discrepancy depends."""
 
     column: Column
     strength: float  # [1] decrease of the objective: squared standard deviations
@@ -156,7 +161,7 @@ class Leftover:
 
 
 def leftovers(candidate: Candidate) -> list[Leftover]:
-    """What a candidate's discrepancy depends on, row by row and signal by signal, the strongest first.
+    """Return the dependences of a candidate's discrepancy, the strongest first.
 
     Signals of one name in one row (of several axles) count as one.
     """
@@ -182,7 +187,7 @@ def leftovers(candidate: Candidate) -> list[Leftover]:
 
 
 def _signal(name: str) -> str:
-    """``slip^2_1`` as ``slip``: powers, axles and places are one signal."""
+    """Return ``slip`` for ``slip^2_1``: powers, axles and positions are one signal."""
     base = re.split("[_^]", name, maxsplit=1)[0]
     return "distance" if base.startswith("distance") else base
 
@@ -190,7 +195,7 @@ def _signal(name: str) -> str:
 def gains_of(
     nothing: Candidate, named: Sequence[Candidate], nothing_with: Candidate, best_with: Candidate
 ) -> Gains:
-    """The numbers of the rule from fits; ``named`` the most probable first."""
+    """Return the numbers of the rule from fits; ``named`` the most probable first."""
     base = nothing.fit.log_evidence
     return Gains(
         tuple((each.hypothesis, each.fit.log_evidence - base) for each in named),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What each run contributes to a fit, computed run by run, here or wherever the runs lie."""
+"""The contribution of each run to a fit, computed here or wherever the runs lie."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class ContributionTask:
-    """A hypothesis, the same for all runs; called on one run, it gives what that contributes at a point."""
+    """A hypothesis to evaluate on one run after the other."""
 
     nominal: Nominal
     effects: tuple[NamedEffect, ...]
@@ -28,14 +28,14 @@ class ContributionTask:
 
     @torch.inference_mode()
     def __call__(self, blocks: Blocks, query: Query) -> Equations:
-        """The equations of a run."""
+        """Return the equations of a run at a point."""
         return RunEquations(
             blocks, HypothesisRows(self.nominal, blocks, self.effects), self.mask
         ).at(query)
 
 
 class Contributions(Protocol):
-    """Applies a function to every run that it holds, with an item for each.
+    """A function that applies another one to every run that it holds, with an item for each.
 
     Results come in the order of the runs whoever computed them, so that they are added up in that
     order.
@@ -44,11 +44,11 @@ class Contributions(Protocol):
     def __call__(
         self, function: Callable[[Blocks, Item], Result], items: Sequence[Item], /
     ) -> Sequence[Result]:
-        """``function(run, item)`` of every run."""
+        """Return ``function(run, item)`` of every run."""
 
 
 def here(runs: Sequence[Blocks]) -> Contributions:
-    """The contributions of runs in this process, one after the other."""
+    """Return the contributions of runs in this process, one after the other."""
 
     def contributions(
         function: Callable[[Blocks, Item], Result], items: Sequence[Item], /

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The normal equations of one run under a hypothesis: orthogonal distance regression on blocks of one second.
+"""The normal equations of one run: orthogonal distance regression on blocks of one second.
 
 Unknowns of a run: c [kPa], tan phi, M soil constants [prior deviations], accelerometer bias, one
 velocity at each joint of blocks. Shared by all runs: sizes of effects [units], weights of
 discrepancy columns. The objective is
 
-    SUM over blocks of r' (S + D)^-1 r + log det (S + D) - log det S + SUM over unknowns of ((x - mean) / sd)^2,   S = G G' + R
+    SUM over blocks of r' (S + D)^-1 r + log det (S + D) - log det S
+    + SUM over unknowns of ((x - mean) / sd)^2,   S = G G' + R
 
 with S moving with every unknown. D is diagonal, one excess variance for each row of a run: what the
 hypothesis leaves unexplained beyond the sensors' noise, at its most likely value (0 where nothing
@@ -30,6 +31,7 @@ from terrain_estimator.discovery.hypotheses.rows import (
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import Rows
 
 
@@ -43,11 +45,11 @@ class Unknowns:
     velocity: Tensor  # [V] [m/s]
 
     def flat(self) -> Tensor:
-        """All of them [P]."""
+        """Return all unknowns [P]."""
         return torch.cat([self.theta, self.kappa, self.bias, self.velocity])
 
     def moved(self, step: Tensor) -> "Unknowns":
-        """Changed by ``step`` [P]."""
+        """Return the unknowns changed by ``step`` [P]."""
         sizes = [2, self.kappa.shape[0], 1, self.velocity.shape[0]]
         return Unknowns(
             *(
@@ -57,13 +59,13 @@ class Unknowns:
         )
 
     def parts(self) -> tuple[Tensor, ...]:
-        """Its tensors in order."""
+        """Return its tensors in order."""
         return self.theta, self.kappa, self.bias, self.velocity
 
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """Where the equations of a run are wanted."""
+    """The point and the columns for which the equations of a run are wanted."""
 
     unknowns: Unknowns
     sizes: tuple[float, ...]  # values of the hypothesis' effects
@@ -97,44 +99,43 @@ class Equations:
 
 @dataclass(frozen=True, slots=True)
 class Averages:
-    """How observations enter the rows of their block."""
+    """Weights of observations in the rows of their block."""
 
     weight: Tensor  # [B, n, Q]
     measured: Tensor  # [B, 2] mean velocity and its variance
 
     def of(self, values: Tensor) -> Tensor:
-        """Rows [..., B, n, R] of observations as rows of blocks [..., B, Q]."""
+        """Return rows [..., B, n, R] of observations as rows of blocks [..., B, Q]."""
         return (torch.cat([values[..., :1], values], -1) * self.weight).sum(-2)
 
 
 def _block_shape(values: Tensor, blocks: int, lead: int) -> Tensor:
-    """[..., B n, ...] as [..., B, n, ...], with ``lead`` dimensions before."""
+    """Return [..., B n, ...] as [..., B, n, ...], with ``lead`` dimensions before."""
     return values.reshape(
         *values.shape[:lead], blocks, values.shape[lead] // blocks, *values.shape[lead + 1 :]
     )
 
 
 def averages(blocks: Blocks, used: Tensor) -> Averages:
-    """Weights from ``used`` [B, n, R]."""
+    """Return the weights of observations from ``used`` [B, n, R]."""
     axles = blocks.wheel_rate.shape[-1]
-    scalars = blocks.packed[..., 8 * axles :]
-    weight = row_weights(used, scalars[..., -2] * used[..., 0])
-    count = scalars.shape[1]
+    view, count = view_of(blocks.packed, axles), blocks.packed.shape[1]
+    weight = row_weights(used, view.step * used[..., 0])
     return Averages(
         weight,
-        torch.stack([scalars[..., 0].mean(1), scalars[..., 1].square().sum(1) / count**2], 1),
+        torch.stack([view.velocity.mean(1), view.velocity_sd.square().sum(1) / count**2], 1),
     )
 
 
 class RunEquations:
-    """Evaluates the equations of one run under one hypothesis."""
+    """The equations of one run under one hypothesis, at any point."""
 
     def __init__(self, blocks: Blocks, rows: HypothesisRows, mask: Tensor) -> None:
-        """``mask`` [R] 1 for rows that may be used."""
+        """Take the run and its rows; ``mask`` [R] is 1 for rows that may be used."""
         self._blocks, self._rows, self._mask = blocks, rows, mask
 
     def at(self, query: Query) -> Equations:
-        """The equations at a point."""
+        """Return the equations at a point."""
         count = self._blocks.packed.shape[0]
         unknowns, known = query.unknowns, query.known
         point = LinearizationPoint(unknowns.theta, unknowns.kappa, query.sizes)
@@ -223,7 +224,10 @@ class RunEquations:
         )
 
     def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], around: Expansion) -> Tensor:
-        """What the rows are short of their targets, [B, Q], without bias and velocities: differences by ``sizes`` are an effect's signature."""
+        """Return targets less rows, [B, Q], without bias and velocities.
+
+        Differences by ``sizes`` are an effect's signature.
+        """
         count = self._blocks.packed.shape[0]
         rows = self._rows.rows(
             LinearizationPoint(unknowns.theta, unknowns.kappa, sizes),
@@ -269,7 +273,7 @@ class RunEquations:
         )
 
     def _fixed(self, present: Tensor) -> Tensor:
-        """Columns of accelerometer bias and of the velocities before and after, [B, Q, 3]."""
+        """Return the columns of accelerometer bias and of both velocities, [B, Q, 3]."""
         columns = torch.zeros(*present.shape, 3, dtype=torch.float64)
         axles = self._blocks.wheel_rate.shape[-1]
         columns[:, axles + 3, 0] = present[:, axles + 3]
@@ -281,7 +285,10 @@ class RunEquations:
 def assembled(
     jacobian: Tensor, factor: Tensor, weighted: Tensor, ends: Tensor, shared: int
 ) -> tuple[Tensor, Tensor]:
-    """J' W J and J' W r of a whole run from those of its blocks; ``weighted`` [B, Q, 1] is W r, ``shared`` unknowns come last."""
+    """Assemble J' W J and J' W r of a whole run from those of its blocks.
+
+    ``weighted`` [B, Q, 1] is W r; ``shared`` unknowns come last.
+    """
     count, _, local = jacobian.shape
     first = local - 2 - shared
     own = first + int(ends.max()) + 1
@@ -300,7 +307,7 @@ def assembled(
 
 
 def positions(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
-    """Where the unknowns of each block are among those of its run: [B, first + 2 + shared]."""
+    """Return the positions of each block's unknowns in its run: [B, first + 2 + shared]."""
     own = first + int(ends.max()) + 1
     return torch.cat(
         [
@@ -313,7 +320,9 @@ def positions(count: int, first: int, ends: Tensor, shared: int) -> Tensor:
 
 
 def linear(equations: Equations, step: Tensor, shared: int) -> Equations:
-    """The equations with the residuals that ``step`` [P + K] leaves to first order, and the excess that explains those.
+    """Return the equations with the residuals that ``step`` [P + K] leaves to first order.
+
+    The excess is the one that explains those.
 
     Gradient and misfit are those of the point from which the step starts, under the new weights.
     """
@@ -332,7 +341,7 @@ def linear(equations: Equations, step: Tensor, shared: int) -> Equations:
 def unexplained(
     covariance: Tensor, residual: Tensor, present: Tensor
 ) -> tuple[Tensor, Tensor, float]:
-    """D [Q] for these residuals, the Cholesky factor of S + D, and log det (S + D) - log det S over all blocks."""
+    """Return D [Q], the factor of S + D, and log det (S + D) - log det S over all blocks."""
     excess = excess_variance(covariance, residual, present)
     factor = cholesky(covariance + torch.diag_embed(excess * present))
     return (
@@ -348,7 +357,9 @@ LEAST_EXCESS = 1e-4
 
 
 def excess_variance(covariance: Tensor, residual: Tensor, present: Tensor) -> Tensor:
-    """Most likely D [Q], the same in all blocks, for residuals [B, Q] with noise [B, Q, Q]; 0 or more.
+    """Return the most likely D [Q] of all blocks, 0 or more.
+
+    ``residual`` [B, Q] has the noise ``covariance`` [B, Q, Q].
 
     At it SUM w_q^2 = SUM W_qq with W = (S + D)^-1 and w = W r; iterated as a ratio, which keeps D
     positive.

@@ -108,7 +108,7 @@ class Hypothesis:
 
     @property
     def label(self) -> str:
-        """Such as ``payload + failed_wheel (axle 2)``."""
+        """Label such as ``payload + failed_wheel (axle 2)``."""
         return " + ".join(effect.label for effect in self.effects) or "none"
 
     def acting(self, values: Sequence[float]) -> list[SimulatedEffect]:
@@ -167,7 +167,7 @@ class Hypothesis:
         )
 
     def start(self) -> list[float]:
-        """Return the values at which a search begins: 0, or a little inside of a one-sided range."""
+        """Return the values at which a search begins: 0, or a little inside a one-sided range."""
         values = []
         for effect in self.effects:
             described = describe(effect.name)

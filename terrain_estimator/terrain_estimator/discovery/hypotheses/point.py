@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The unknowns of a fit together: those of every run and those that all runs share, and what is known of them before."""
+"""The unknowns of a fit, of every run and shared, and their priors."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class Point:
 
 
 def own_prior(unknowns: Unknowns) -> tuple[Tensor, Tensor]:
-    """Mean and precision of a run's own unknowns, [P] each."""
+    """Return mean and precision of a run's own unknowns, [P] each."""
     constants, velocities = unknowns.kappa.shape[0], unknowns.velocity.shape[0]
     mean = torch.zeros(3 + constants + velocities, dtype=torch.float64)
     precision = torch.ones_like(mean)
@@ -42,7 +42,10 @@ def own_prior(unknowns: Unknowns) -> tuple[Tensor, Tensor]:
 def start_of(
     velocities: Sequence[Tensor], constants: int, theta: Sequence[tuple[float, float]], shared: int
 ) -> Point:
-    """A start at ``theta`` (c [kPa], tan phi) of each run, with given velocities at the joints and everything else at zero."""
+    """Return a start at ``theta`` (c [kPa], tan phi) and the velocities of each run.
+
+    Everything else is zero.
+    """
     runs = tuple(
         Unknowns(
             torch.tensor(strength, dtype=torch.float64),
@@ -56,5 +59,5 @@ def start_of(
 
 
 def with_shared(point: Point, values: Tensor) -> Point:
-    """The same with other shared unknowns."""
+    """Return the point with other shared unknowns."""
     return dataclasses.replace(point, shared=values)

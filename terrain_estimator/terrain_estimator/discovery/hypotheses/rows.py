@@ -157,7 +157,7 @@ def observed_of(blocks: Blocks) -> Observed:
 def corrected(
     rover: Rover, effects: Sequence[NamedEffect], values: Sequence[float], blocks: Blocks
 ) -> Tensor:
-    """Return the packed observations [n, 8 A + 9] of a run without effects on sensors and drives."""
+    """Return the packed observations [n, P] of a run without effects on sensors and drives."""
     return effect_rows(rover, effects).corrected(observed_of(blocks), _tensor(values))
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A discrepancy without a name: Gaussian weights on smooth functions of the signals, in every row.
+"""A discrepancy without a name: weights on smooth functions of the signals, in every row.
 
 It measures how much of the residual depends on anything at all, and tells in which row and on which
 signal.
@@ -14,12 +14,13 @@ from torch import Tensor
 
 from terrain_estimator.discovery.runs import Blocks, Signals
 from terrain_estimator.model.block import row_weights
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import row_names
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """What one weight stands for."""
+    """The row and the function of a signal that one weight is for."""
 
     row: str
     signal: str
@@ -34,7 +35,7 @@ class Flexible:
 
 
 def no_columns(runs: Sequence[Blocks]) -> Flexible:
-    """No discrepancy."""
+    """Return no discrepancy."""
     rows = len(row_names(runs[0].wheel_rate.shape[-1])) + 1
     return Flexible(
         (), tuple(torch.zeros(run.packed.shape[0], rows, 0, dtype=torch.float64) for run in runs)
@@ -42,7 +43,7 @@ def no_columns(runs: Sequence[Blocks]) -> Flexible:
 
 
 def flexible(runs: Sequence[Blocks]) -> Flexible:
-    """Smooth functions of every signal in every row; signals are scaled over all runs together."""
+    """Return smooth functions of every signal in every row, scaled over all runs together."""
     axles = runs[0].wheel_rate.shape[-1]
     tables = [_functions(run.signals, axles) for run in runs]
     names: list[Column] = []
@@ -66,7 +67,10 @@ def flexible(runs: Sequence[Blocks]) -> Flexible:
 
 
 def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
-    """Functions of the signals by name, [B] each; ``wheel_..._k`` for torque rows of axle k, ``each_`` for the body's rows."""
+    """Return functions [B] of the signals by name.
+
+    ``wheel_..._k`` is for the torque row of axle k, ``each_`` for the body's rows.
+    """
     time, distance, pitch = signals.time[:, 0], signals.distance[:, 0], signals.pitch[:, 0]
     functions = {
         "constant": torch.ones_like(time),
@@ -117,10 +121,12 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
 
 
 def in_row(values: Tensor, row: int, run: Blocks) -> Tensor:
-    """A function [B] that adds to one row of every observation, as a column [B, Q] of the blocks' rows."""
+    """Return a function [B] in one row of every observation as a column [B, Q] of the blocks."""
     blocks, count, _ = run.packed.shape
-    rows = len(row_names(run.wheel_rate.shape[-1]))
-    weight = row_weights(torch.ones(blocks, count, rows, dtype=torch.float64), run.packed[..., -2])
+    axles = run.wheel_rate.shape[-1]
+    rows = len(row_names(axles))
+    used = torch.ones(blocks, count, rows, dtype=torch.float64)
+    weight = row_weights(used, view_of(run.packed, axles).step)
     column = torch.zeros(blocks, rows + 1, dtype=torch.float64)
     places = (0, 1) if row == 0 else (row + 1,)
     for place in places:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a row may disagree: regions of each signal, as columns of the rows of every run.
+"""Regions of each signal, as columns of the rows of every run.
 
 A region is everything above or below a quantile of the signal over all runs, or the whole of it
 with a disagreement in proportion to the signal. Signals are those of the neighbouring seconds (see
@@ -22,6 +22,7 @@ from terrain_estimator.discovery.hypotheses.equations import Unknowns
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.leftover.flexible import in_row
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import row_names
 from terramechanics.contact.stresses import wheel_forces
 
@@ -43,7 +44,7 @@ class Signal:
 
     @property
     def mostly_noise(self) -> bool:
-        """Whether it varies by less than twice its noise."""
+        """Return whether it varies by less than twice its noise."""
         return bool(self.noise) and self._share > LARGEST_NOISE
 
     @property
@@ -53,7 +54,7 @@ class Signal:
 
     @property
     def alike(self) -> float:
-        """Bound of the correlation, between the noise of a row and this signal."""
+        """Return a bound of the correlation between the noise of a row and this signal."""
         return (
             max((each.alike for each in self.noise), default=0.0) * self._share
             if self.noise
@@ -88,7 +89,7 @@ class Regions:
 
 
 def regions(nominal: Nominal, runs: Sequence[Blocks], fitted: Sequence[Unknowns]) -> Regions:
-    """Every region of every signal in every row; ``fitted`` says what the axles carry."""
+    """Return every region of every signal in every row, at the loads of a ``fitted`` candidate."""
     axles = nominal.rover.axles
     body, wheels = signals(nominal, runs, fitted)
     names: list[Region] = []
@@ -114,13 +115,13 @@ def regions(nominal: Nominal, runs: Sequence[Blocks], fitted: Sequence[Unknowns]
 def signals(
     nominal: Nominal, runs: Sequence[Blocks], fitted: Sequence[Unknowns]
 ) -> tuple[Mapping[str, Signal], list[Mapping[str, Signal]]]:
-    """Signals of the body's rows and those of each axle's torque row, by name."""
+    """Return the signals of the body's rows and those of each axle's torque row, by name."""
     axles = nominal.rover.axles
     every = [run.signals for run in runs]
     gains = [_gain(run) for run in runs]
     level = tuple(
-        _jitter(run.packed[..., 8 * axles + 2], run.packed[..., 8 * axles + 3], math.degrees(1.0))
-        for run in runs
+        _jitter(view.pitch, view.pitch_sd, math.degrees(1.0))
+        for view in (view_of(run.packed, axles) for run in runs)
     )
     shared = {
         "slope": Signal(
@@ -133,8 +134,8 @@ def signals(
     own = [
         {
             "speed": Signal("speed", "m/s", tuple(each.speed[:, axle] for each in every)),
-            "slip": _wheel("slip", "", 1.0, 0, axle, runs),
-            "sinkage": _wheel("sinkage", "mm", 1e3, 2, axle, runs),
+            "slip": _wheel("slip", "", 1.0, axle, runs),
+            "sinkage": _wheel("sinkage", "mm", 1e3, axle, runs),
         }
         for axle in range(axles)
     ]
@@ -149,21 +150,19 @@ def signals(
     return shared | mean | {each.name: each for each in single}, [shared | each for each in own]
 
 
-def _wheel(
-    name: str, unit: str, factor: float, group: int, axle: int, runs: Sequence[Blocks]
-) -> Signal:
-    """Slip or sinkage of one axle; ``group`` is its place among the packed groups, that of its deviation follows."""
+def _wheel(name: str, unit: str, factor: float, axle: int, runs: Sequence[Blocks]) -> Signal:
+    """Return slip or sinkage of one axle."""
     values, noise = [], []
     for run in runs:
-        axles = run.wheel_rate.shape[-1]
-        value, sd = (run.packed[..., (group + k) * axles + axle] for k in (0, 1))
+        view = view_of(run.packed, run.wheel_rate.shape[-1])
+        value, sd = (getattr(view, field)[..., axle] for field in (name, f"{name}_sd"))
         values.append(factor * getattr(run.signals, name)[:, axle])
         noise.append(_jitter(value, sd, factor))
     return Signal(name, unit, tuple(values), tuple(noise))
 
 
 def _mean(parts: Sequence[Signal]) -> Signal:
-    """The mean of one signal over the axles."""
+    """Return the mean of one signal over the axles."""
     values = tuple(
         torch.stack(each).mean(0) for each in zip(*(part.values for part in parts), strict=True)
     )
@@ -178,7 +177,9 @@ def _mean(parts: Sequence[Signal]) -> Signal:
 
 
 def _jitter(value: Tensor, sd: Tensor, factor: float) -> Jitter:
-    """Noise of the mean over the neighbouring blocks, from measured values and their deviations [B, n].
+    """Return the noise of the mean over the neighbouring blocks.
+
+    From measured values and their deviations [B, n].
 
     What lasts from one sample to the next is told by their differences: half of their variance is
     missing where noise does. The median keeps the few large differences of a sharp start out.
@@ -205,7 +206,7 @@ LARGEST_NOISE = 0.5
 
 
 def axle_name(axle: int, axles: int) -> str:
-    """``front``, ``middle``, ``rear`` for three axles."""
+    """Return ``front``, ``middle`` or ``rear`` for three axles."""
     return AXLES[axle] if axles == len(AXLES) else f"axle {axle + 1}"
 
 
@@ -217,7 +218,7 @@ def _load(
     slip: Signal,
     sinkage: Signal,
 ) -> Signal:
-    """Normal force of one wheel [N] by slips and sinkages of the neighbouring seconds."""
+    """Return the normal force of one wheel [N] by slips and sinkages of nearby seconds."""
     values, noise = [], []
     for run, unknowns, slips, sinks in zip(runs, fitted, slip.noise, sinkage.noise, strict=True):
         contact, where = nominal.contact, run.signals
@@ -244,7 +245,7 @@ def _load(
 
 
 def _gain(run: Blocks) -> Tensor:
-    """Acceleration of the rims [B, A] [m/s^2] between the neighbouring blocks, from encoders."""
+    """Return the acceleration of the rims [B, A] [m/s^2] between the neighbouring blocks."""
     time, speed = run.signals.time, run.signals.speed
     after, before = torch.cat([speed[1:], speed[-1:]]), torch.cat([speed[:1], speed[:-1]])
     passed = torch.cat([time[1:], time[-1:]]) - torch.cat([time[:1], time[:-1]])
@@ -252,7 +253,7 @@ def _gain(run: Blocks) -> Tensor:
 
 
 def _shapes(row: str, signal: Signal) -> list[tuple[Region, list[Tensor]]]:
-    """The regions of one signal, with their values in every run."""
+    """Return the regions of one signal, with their values in every run."""
     every = torch.cat(signal.values)
     low, high = (float(torch.quantile(every, share)) for share in (0.1, 0.9))
     if signal.mostly_noise or not high - low > 1e-9 * max(abs(high), abs(low)):
@@ -293,7 +294,7 @@ def _words(signal: Signal, end: float, *, above: bool) -> str:
 
 
 def _rounded(value: float, spread: float) -> float:
-    """To about a hundredth of the spread, so that a region is what its words say."""
+    """Round to about a hundredth of the spread, so that the words give the exact region."""
     digits = 1 - math.floor(math.log10(spread))
     return round(value, digits)
 

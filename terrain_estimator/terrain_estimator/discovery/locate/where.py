@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where simulation and measurement disagree: every row against every region of every signal, in words and numbers.
+"""Disagreement of every row in every region of every signal, in words and numbers.
 
 Each region is a column of a row. Regressed on the innovations of the fit of "nothing missing"
 (``whitening``) its coefficient is what the row disagrees by there beyond what the fit can absorb.
@@ -63,7 +63,7 @@ class Tests:
 
 
 def disagreements(study: Study) -> list[Disagreement]:
-    """What disagrees, the surest first; each after the first is what is left beside those before it."""
+    """Return the disagreements, the surest first, each beside those before it."""
     equations = study.equations_of_nothing()
     points = study.nothing.fit.point.runs
     tried = regions(study.nominal, study.runs, points)
@@ -93,7 +93,7 @@ def _surest(found: Tests, adjusted: Floats) -> int:
 def _without(
     left: Sequence[Tensor], columns: Sequence[Tensor], k: int
 ) -> tuple[list[Tensor], list[Tensor]]:
-    """What column ``k`` does not explain of the innovations and of the other columns, in every run by itself."""
+    """Return innovations and columns without column ``k``, in every run by itself."""
     rest, others = [], []
     for e, g in zip(left, columns, strict=True):
         one = g[..., k]
@@ -104,7 +104,7 @@ def _without(
 
 
 def tests(left: Sequence[Tensor], columns: Sequence[Tensor]) -> Tests:
-    """Regress ``columns`` [B, Q, K] of every run on its innovations ``left`` [B, Q], by itself and all runs together."""
+    """Regress ``columns`` [B, Q, K] on the innovations ``left`` [B, Q] of every run and of all."""
     parts = [_sums(e, g) for e, g in zip(left, columns, strict=True)]
     single = [_one(part) for part in parts]
     joint = _one([sum(each) for each in zip(*parts, strict=True)])
@@ -116,7 +116,10 @@ def tests(left: Sequence[Tensor], columns: Sequence[Tensor]) -> Tests:
 
 
 def _sums(left: Tensor, columns: Tensor) -> list[Tensor]:
-    """Products of columns and innovations at lags 0 to LAGS: each [LAGS + 1, Q, K], and the number of seconds."""
+    """Return products of columns and innovations at lags 0 to LAGS, and the number of seconds.
+
+    Each is [LAGS + 1, Q, K].
+    """
     blocks = left.shape[0]
     wide = left.unsqueeze(-1)
     gg, ge, ee = [], [], []
@@ -134,7 +137,7 @@ def _sums(left: Tensor, columns: Tensor) -> list[Tensor]:
 
 
 def _one(sums: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    """Coefficient, statistic and effective seconds [K] of every column."""
+    """Return coefficient, statistic and effective seconds [K] of every column."""
     gg, ge, ee, blocks = sums
     information = gg[0].sum(0)
     some = information > 1e-9
@@ -159,7 +162,7 @@ def _one(sums: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def two_sided(found: Tests, alike: Tensor) -> Floats:
-    """p values [R + 1, K] of single tests, before any adjustment.
+    """Return p values [R + 1, K] of single tests, before any adjustment.
 
     ``alike`` [K] bounds the correlation that noise which lasts makes between a row and a signal: it
     may move a statistic by ``alike`` times the root of the number of seconds, which counts for
@@ -170,7 +173,10 @@ def two_sided(found: Tests, alike: Tensor) -> Floats:
 
 
 def holm(chance: Floats) -> Floats:
-    """p values adjusted so that the chance of any false rejection is at most the level, whatever their dependence (Holm 1979)."""
+    """Return p values adjusted for the number of tests, whatever their dependence (Holm 1979).
+
+    The chance of any false rejection is at most the level.
+    """
     flat = chance.ravel()
     order = np.argsort(flat, kind="stable")
     stepped = np.maximum.accumulate(flat[order] * np.arange(flat.size, 0, -1))
@@ -182,7 +188,10 @@ def holm(chance: Floats) -> Floats:
 def _described(
     study: Study, region: Region, k: int, found: Tests, chance: Floats, adjusted: Floats
 ) -> Disagreement:
-    """A region in words. Where all runs together say less than one by itself, it is that run's."""
+    """Describe a region in words.
+
+    It is a run's own where all runs together are less sure than that run.
+    """
     which = int(adjusted[:, k].argmin())
     together = len(study.runs)
     size = float(found.coefficient[which, k])
@@ -210,7 +219,7 @@ def _described(
 
 
 def unit_of(row: str, nominal: Nominal) -> tuple[float, str]:
-    """What one unit of a row is, and in which unit."""
+    """Return the factor and the unit of a row for a reader."""
     rover = nominal.rover
     weight = rover.mass * rover.gravity
     if row == "load":
@@ -223,7 +232,11 @@ def unit_of(row: str, nominal: Nominal) -> tuple[float, str]:
 def sentence(
     region: Region, strength: float, unit: str, p: float, runs: Sequence[str], every: Sequence[str]
 ) -> str:
-    """Such as ``velocity row, slope above 6 deg uphill: accelerates 0.12 m/s^2 less than modelled (p < 1e-6, run_1, run_3)``."""
+    """Return a sentence on a disagreement.
+
+    Such as ``velocity row, slope above 6 deg uphill: accelerates 0.12 m/s^2 less than modelled (p <
+    1e-6, run_1, run_3)``.
+    """
     place = (
         "everywhere" if region.signal in ("none", "wheel") else f"{region.signal} {region.words}"
     )
@@ -241,7 +254,7 @@ def sentence(
 
 
 def row_words(row: str) -> str:
-    """Name of a row for a reader."""
+    """Return the name of a row for a reader."""
     return (
         f"torque row of the {axle_name(int(row[-1]), 3)} wheels"
         if row.startswith("torque")

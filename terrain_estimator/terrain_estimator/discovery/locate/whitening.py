@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit leaves, as a white series: the recursive residuals of a run.
+"""The recursive residuals of a run: a white series from those of a fit.
 
 A fit absorbs part of what is missing, and residuals of one fit are correlated over blocks. With the
 run's own unknowns spread as their priors have them the rows of a run have the covariance V = S + D
@@ -23,14 +23,14 @@ from terrain_estimator.model.gaussian import cholesky
 
 @dataclass(frozen=True, slots=True)
 class Whitening:
-    """Turns rows of a run [B, Q] into innovations [B, Q]."""
+    """A map from rows of a run [B, Q] to innovations [B, Q]."""
 
     factor: Tensor  # [B Q, B Q] Cholesky factor of V
     own: Tensor  # [B Q, P] columns of the run's own unknowns
     present: Tensor  # [B, Q] 1 where a row is there
 
     def of(self, rows: Tensor) -> Tensor:
-        """Innovations [B, Q, K] of columns [B, Q, K]; rows that are not there count as zero."""
+        """Return innovations [B, Q, K] of columns [B, Q, K]; absent rows count as zero."""
         blocks, count, columns = rows.shape
         there = (rows * self.present.unsqueeze(-1)).reshape(blocks * count, columns)
         return torch.linalg.solve_triangular(self.factor, there, upper=False).view(
@@ -39,16 +39,20 @@ class Whitening:
 
 
 def whitening(equations: Equations, unknowns: Unknowns) -> Whitening:
-    """For the rows at these ``equations``."""
+    """Return the whitening of the rows at these ``equations``."""
     _, precision = own_prior(unknowns)
     own = own_columns(equations, unknowns).flatten(0, 1)
     noise = equations.covariance + torch.diag_embed(equations.excess * equations.present)
-    covariance = torch.block_diag(*noise.unbind()) + (own / precision) @ own.T  # type: ignore[no-untyped-call]
+    blocks: Tensor = torch.block_diag(*noise.unbind())  # type: ignore[no-untyped-call]
+    covariance = blocks + (own / precision) @ own.T
     return Whitening(cholesky(covariance), own, equations.present)
 
 
 def innovations(white: Whitening, equations: Equations, unknowns: Unknowns) -> Tensor:
-    """The residuals of a fit at ``unknowns``, [B, Q], each of unit variance where nothing is missing."""
+    """Return the innovations of a fit at ``unknowns``, [B, Q].
+
+    Each has unit variance where nothing is missing.
+    """
     mean, _ = own_prior(unknowns)
     before = (white.own @ (unknowns.flat() - mean)).view_as(equations.residual)
     return white.of((equations.residual + before).unsqueeze(-1)).squeeze(-1)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What would tell confusable effects apart, in words: the best next drive, and what no drive of this simulator shows."""
+"""Advice on separating confusable effects: the best next drive, and effects beyond drives."""
 
 from collections.abc import Sequence
 
@@ -20,11 +20,14 @@ BESIDES = {
     "sinkage_bias": "stand on a hard floor, where sinkage has to read zero",
     "exit_angle": "measure the depth of the rut behind a wheel against the wheel's sinkage",
 }
-"""By effect: standing still, lifted wheels, the own track and a rule are not in the simulated drives."""
+"""Advice by effect beyond the simulated drives: standing still, lifted wheels, a rule."""
 
 
 def advise(names: Sequence[str], drives: Sequence[NextDrive]) -> str:
-    """What would separate these effects; ``drives`` the best first. Empty for fewer than two effects."""
+    """Return advice on separating these effects; empty for fewer than two.
+
+    ``drives`` are the best first.
+    """
     if len(set(names)) <= 1:
         return ""
     advice = [

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Short drives that could be made next, and what a rover would measure in them."""
+"""Short drives that could come next, and their simulated measurements."""
 
 import math
 from collections.abc import Sequence
@@ -91,7 +91,7 @@ class Commands:
     kind: Command = Command.RATE
 
     def command(self, time: float) -> Tensor:
-        """See Schedule."""
+        """Return the wheel rates at a time, as :class:`Schedule`."""
         phase = (
             2.0
             * math.pi
@@ -113,7 +113,10 @@ class Commands:
 def drive(
     nominal: Nominal, strength: Tensor, manoeuvres: Sequence[Manoeuvre], plant: Plant, seed: int
 ) -> list[RecordedRun]:
-    """What is measured in each manoeuvre on ground of this ``strength`` (c [Pa], tan phi), with the effects of ``plant``."""
+    """Simulate the measurements of each manoeuvre with the effects of ``plant``.
+
+    ``strength`` is c [Pa] and tan phi of the ground.
+    """
     rover, batch = nominal.rover, len(manoeuvres)
     generator = torch.Generator().manual_seed(seed)
     constants, here = nominal.soil.constants().expand(batch, 6), strength.expand(batch, 2)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What to drive next: which short drive would tell the effects in doubt apart best, by expected information.
+"""The short drive that would separate the effects in doubt best, by expected information.
 
 Each manoeuvre is simulated with each effect in doubt acting at its typical size, on ground as
 strong as the fit found it. What the drive adds is the expected log Bayes factor of the true effect
@@ -38,7 +38,7 @@ MOST = 4
 
 @dataclass(frozen=True, slots=True)
 class NextDrive:
-    """A drive and what it is expected to bring."""
+    """A drive and its expected gain."""
 
     name: str
     words: str
@@ -53,7 +53,10 @@ def next_drives(
     around: Candidate,
     manoeuvres: Sequence[Manoeuvre] = MANOEUVRES,
 ) -> list[NextDrive]:
-    """These manoeuvres, the best first; none where fewer than two effects are in doubt. Ground and noise are those of ``around``."""
+    """Return these manoeuvres, the best first; none with fewer than two effects in doubt.
+
+    Ground and noise are those of ``around``.
+    """
     doubtful = doubtful[:MOST]
     if len(doubtful) < 2:
         return []
@@ -93,7 +96,7 @@ def _driven(
     theta: torch.Tensor,
     manoeuvres: Sequence[Manoeuvre],
 ) -> list[list[RecordedRun]]:
-    """The runs of all manoeuvres with each effect acting, one simulation for all."""
+    """Return the runs of all manoeuvres with each effect acting, by one simulation."""
     strength = theta * study.nominal.contact.column_unit[:2]
     count = len(manoeuvres)
     effects = []
@@ -115,7 +118,7 @@ def _seen(
     theta: torch.Tensor,
     excess: torch.Tensor,
 ) -> tuple[Stage, list[Signature]] | None:
-    """The rows of a new run, and what the effects in doubt do to them; None where the rover hardly moves."""
+    """Return the rows of a new run and the effects' signatures; None for a rover that stands."""
     nominal = study.nominal
     try:
         blocks = cut(run, nominal.contact)

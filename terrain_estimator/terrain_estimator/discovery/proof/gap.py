@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How much of the way from the error of the model without an effect to the noise floor the model with it goes."""
+"""The share of the way from the nominal model's error to the noise floor that an effect closes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,11 +22,15 @@ NEIGHBOURS = 5
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Root mean square errors on held-out runs, in standard deviations of a noise; ``after`` is None where nothing is to be added."""
+    """Root mean square errors on held-out runs, in standard deviations of a noise.
+
+    ``after`` is None where nothing is to be added.
+    """
 
     before: float
     after: float | None
-    noise_floor: float  # what the error would be if the better model were true: noise, and what is not known of ground and sizes
+    # expected error if the better model were true: noise, and unknown ground and sizes
+    noise_floor: float
     closed: (
         float | None
     )  # [1] (before - after) / (before - noise_floor); None where there was no gap
@@ -39,7 +43,10 @@ class Gap:
 
 
 def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], seed: int) -> Gap:
-    """The gap over all seconds of pieces of these ``lengths``, one after the other, with intervals by moving blocks."""
+    """Return the gap over all seconds of pieces of these ``lengths``, with intervals.
+
+    Intervals are by moving blocks.
+    """
     pieces, every = replicates(lengths, NEIGHBOURS), np.arange(len(before.count))[None]
     first, floor = (
         _mean_square(before, before.misfit.numpy()),
@@ -83,6 +90,6 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
 
 
 def _mean_square(predicted: Predicted, total: Floats) -> Callable[[Rows], Floats]:
-    """Root of the mean of ``total`` [N] over the values of chosen seconds."""
+    """Return the root mean square of ``total`` [N] over the values of chosen seconds."""
     count = predicted.count.numpy()
     return lambda rows: np.sqrt(total[rows].sum(1) / count[rows].sum(1))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A held-out run in two halves, each of which is predicted with what the other one tells about the ground.
+"""A held-out run in two halves, each predicted with the ground that the other half gives.
 
 c, tan phi, the soil constants and the accelerometer's bias are a run's own, so they have to be
 fitted to something: to the half that is not being judged. The sizes of effects are never fitted
@@ -31,7 +31,7 @@ PIECE = 5
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A hypothesis with what other runs said of its sizes."""
+    """A hypothesis with the sizes that other runs gave."""
 
     hypothesis: Hypothesis
     values: Tensor  # [K] as ``Fit.point.shared``
@@ -40,22 +40,23 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class GroundEstimate:
-    """What a half tells about its run, under one model."""
+    """The ground of a half of a run, under one model."""
 
     unknowns: Unknowns  # the velocities are that half's
-    covariance: Tensor  # [P + K, P + K] of theta, soil constants, bias and sizes, by the sensors' stated noise
+    # [P + K, P + K] of theta, soil constants, bias and sizes, by the sensors' stated noise
+    covariance: Tensor
 
 
 @dataclass(frozen=True, slots=True)
 class Half:
-    """A half of a run that is judged, and what the other one tells under each model."""
+    """A half of a run, and the ground that the other half gives under each model."""
 
     blocks: Blocks
     grounds: tuple[GroundEstimate, ...]
 
 
 def long_enough(run: Blocks) -> Blocks:
-    """The run, where it can be halved.
+    """Return the run where it can be halved.
 
     Raises:
         RunError: it is too short, or a half has no piece without a gap that is long enough for a
@@ -81,7 +82,7 @@ def _halved(run: Blocks) -> tuple[Blocks, Blocks]:
 
 @torch.inference_mode()
 def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Half, Half]:
-    """Both halves of a held-out run; the same procedure for every model.
+    """Return both halves of a held-out run; the same procedure for every model.
 
     Raises:
         RunError: see ``long_enough``.
@@ -112,12 +113,15 @@ def _fits(study: Study, models: tuple[Model, ...]) -> list[Fit]:
 
 @torch.inference_mode()
 def evidences(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> list[float]:
-    """Log evidence [nat] of a whole held-out run under each model, up to a constant of the run."""
+    """Return the log evidence [nat] of a held-out run under each model, up to a constant."""
     return [fit.given for fit in _fits(Study(nominal, [run]), models)]
 
 
 def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tensor:
-    """Of a run's own unknowns but the velocities, then of the sizes; misfit beyond the sensors' noise counts for nothing."""
+    """Return the covariance of a run's own unknowns but the velocities, then of the sizes.
+
+    Misfit beyond the sensors' noise counts for nothing.
+    """
     sizes = model.values.shape[0]
     weighted = torch.zeros_like(equations.residual).unsqueeze(-1)
     hessian, _ = assembled(
@@ -131,7 +135,10 @@ def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tenso
 
 
 def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equations:
-    """The rows of a half at what the other one tells under the model of that ``number``, with all velocities at zero."""
+    """Return the equations of a half at the ground of the other one, with all velocities at zero.
+
+    ``number`` is that of the ``model``.
+    """
     told = half.grounds[number].unknowns
     columns = no_columns([half.blocks]).columns[0]
     mask = torch.ones(columns.shape[1] - 1, dtype=torch.float64)

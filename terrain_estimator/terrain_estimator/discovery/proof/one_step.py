@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every row of a held-out second predicted from the second before it, with what the model says of its error.
+"""Every row of a held-out second, predicted from the second before it.
 
 The velocity row is the mean velocity of a second, predicted from that of the second before and the
 forces in between; the others are those of the estimator. The covariance has the sensors' stated
@@ -20,7 +20,10 @@ from terrain_estimator.model.rows import row_names
 
 
 def one_step(equations: Equations, ground: GroundEstimate, follows: Tensor) -> Predicted:
-    """Errors of the R rows of B blocks; ``equations`` with velocities at zero, ``follows`` [B] as ``Blocks.follows``."""
+    """Return the errors of the R rows of B blocks.
+
+    ``equations`` have velocities at zero; ``follows`` [B] as ``Blocks.follows``.
+    """
     residual, covariance, present = equations.residual, equations.covariance, equations.present
     own = ground.covariance.shape[0]
     sizes = equations.jacobian.shape[-1] - 5 - ground.unknowns.kappa.shape[0]
@@ -63,7 +66,7 @@ def one_step(equations: Equations, ground: GroundEstimate, follows: Tensor) -> P
 
 
 def names(axles: int) -> tuple[tuple[str, str], ...]:
-    """Name and unit of each row."""
+    """Return name and unit of each row."""
     units = {"velocity": "m/s", "load": "1", "acceleration": "m/s^2"}
     return tuple(
         (name, "N m" if name.startswith("torque") else units.get(name, "1"))

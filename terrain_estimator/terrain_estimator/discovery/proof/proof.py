@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Does the model with the effect predict runs that it has not seen better than the model without?
+"""The proof of an effect: predictions of unseen runs by the model with it and without it.
 
 The rule: with the effect, rollouts of five seconds or predictions of one second get better on the
 held-out runs, by a 95 % interval above zero, or the runs as a whole are LIKELIER; and neither gets
@@ -44,12 +44,12 @@ from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.palpaca import BLOCK
 
 LIKELIER = 8.0
-"""[nat] Log Bayes factor of held-out runs that proves an effect, as much as "anything" in the verdict."""
+"""[nat] Log Bayes factor of held-out runs that proves an effect, as "anything" in the verdict."""
 
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """c and tan phi that one half of a held-out run tells, before and after, with their standard deviations."""
+    """c and tan phi of one half of a held-out run, before and after, with standard deviations."""
 
     run: str
     half: int
@@ -61,7 +61,7 @@ class Strength:
 
 @dataclass(frozen=True, slots=True)
 class SignalSeries:
-    """One signal over five seconds of a held-out run, for a picture: measured, and simulated from the wheel rates alone."""
+    """One signal over five seconds of a held-out run, measured and simulated."""
 
     run: str
     signal: str
@@ -74,7 +74,7 @@ class SignalSeries:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """What the held-out runs say of a model without (before) and with (after) an effect."""
+    """The result of the held-out runs for a model without (before) and with (after) an effect."""
 
     effect: str  # label of the hypothesis, empty where nothing is to be added
     added: bool
@@ -85,7 +85,8 @@ class Proof:
     )  # [nat] of the held-out runs, the effect over nothing; None where nothing is to be added
     rows: tuple[RowScore, ...]
     parameters: tuple[Strength, ...]
-    rollout: SignalSeries  # of the signal that the model without the effect misses most, in the window where it was most wrong
+    # of the signal that the model without the effect misses most, in its worst window
+    rollout: SignalSeries
     velocity_rollout: SignalSeries  # of the velocity in the same window
 
     @property
@@ -112,13 +113,13 @@ class Proof:
         )
 
     def plain(self) -> dict[str, Any]:
-        """As parts of finding.json."""
+        """Return its parts of finding.json."""
         return {"gap": asdict(self.gap), "proof": asdict(self) | {"sentence": self.sentence}}
 
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """What a held-out run gives."""
+    """The halves and evidences of a held-out run."""
 
     halves: tuple[Half, Half]
     evidences: list[float]  # [nat] of the whole run under each model
@@ -139,7 +140,7 @@ def prove(
     seed: int = 0,
     spread: Spread = map,
 ) -> Proof:
-    """Confront ``candidate``, which was fitted to other runs, with the held-out ``runs``; None where nothing is to be added.
+    """Compare ``candidate``, fitted to other runs, with nothing on ``held_out`` runs.
 
     ``seed`` of resampling, and of the terrains that the noise of the angles allows.
 
@@ -192,7 +193,7 @@ def prove(
 
 
 def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
-    """The rule, from rollouts, predictions of one second, and the log Bayes factor [nat]."""
+    """Apply the rule to rollouts, predictions of one second, and the log Bayes factor [nat]."""
     intervals = [
         ends for ends in (gap.improvement_95, step_gap.nll_improvement_95) if ends is not None
     ]
@@ -222,7 +223,7 @@ def _joined(regions: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tenso
 
 
 def _seconds(windows: Windows, lengths: Sequence[int]) -> torch.Tensor:
-    """Number of every second of all windows among the blocks of halves of these lengths, [W PIECE]."""
+    """Return the number of every second of all windows among the blocks of halves, [W PIECE]."""
     before = torch.cumsum(torch.tensor([0, *lengths[:-1]]), 0)
     return ((before[windows.half] + windows.first).unsqueeze(1) + torch.arange(PIECE)).flatten()
 

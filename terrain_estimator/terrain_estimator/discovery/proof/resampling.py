@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Intervals of statistics of series whose neighbours are alike: the moving-block bootstrap (Kuensch 1989)."""
+"""Intervals of statistics of correlated series: the moving-block bootstrap (Kuensch 1989)."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 SAMPLES = 2000
-"""Resamplings: an end of a 95 % interval moves by about a twentieth of its width from one seed to the next."""
+"""Resamplings: seeds move an end of a 95 % interval by about a twentieth of its width."""
 CONFIDENCE = 0.95
 
 
 def replicates(lengths: Sequence[int], block: int) -> int:
-    """How many blocks of ``block`` neighbours the series of these lengths hold: what an interval rests on."""
+    """Return the number of blocks of ``block`` neighbours in series of these lengths."""
     return sum(max(round(length / block), 1) for length in lengths)
 
 
 def resampled(lengths: Sequence[int], block: int, generator: np.random.Generator) -> Rows:
-    """Row numbers [SAMPLES, n] of series that lie one after the other, each replaced by blocks of its own neighbours."""
+    """Return row numbers [SAMPLES, n] of series, each replaced by blocks of its own neighbours."""
     rows, first = [], 0
     for length in lengths:
         size = min(block, length)
@@ -33,7 +33,9 @@ def resampled(lengths: Sequence[int], block: int, generator: np.random.Generator
 
 
 def interval(statistic: Callable[[Rows], Floats], rows: Rows) -> tuple[float, float] | None:
-    """95 % interval (percentiles) of ``statistic``, which takes row numbers [SAMPLES, n] to [SAMPLES].
+    """Return the 95 % interval (percentiles) of ``statistic``.
+
+    It takes row numbers [SAMPLES, n] to [SAMPLES].
 
     None where the statistic is not defined (NaN) in so many resamplings that an end of the interval
     is one of them.

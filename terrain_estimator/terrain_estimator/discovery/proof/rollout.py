@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Five seconds of a held-out run simulated from the wheel rates alone, against what every sensor measured.
+"""Five seconds of a held-out run, simulated from the wheel rates and compared with the sensors.
 
 A window starts in the measured velocity of its first observation. From then on the simulation knows
 the wheel rates and the terrain along the track; slip, sinkage, torque and velocity are its own, and
@@ -18,6 +18,7 @@ from terrain_estimator.discovery.proof.held_out import PIECE, GroundEstimate, Ha
 from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
 from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.simulation.plant import Plant
@@ -49,15 +50,16 @@ class Windows:
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """What one model says of the windows, at every observation but the first, and how that changes with what is not known."""
+    """Signals of one model at every observation of the windows but the first, and their changes."""
 
     signals: Tensor  # [W, T - 1, R]
-    changes: Tensor  # [G, W, T - 1, R] along the columns of a factor of the covariance of start, ground and sizes
+    # [G, W, T - 1, R] along the columns of a factor of the covariance of start, ground, sizes
+    changes: Tensor
     by_terrain: Tensor  # [TERRAINS, W, T - 1, R] with other terrains that the measured angles allow
 
 
 def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
-    """The windows of some halves."""
+    """Return the windows of some halves."""
     axles = nominal.rover.axles
     firsts = [torch.tensor(half.blocks.pieces(PIECE), dtype=torch.long) for half in halves]
     index = [first.unsqueeze(1) + torch.arange(PIECE) for first in firsts]
@@ -70,13 +72,14 @@ def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
             for half, here in zip(halves, index, strict=True)
         ]
     )
-    gone = (packed[..., 8 * axles] * packed[..., -2]).sum(1)
+    view = view_of(packed, axles)
+    gone = (view.velocity * view.step).sum(1)
     return Windows(
         half=torch.repeat_interleave(torch.tensor([len(first) for first in firsts])),
         first=torch.cat(firsts),
         rate=rate,
-        velocity=packed[:, 0, 8 * axles : 8 * axles + 2],
-        step=float(packed[:, 1:, -2].median()),
+        velocity=torch.stack([view.velocity[:, 0], view.velocity_sd[:, 0]], 1),
+        step=float(view.step[:, 1:].median()),
         longest=FASTER * float(gone.max()),
         measured=measured(packed[:, 1:], axles),
     )
@@ -124,7 +127,10 @@ def simulated(
 
 
 def _known(ground: GroundEstimate) -> tuple[Tensor, Tensor]:
-    """c, tan phi and soil constants [2 + M], and a factor of their covariance; given that c and tan phi are physical."""
+    """Return c, tan phi and soil constants [2 + M], and a factor of their covariance.
+
+    Given that c and tan phi are physical.
+    """
     own = 2 + ground.unknowns.kappa.shape[0]
     centre = torch.cat([ground.unknowns.theta, ground.unknowns.kappa])
     covariance = ground.covariance[:own, :own]
@@ -135,7 +141,7 @@ def _known(ground: GroundEstimate) -> tuple[Tensor, Tensor]:
 
 
 def _other_sizes(model: Model) -> list[tuple[float, ...]]:
-    """Sizes along each column of a factor of their covariance, inside of their ranges."""
+    """Return sizes along each column of a factor of their covariance, inside of their ranges."""
     shared = model.hypothesis.shared()
     found = []
     for column in cholesky(model.covariance).T:
@@ -148,7 +154,7 @@ def _other_sizes(model: Model) -> list[tuple[float, ...]]:
 
 
 def _terrain(nominal: Nominal, windows: Windows, clean: Sequence[Tensor]) -> Sampled:
-    """The terrain in front of every window, from the observations of each half."""
+    """Return the terrain in front of every window, from the observations of each half."""
     parts = []
     for number, packed in enumerate(clean):
         first = windows.first[windows.half == number]
@@ -177,7 +183,7 @@ def _drive(
     start: Tensor,
     plant: Plant,
 ) -> Tensor:
-    """Signals [G W, T - 1, R] on ``grounds`` [G W, 2 + M] from velocities ``start`` [G W]."""
+    """Return signals [G W, T - 1, R] on ``grounds`` [G W, 2 + M] from ``start`` [G W] [m/s]."""
     rover, times = nominal.rover, len(grounds) // len(windows.first)
     strength = grounds[:, :2].clamp(min=WEAKEST) * torch.tensor(
         [PA_PER_UNIT, 1.0], dtype=torch.float64

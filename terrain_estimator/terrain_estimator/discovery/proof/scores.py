@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions against measurements: errors, negative log likelihood and coverage, by row and by region."""
+"""Predictions against measurements: errors, likelihood and coverage, by row and by region."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,10 @@ LEVEL = math.radians(1.5)
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """N moments of R rows: measured less predicted, and what the model says of that difference; NaN where a row is not there."""
+    """Measured less predicted at N moments of R rows, with the model's deviation of it.
+
+    NaN where a row is not there.
+    """
 
     error: Tensor  # [N, R] in the units of the rows
     sd: Tensor  # [N, R]
@@ -30,7 +33,7 @@ class Predicted:
 
 
 def joined(parts: Sequence[Predicted]) -> Predicted:
-    """One after the other."""
+    """Return several predictions as one."""
     return Predicted(
         *(torch.cat([getattr(part, name) for part in parts]) for name in Predicted.__slots__)
     )
@@ -38,7 +41,7 @@ def joined(parts: Sequence[Predicted]) -> Predicted:
 
 @dataclass(frozen=True, slots=True)
 class RowScore:
-    """How well one row was predicted in one region, before and after; ``after`` is None where nothing is added."""
+    """Scores of one row in one region, before and after; None where nothing is added."""
 
     kind: str  # one_step or rollout
     row: str
@@ -58,7 +61,10 @@ def scores(
     before: Predicted,
     after: Predicted | None,
 ) -> list[RowScore]:
-    """Every row (name, unit) in every region ([N] bool), then all rows together; regions without a value are left out."""
+    """Score every row (name, unit) in every region ([N] bool), then all rows together.
+
+    Regions without a value are left out.
+    """
     found = []
     for region, here in regions.items():
         there = here & (before.count > 0.0)
@@ -137,12 +143,14 @@ def _of(predicted: Predicted, row: int, there: Tensor) -> _Numbers:
 
 
 def rms(values: Tensor) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(values.square().mean().sqrt())
 
 
 def regions_of(runs: Sequence[Blocks]) -> list[dict[str, Tensor]]:
-    """Where each block of some runs belongs, [B] bool by the name of the region: by slope, speed, slip and time.
+    """Return the regions of each block of some runs, [B] bool by name.
+
+    By slope, speed, slip and time.
 
     By the signals of the neighbouring seconds, as that of a second itself has its noise in common
     with the second's rows.

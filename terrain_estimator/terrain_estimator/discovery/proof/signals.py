@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rollouts against measurements, as means over each second, with what the model expects of the difference."""
+"""Rollouts against measurements, as means over each second, with the expected difference."""
 
 import math
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.proof.held_out import PIECE
 from terrain_estimator.discovery.proof.scores import Predicted
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import BLOCK
 
 
@@ -22,7 +23,7 @@ class MeasuredSignals:
 
 
 def names(axles: int) -> tuple[tuple[str, str], ...]:
-    """Signals and their units."""
+    """Return the signals and their units."""
     wheels = (("slip", "1"), ("sinkage", "m"), ("torque", "N m"))
     return (
         ("velocity", "m/s"),
@@ -31,20 +32,19 @@ def names(axles: int) -> tuple[tuple[str, str], ...]:
 
 
 def measured(packed: Tensor, axles: int) -> MeasuredSignals:
-    """The signals of packed observations [W, T - 1, 8 A + 9] in the order of ``names``."""
-    wheels = packed[..., : 8 * axles].reshape(*packed.shape[:2], 8, axles)
-    velocity, velocity_sd = (
-        packed[..., 8 * axles : 8 * axles + 1],
-        packed[..., 8 * axles + 1 : 8 * axles + 2],
-    )
-    values = torch.cat([velocity, wheels[:, :, 0], wheels[:, :, 2], wheels[:, :, 6]], -1)
+    """Return the signals of packed observations [W, T - 1, P] in the order of ``names``."""
+    view = view_of(packed, axles)
+    deviations = [view.velocity_sd.unsqueeze(-1), view.slip_sd, view.sinkage_sd, view.torque_sd]
     return MeasuredSignals(
-        values, torch.cat([velocity_sd, wheels[:, :, 1], wheels[:, :, 3], wheels[:, :, 7]], -1)
+        torch.cat([view.velocity.unsqueeze(-1), view.slip, view.sinkage, view.torque], -1),
+        torch.cat(deviations, -1),
     )
 
 
 def compared(seen: MeasuredSignals, base: Tensor, changes: Tensor, by_terrain: Tensor) -> Predicted:
-    """Errors of all seconds of all windows [W PIECE, R]; arguments as in ``rollout.Simulated``.
+    """Return the errors of all seconds of all windows [W PIECE, R].
+
+    Arguments as in ``rollout.Simulated``.
 
     ``misfit`` is in units of the sensors' noise alone, which no model can talk up; what a model is
     not sure of is in ``expected``.
@@ -72,7 +72,10 @@ def compared(seen: MeasuredSignals, base: Tensor, changes: Tensor, by_terrain: T
 
 
 def _means(values: Tensor, power: int = 0) -> Tensor:
-    """Means over each second, [..., W, T - 1, R] to [..., W, PIECE, R]; with ``power`` 1 the variances of means."""
+    """Return means over each second, [..., W, T - 1, R] to [..., W, PIECE, R].
+
+    With ``power`` 1 the variances of means.
+    """
     first = torch.full_like(values[..., :1, :], math.nan)
     seconds = torch.cat([first, values], -2).reshape(
         *values.shape[:-2], PIECE, BLOCK, values.shape[-1]

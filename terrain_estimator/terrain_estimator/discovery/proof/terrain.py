@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The terrain along a recorded track, from what the rover measured of its own attitude: an input of rollouts, as wheel rates are."""
+"""The terrain along a recorded track, from the rover's own attitude: an input of rollouts."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ import torch
 from scipy.interpolate import BSpline, make_smoothing_spline
 from torch import Tensor
 
+from terrain_estimator.model.packing import view_of, with_contact_angle, with_pitch
 from terramechanics.terrain.profile import Sampled
 from terramechanics.vehicle.rover import Rover
 
@@ -32,28 +33,22 @@ class SlopeTrack:
 
 
 def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
-    """The track of linked observations [n, 8 A + 9]: a smoothing spline through the slopes below all wheels.
+    """The track of linked observations [n, P]: a smoothing spline through the slopes below all wheels.
 
     How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and
     Wahba 1979).
     """
-    axles = rover.axles
-    angle, angle_sd = packed[:, 4 * axles : 5 * axles], packed[:, 5 * axles : 6 * axles]
-    velocity, pitch, pitch_sd, step = (
-        packed[:, 8 * axles],
-        packed[:, 8 * axles + 2],
-        packed[:, 8 * axles + 3],
-        packed[:, -2],
-    )
-    moved = velocity * torch.cos(pitch) * step
+    view = view_of(packed, rover.axles)
+    angle = view.contact_angle
+    moved = view.velocity * torch.cos(view.pitch) * view.step
     distance = torch.cumsum(moved, 0) - moved[0]
-    steep = angle + pitch.unsqueeze(1)
+    steep = angle + view.pitch.unsqueeze(1)
     place = (
         distance.unsqueeze(1)
         + torch.tensor(rover.axle_x, dtype=torch.float64)
         + rover.wheel_radius * torch.sin(angle)
     )
-    weight = 1.0 / (angle_sd.square() + pitch_sd.square().unsqueeze(1))
+    weight = 1.0 / (view.contact_angle_sd.square() + view.pitch_sd.square().unsqueeze(1))
     x, y, w = _binned(
         place.flatten().numpy(), torch.tan(steep).flatten().numpy(), weight.flatten().numpy()
     )
@@ -63,18 +58,16 @@ def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
 
 
 def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
-    """The observations [n, 8 A + 9] with their angles measured once more: what that changes is what their noise does."""
-    again = packed.clone()
-    for first, count in ((4 * axles, axles), (8 * axles + 2, 1)):
-        here, spread = slice(first, first + count), slice(first + count, first + 2 * count)
-        again[:, here] += packed[:, spread] * torch.randn(
-            len(packed), count, generator=generator, dtype=torch.float64
-        )
-    return again
+    """The observations [n, P] with their angles measured once more: what that changes is what their noise does."""
+    view, count = view_of(packed, axles), len(packed)
+    noise = torch.randn(count, axles, generator=generator, dtype=torch.float64)
+    again = with_contact_angle(packed, view.contact_angle + view.contact_angle_sd * noise)
+    tilt = torch.randn(count, 1, generator=generator, dtype=torch.float64).squeeze(1)
+    return with_pitch(again, view.pitch + view.pitch_sd * tilt, axles)
 
 
 def profile_of(track: SlopeTrack, origins: Tensor, length: float, rover: Rover) -> Sampled:
-    """The profile of episodes that start at ``origins`` [batch] [m] and go ``length`` [m] at most."""
+    """Return the profile of episodes from ``origins`` [batch] [m], ``length`` [m] at most."""
     reach = max(rover.axle_x) + 2.0 * rover.wheel_radius
     start = min(rover.axle_x) - 2.0 * rover.wheel_radius
     count = int((length + reach - start) / SPACING) + 2
@@ -102,7 +95,10 @@ def _binned(
 
 
 def _smooth(x: np.ndarray, y: np.ndarray, w: np.ndarray, sharpest: float) -> BSpline:
-    """The spline of least cross-validation error; smoother where it bends more sharply than wheels could follow."""
+    """Return the spline of least cross-validation error.
+
+    Smoother where it bends more sharply than wheels could follow.
+    """
     spline, penalty = make_smoothing_spline(x, y, w), 1e-6
     while np.abs(spline.derivative()(x)).max() > sharpest and penalty < 1e9:
         penalty *= 10.0

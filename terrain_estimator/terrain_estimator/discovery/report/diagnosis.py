@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What goes with a verdict: where the model disagrees, which effects these runs can tell apart, and what to drive next."""
+"""Beside a verdict: where the model disagrees, what the runs separate, what to drive next."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -18,20 +18,20 @@ from terrain_estimator.discovery.report.finding import Finding
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Beside a Finding."""
+    """The results beside a Finding."""
 
     where: tuple[Disagreement, ...]
     isolability: Isolability
     next_drives: tuple[NextDrive, ...]  # the best first; empty where nothing is in doubt
 
     def separate_by(self, judgement: Judgement) -> str:
-        """What would tell confusable effects apart; empty where nothing is confusable."""
+        """Return advice on separating confusable effects; empty where nothing is confusable."""
         if judgement.verdict is not Verdict.CONFUSABLE:
             return ""
         return advise([name for each in judgement.named for name in each.names], self.next_drives)
 
     def plain(self) -> dict[str, Any]:
-        """As parts of finding.json."""
+        """Return its parts of finding.json."""
         nats = [[round(each, 1) for each in row] for row in self.isolability.nats.tolist()]
         return {
             "where": [asdict(each) for each in self.where],
@@ -62,7 +62,7 @@ def diagnose(
 def in_doubt(
     finding: Finding, hypotheses: Sequence[Hypothesis], apart: Isolability
 ) -> list[Hypothesis]:
-    """The effects between which a next drive should decide.
+    """Return the effects between which a next drive should decide.
 
     Those that are confusable; a named effect and the one that it would be mistaken for; the two
     closest where it is unknown.

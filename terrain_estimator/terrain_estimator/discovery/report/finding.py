@@ -24,7 +24,7 @@ from terrain_estimator.discovery.proof.proof import Proof
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What some runs say about what is missing."""
+    """The answer of some runs."""
 
     judgement: Judgement
     gains: Gains
@@ -38,7 +38,7 @@ class Finding:
         return self.candidates[0]
 
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
-        """The fit of that hypothesis."""
+        """Return the fit of that hypothesis."""
         return next(each for each in self.candidates if each.hypothesis == hypothesis)
 
 
@@ -82,7 +82,7 @@ def investigate(
 def _beside(
     study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, progress: Progress
 ) -> list[Candidate]:
-    """The most probable pairs of ``first`` and another effect."""
+    """Return the most probable pairs of ``first`` and another effect."""
     names = set(first.hypothesis.names)
     others = [
         together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)
@@ -91,7 +91,9 @@ def _beside(
 
 
 def settled(finding: Finding, proof: Proof | None) -> Finding:
-    """The finding after the held-out runs were asked: a name that did not prove itself there is not given as the answer.
+    """Return the finding with the held-out runs counted.
+
+    A name that did not prove itself there is no longer the answer.
 
     Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None)
     the verdict stands unproven.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which effect does the model of one wheel on a testbed lack? Steady states: sinkage, drawbar pull and lateral force at a load and slip.
+"""The missing effect in measurements of one wheel on a testbed.
 
 - ``cells``: what was measured, replicates of one setting together, and what the contact model says
   of it.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Steady states of one wheel, and what the contact model says of them. Contact, sinkage and effects are those of terramechanics."""
+"""Steady states of one wheel, measured and modelled by terramechanics."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
 SAME_SLIP, SAME_LOAD, SAME_ANGLE = 0.02, 1.5, math.radians(1.0)
-"""[1], [1], [rad] Largest difference of slips, ratio of loads and difference of slip angles of replicates of one setting."""
+"""[1], [1], [rad] Limits of replicates: slip difference, load ratio, slip-angle difference."""
 POINTS = 6
 ROWS = ("sinkage", "drawbar_pull", "lateral_force")
 
@@ -34,12 +34,13 @@ class Row:
     sinkage: float  # [m]
     drawbar_pull: float  # [N]
     slip_angle: float = 0.0  # [rad] positive where the wheel moves to the right of its heading
-    lateral_force: float = math.nan  # [N] on the wheel, positive to the left; not a number straight ahead, where the model has none
+    # [N] on the wheel, positive to the left; NaN straight ahead, where the model has none
+    lateral_force: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """B settings; the replicates of each are one measurement, because they share what the model gets wrong."""
+    """B settings, each with the mean of its replicates, which share the model's error."""
 
     table: tuple[str, ...]
     slip: Tensor  # [B]
@@ -52,20 +53,29 @@ class Cells:
 
     @property
     def seen(self) -> Tensor:
-        """Which rows were measured [B, 3]."""
+        """Rows that were measured, [B, 3] bool."""
         return ~self.measured.isnan()
 
     def part(self, index: Sequence[int]) -> "Cells":
-        """Some of them."""
+        """Return some of the cells."""
         of = torch.tensor(list(index), dtype=torch.long)
         return Cells(
-            tuple(self.table[k] for k in index), self.slip[of], self.load[of], self.wheel_rate[of], self.slip_angle[of],
-            self.measured[of], tuple(self.replicates[k] for k in index), self.acts[of],
-        )  # fmt: skip
+            tuple(self.table[k] for k in index),
+            self.slip[of],
+            self.load[of],
+            self.wheel_rate[of],
+            self.slip_angle[of],
+            self.measured[of],
+            tuple(self.replicates[k] for k in index),
+            self.acts[of],
+        )
 
 
 def cells_of(rows: Sequence[Row], reference: frozenset[str] = frozenset()) -> Cells:
-    """Replicates put together; effects that are looked for do not act in the tables of ``reference``."""
+    """Put replicates together.
+
+    Effects that are looked for do not act in the tables of ``reference``.
+    """
     groups: list[list[Row]] = []
     for row in rows:
         near = next((group for group in groups if _alike(group[0], row)), None)
@@ -118,14 +128,17 @@ class Rig:
     ]  # deviations of a cell: sinkage [m], drawbar pull [N], lateral force [N]
 
     def usable(self, slip: float, sinkage: float) -> bool:
-        """Whether the contact model describes this state at all."""
+        """Return whether the contact model describes this state at all."""
         values = torch.tensor([slip, max(sinkage, 1e-6)], dtype=torch.float64)
         return bool(in_range(values[0], values[1], self.soil.constants(), self.rover.wheel_radius))
 
     def states(
         self, cells: Cells, strength: Tensor, constants: Tensor, effects: Sequence[Effect]
     ) -> Tensor:
-        """Rows of cells, [V, B, 3], for V soils: ``strength`` [V, 2] (c [Pa]), ``constants`` [V, 6]."""
+        """Return rows of cells, [V, B, 3], for V soils.
+
+        ``strength`` [V, 2] has c in Pa; ``constants`` are [V, 6].
+        """
         several, count = strength.shape[0], cells.slip.shape[0]
         slip, load, rate = (
             each.repeat(several).unsqueeze(1) for each in (cells.slip, cells.load, cells.wheel_rate)
@@ -154,5 +167,5 @@ class Rig:
 
 
 def wheel_alone(rover: Rover, radius: float, width: float) -> Rover:
-    """A rover with that wheel, of which effects ask the radius."""
+    """Return a rover with that wheel, whose radius effects need."""
     return dataclasses.replace(rover, wheel_radius=radius, wheel_width=width)

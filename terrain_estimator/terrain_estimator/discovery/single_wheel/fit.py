@@ -6,7 +6,7 @@ Parameters in prior deviations: c, tan phi, the uncertain soil constants, the da
 sizes of effects that are known to act in all tables, sizes of those that are looked for. With J
 their Jacobian the measurements are Gaussian,
 
-    y ~ N(f(x), C),   C = repeatability + excess of each row + (where asked for) s^2 F F' of each row,
+    y ~ N(f(x), C),   C = repeatability + excess of each row (+ s^2 F F' of each row),
 
 F smooth functions of slip and slip angle: a discrepancy without a name. Excess and s are at their
 most likely values, with x integrated out.
@@ -54,7 +54,10 @@ class Explained:
     ]  # row and signal on which the discrepancy without a name depends most, where there is one
 
     def sizes(self, first: int) -> list[tuple[str, float, float]]:
-        """See Hypothesis.sizes, of the effects that are looked for; ``first`` is the number of their first parameter."""
+        """Return the sizes of the effects that are looked for, see :meth:`Hypothesis.sizes`.
+
+        ``first`` is the number of their first parameter.
+        """
         scale = self.hypothesis.shared().sd.numpy()
         deviations = np.sqrt(np.diag(self.covariance))[first:]
         return self.hypothesis.sizes(
@@ -63,10 +66,10 @@ class Explained:
 
 
 class WheelModel:
-    """What the contact model says of cells under a hypothesis, with effects ``given`` in all tables."""
+    """The contact model's rows of cells under a hypothesis; ``given`` effects act in all tables."""
 
     def __init__(self, bed: Rig, given: Hypothesis, hypothesis: Hypothesis) -> None:
-        """Of one testbed."""
+        """Take the wheel and soil of one testbed, known effects and the hypothesis."""
         self.bed, self._given, self.hypothesis = bed, given, hypothesis
         nominal = bed.soil.constants()
         self._uncertain = uncertain_constants(
@@ -77,7 +80,7 @@ class WheelModel:
         self.low, self.high = self._limits(nominal)
 
     def start(self) -> Floats:
-        """Where a fit begins."""
+        """Return the parameters at which a fit begins."""
         return np.clip(
             np.concatenate([np.zeros(self.own), *map(_begin, (self._given, self.hypothesis))]),
             self.low,
@@ -85,11 +88,11 @@ class WheelModel:
         )
 
     def of(self, cells: Cells, values: Floats) -> Floats:
-        """Sinkage, drawbar pull and lateral force [B, 3]."""
+        """Return sinkage, drawbar pull and lateral force [B, 3]."""
         return self._several(cells, values[None], values)[0]
 
     def jacobian(self, cells: Cells, values: Floats) -> tuple[Floats, Floats]:
-        """Those [B, 3], and their changes with each parameter [B, 3, P]."""
+        """Return the rows [B, 3], and their changes with each parameter [B, 3, P]."""
         steps = np.where(values + _STEP > self.high, -_STEP, _STEP)
         moved = values + np.diag(steps)
         soil = self._several(cells, np.vstack([values[None], moved[: self.own]]), values)
@@ -98,7 +101,7 @@ class WheelModel:
         return soil[0], np.moveaxis((every - soil[0]) / steps[:, None, None], 0, -1)
 
     def _several(self, cells: Cells, soils: Floats, values: Floats) -> Floats:
-        """For some soils [V, P] and one set of sizes."""
+        """Return the rows for some soils [V, P] and one set of sizes."""
         table = torch.from_numpy(np.ascontiguousarray(soils[:, : self.own]))
         theta = torch.tensor([[mean, sd] for mean, sd in PRIOR_THETA], dtype=torch.float64)
         strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor(
@@ -118,7 +121,10 @@ class WheelModel:
         return found.numpy()
 
     def _limits(self, nominal: Tensor) -> tuple[Floats, Floats]:
-        """Physical ranges: strength and soil constants stay positive, the place of the largest stress in the contact."""
+        """Return the physical ranges.
+
+        Strength and soil constants stay positive, and the largest stress stays in the contact.
+        """
         low, high = np.full(self.own, -4.0), np.full(self.own, 4.0)
         for k, (mean, sd) in enumerate(PRIOR_THETA):
             low[k] = -mean / sd * (1.0 - 1e-3)
@@ -151,13 +157,16 @@ def _effects(hypothesis: Hypothesis, values: Floats) -> list[SimulatedEffect]:
 
 @dataclass(frozen=True, slots=True)
 class _Spread:
-    """By what measurements differ from the model, in units of repeatability. ``hyper`` [6]: of each row the excess, then s."""
+    """Differences of measurements from the model, in units of repeatability.
+
+    ``hyper`` [6] is the excess of each row, then s of each.
+    """
 
     functions: Floats  # [B, F], PER_SIGNAL for each signal
     seen: npt.NDArray[np.bool_]  # [3 B] cell by cell, the sinkage first
 
     def covariance(self, hyper: Floats) -> Floats:
-        """Of the M measurements there are, [M, M]."""
+        """Return the covariance of the M measurements, [M, M]."""
         rows, count = len(ROWS), len(self.functions)
         shared = self.functions @ self.functions.T
         covariance = np.zeros((rows * count, rows * count))
@@ -170,7 +179,10 @@ class _Spread:
     def depends_on(
         self, hyper: Floats, residual: Floats, signals: Sequence[str]
     ) -> tuple[str, str]:
-        """Row and signal of the largest part of a discrepancy [units of repeatability] that ``residual`` [M] holds."""
+        """Return row and signal of the largest part of a discrepancy that ``residual`` [M] holds.
+
+        In units of repeatability.
+        """
         pulled = np.zeros(len(self.seen))
         pulled[self.seen] = np.linalg.solve(self.covariance(hyper), residual)
         parts = {}
@@ -220,7 +232,10 @@ def explain(
 
 
 def smooth(cells: Cells) -> dict[str, Floats]:
-    """Functions of each signal that a discrepancy is made of, of unit mean square, [B, PER_SIGNAL]; the mean belongs to datum and soil."""
+    """Return functions [B, PER_SIGNAL] of each signal that make a discrepancy, of unit mean square.
+
+    The mean belongs to datum and soil.
+    """
     slip, acts, side = (
         cells.slip.numpy(),
         cells.acts.numpy().astype(float),
@@ -241,7 +256,10 @@ def smooth(cells: Cells) -> dict[str, Floats]:
 
 
 def _marginal(hyper: Floats, target: Floats, jacobian: Floats, spread: _Spread) -> float:
-    """-2 log of the density of the measurements with the parameters integrated out (linearised), up to a constant."""
+    """Return -2 log of the density of the measurements, up to a constant.
+
+    With the parameters integrated out (linearised).
+    """
     covariance = spread.covariance(hyper) + jacobian @ jacobian.T
     factor = np.linalg.cholesky(covariance)
     pulled = np.linalg.solve(factor, target)
@@ -295,6 +313,6 @@ def _ranged(hypothesis: Hypothesis, first: int) -> Sequence[int]:
 
 
 def _inside(mean: float, sd: float, low: float, high: float) -> float:
-    """log of the posterior's mass in the range over the prior's."""
+    """Return the log of the posterior's mass in the range over the prior's."""
     after = norm.cdf((high - mean) / sd) - norm.cdf((low - mean) / sd)
     return float(np.log(max(after, 1e-6)) - np.log(norm.cdf(high) - norm.cdf(low)))

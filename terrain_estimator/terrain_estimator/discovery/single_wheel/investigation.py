@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""All hypotheses about one wheel, the verdict by the rule of drives, and what it is worth on cells that were held out."""
+"""The investigation of one wheel: fits, verdict, and errors on held-out cells."""
 
 import dataclasses
 import math
@@ -40,21 +40,24 @@ _RESAMPLED = 2000
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors on what was not fitted: [F, 3] for F held-out cells, in the order of ROWS; not a number where there was no measurement."""
+    """Errors on F held-out cells, [F, 3] in the order of ROWS; NaN without a measurement."""
 
     before: Floats
     after: Floats | None  # None where nothing is to be added
     settings: int  # different ones among them
 
     def rms(self, repeatability: tuple[float, float, float]) -> tuple[float, float | None]:
-        """Before and after, in deviations of repeatability."""
+        """Return the errors before and after, in deviations of repeatability."""
         after = None if self.after is None else _rms(self.after / repeatability)
         return _rms(self.before / repeatability), after
 
     def improvement_95(
         self, repeatability: tuple[float, float, float], seed: int
     ) -> tuple[float, float] | None:
-        """95 % interval of before - after, cells resampled; None with fewer than FEWEST_HELD_OUT settings."""
+        """Return the 95 % interval of before - after, cells resampled.
+
+        None with fewer than FEWEST_HELD_OUT settings.
+        """
         if self.after is None or self.settings < FEWEST_HELD_OUT:
             return None
         generator, count = np.random.default_rng(seed), len(self.before)
@@ -69,7 +72,7 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class WheelFinding:
-    """What tables say about what is missing."""
+    """The answer of some tables."""
 
     judgement: Judgement
     found: tuple[Explained, ...]  # the most probable first
@@ -84,7 +87,10 @@ class WheelFinding:
 
 
 def shown_by_one_wheel() -> tuple[str, ...]:
-    """Effects that the rows of one wheel depend on; a bias of the sinkage is in the datum, which is unknown anyway."""
+    """Return the effects that the rows of one wheel show.
+
+    A bias of the sinkage is in the datum, which is unknown anyway.
+    """
     return tuple(
         name
         for name, each in EFFECTS.items()
@@ -93,7 +99,7 @@ def shown_by_one_wheel() -> tuple[str, ...]:
 
 
 def of_one_wheel(names: Sequence[str]) -> list[Hypothesis]:
-    """One hypothesis for each of the effects that one wheel shows."""
+    """Return one hypothesis for each of the effects that one wheel shows."""
     return [Hypothesis((NamedEffect(name),)) for name in names]
 
 
@@ -109,7 +115,7 @@ def investigate_wheel(
     by_trial: bool = False,
     seed: int = 0,
 ) -> WheelFinding:
-    """Fit every named effect to all cells, pairs where no single one closes enough of the gap, judge, and hold cells out.
+    """Fit every named effect and pairs to all cells, judge, and hold cells out.
 
     Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. Cells are
     held out one at a time, with all their replicates; or ``by_trial`` all cells of one trial, which
@@ -159,7 +165,10 @@ def investigate_wheel(
 def _searched(
     bed: Rig, given: Hypothesis, cells: Cells, hypotheses: Sequence[Hypothesis], simpler: Explained
 ) -> list[Explained]:
-    """Fits of all, the most probable first; each begins at the parameters of a ``simpler`` one, single effects at the nominal soil too."""
+    """Return fits of all, the most probable first.
+
+    Each begins at the parameters of a ``simpler`` one, single effects at the nominal soil too.
+    """
     found = []
     for model in (WheelModel(bed, given, each) for each in hypotheses):
         fitted = explain(
@@ -185,7 +194,7 @@ def _weighed(
     nothing: Explained,
     free: Explained,
 ) -> tuple[Gains, tuple[str, str]]:
-    """What the rule looks at, and on what the rest depends that the best leaves."""
+    """Return the numbers of the rule, and the row and signal of the best fit's rest."""
     best, base = found[0], nothing.log_evidence
     best_with = explain(
         WheelModel(bed, given, best.hypothesis), cells, flexible=True, start=best.values
@@ -195,7 +204,10 @@ def _weighed(
 
 
 def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explained]) -> Judgement:
-    """At one speed of the carriage a name that depends on slip may be one that depends on wheel rate: both are given."""
+    """Add the rate law to a slip law, and the reverse, where the design does not separate them.
+
+    At one speed of the carriage slip and wheel rate vary together.
+    """
     speeds = [row.wheel_rate * (1.0 - row.slip) / math.cos(row.slip_angle) for row in rows]
     named = [name for each in judgement.named for name in each.names]
     there = {each.hypothesis.names: each.hypothesis for each in found}
@@ -217,7 +229,7 @@ def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explai
 
 
 def _refuted(judgement: Judgement) -> Judgement:
-    """A name that does not help on held-out cells is not the answer."""
+    """Return the judgement without a name that does not help on held-out cells."""
     sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
     probabilities = (
         dict.fromkeys(judgement.probabilities, 0.0) | sure | {"unknown": 1.0 - sure["none"]}
@@ -233,7 +245,10 @@ def held_out(
     *,
     by_trial: bool,
 ) -> HeldOut:
-    """Errors of cells that were not fitted, without the effect and with it; ``parts`` are the given effects and the effect."""
+    """Return the errors of held-out cells, without the effect and with it.
+
+    ``parts`` are the given effects and the effect.
+    """
     given, sought = parts
     models = [
         WheelModel(bed, given, each)
@@ -251,7 +266,7 @@ def held_out(
 def _folds(
     rows: Sequence[Row], reference: frozenset[str], *, by_trial: bool
 ) -> list[tuple[Cells, Cells]]:
-    """What is fitted and what is held out, fold by fold."""
+    """Return fitted and held-out cells, fold by fold."""
     if by_trial:
         divided = []
         for trial in sorted({row.trial for row in rows if row.table not in reference}):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which measurements on a testbed would tell apart what tables of one wheel confuse."""
+"""Measurements on a testbed that would separate effects which its tables confuse."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -27,7 +27,7 @@ _ALONE = {
 
 
 def separate_by(hypotheses: Sequence[Hypothesis]) -> str:
-    """The measurements that would separate these hypotheses; empty for fewer than two."""
+    """Return the measurements that would separate these hypotheses; empty for fewer than two."""
     names = sorted({name for hypothesis in hypotheses for name in hypothesis.names})
     advice = []
     for first, second in combinations(names, 2):

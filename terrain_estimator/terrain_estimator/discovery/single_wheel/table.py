@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads tables of single-wheel measurements: one steady state a row, the unit of a column at the end of its name."""
+"""Tables of single-wheel measurements: one steady state a row, units at the end of names."""
 
 import csv
 import math
@@ -30,7 +30,7 @@ STRAIGHT_DEG = 1.0
 SIDEWAYS_DEG = 89.0
 """[deg] Slip angle up to which it rolls at all."""
 SLIP_DEFINITIONS = ("rim", "larger")
-"""1 - V / (r w); or (r w - V) / max(r w, V), which divides by the carriage's speed where the wheel is braked."""
+"""1 - V / (r w); or (r w - V) / max(r w, V), which divides by V where the wheel is braked."""
 SLIP_SPEEDS = ("carriage", "wheel")
 """What V is at a slip angle: the speed of the carriage, or its part along the wheel's heading."""
 
@@ -51,7 +51,7 @@ def read_table(
     slip_speed: str = "carriage",
     largest_angle: float = SIDEWAYS_DEG,
 ) -> tuple[list[Row], list[str]]:
-    """The rows of a table, and why some are left out.
+    """Return the rows of a table, and why some are left out.
 
     Raises:
         WheelTableError: it is no CSV in UTF-8, a column is missing or there twice or its unit
@@ -88,7 +88,7 @@ def read_table(
 
 
 def _left_out(values: Mapping[str, float], slip: float | None, largest_angle: float) -> str:
-    """Why a row is not used; empty where it is."""
+    """Return why a row is not used; empty where it is."""
     angle = values.get("slip_angle", 0.0)
     if abs(angle) > STRAIGHT_DEG and "lateral_force" not in values:
         return f"slip angle {angle:g} deg: there is no column lateral_force_N"
@@ -118,7 +118,7 @@ def _check_signs(
 
 
 def _check_directions(path: Path, rows: Sequence[Row]) -> None:
-    """What single rows do not show: noise and datum may turn a small number's sign."""
+    """Check the signs of whole columns: noise and datum may turn a small number's sign."""
     if (
         math.fsum(
             math.copysign(row.lateral_force, row.lateral_force * row.slip_angle)
@@ -139,7 +139,10 @@ def _check_directions(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_speed: str) -> Row:
-    """One steady state; straight ahead the lateral force is that of the testbed's misalignment, of which the model knows nothing."""
+    """Return one steady state, without a lateral force straight ahead.
+
+    There it is that of the testbed's misalignment, which the model does not have.
+    """
     state = (values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"])
     angle = math.radians(values.get("slip_angle", 0.0))
     if abs(angle) <= math.radians(STRAIGHT_DEG):
@@ -149,7 +152,7 @@ def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_
 
 
 def rim_slip(slip: float, definition: str) -> float | None:
-    """1 - V / (r w), from the slip of another definition; None where the wheel stands."""
+    """Return 1 - V / (r w) from the slip of another definition; None where the wheel stands."""
     if definition == "rim" or slip >= 0.0:
         return slip
     return None if slip <= -1.0 + 1e-9 else 1.0 - 1.0 / (1.0 + slip)
@@ -178,7 +181,7 @@ def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, _Column]]:
 
 
 def _column(path: Path, name: str) -> tuple[str, _Column] | None:
-    """What a column says and in which unit; None where it is not read."""
+    """Return quantity and unit of a column; None where it is not read."""
     if name == TRIAL:
         return TRIAL, _Column(name, 1.0)
     for key, units in UNITS.items():
@@ -194,7 +197,7 @@ def _column(path: Path, name: str) -> tuple[str, _Column] | None:
 
 
 def _otherwise_separated(header: list[str]) -> str:
-    """What to do about a file whose only column has the others in it, as where decimals are written with a comma."""
+    """Return advice for a file whose only column holds the others, as with decimal commas."""
     between = next((each for each in (";", "\t") if len(header) == 1 and each in header[0]), "")
     return (
         f"; they are separated by {between!r}: save it with commas between columns and points in"
@@ -205,7 +208,7 @@ def _otherwise_separated(header: list[str]) -> str:
 
 
 def _lines(path: Path) -> list[list[str]]:
-    """The cells of every line; spreadsheets begin a file with a byte order mark."""
+    """Return the cells of every line; spreadsheets begin a file with a byte order mark."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             return list(csv.reader(file))

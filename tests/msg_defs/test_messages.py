@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The message definitions and their documentation agree."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -44,6 +45,14 @@ def test_every_message_is_built() -> None:
         r'"msg/(\w+)\.msg"', (ROOT / "msg_defs/CMakeLists.txt").read_text(encoding="utf-8")
     )
     assert listed == [path.stem for path in MESSAGES]
+
+
+@pytest.mark.parametrize("path", MESSAGES, ids=lambda path: path.stem)
+def test_every_message_has_a_class_with_its_fields(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    written = re.findall(r"^[\w/]+(?:\[\d*\])? ([a-z]\w*) ", text, re.MULTILINE)
+    message = getattr(importlib.import_module("msg_defs.msg"), path.stem)
+    assert list(message.get_fields_and_field_types()) == written
 
 
 def test_the_order_of_the_covariance_is_written_down() -> None:

@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Content of finding.json about one wheel on a testbed, and the verdict in words."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from terrain_estimator.discovery.evidence.verdict import Verdict
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
+from terrain_estimator.discovery.single_wheel import Rig, Row, WheelFinding
+from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of
+from terrain_estimator.discovery.single_wheel.investigation import FLOOR, HeldOut
+from terrain_estimator.observation import Floats
+from terrain_estimator.offline.finding_content import effect_entries
+from terrain_estimator.pages.finding_words import doubt_note
+
+NOT_IDENTIFIED = (
+    "c and tan phi are not identified: these tables have no drive torque, so both were left free"
+    " and are not reported"
+)
+REPLICATES = "replicates of one setting count as one measurement"
+
+
+def wheel_content(
+    outcome: WheelFinding,
+    bed: Rig,
+    rows: Sequence[Row],
+    reference: frozenset[str],
+    given: Hypothesis,
+    tables: Sequence[Path],
+    *,
+    by_trial: bool,
+    seed: int,
+) -> dict[str, Any]:
+    """Return the content of finding.json, in the form of the findings about drives."""
+    judgement, cells = outcome.judgement, cells_of(rows, reference)
+    tried = int(cells.acts.sum())
+    return {
+        "verdict": str(judgement.verdict),
+        "probabilities": judgement.probabilities,
+        "effects": [
+            entry for hypothesis in judgement.named for entry in _effects(outcome, hypothesis)
+        ],
+        "confusable_with": [each.label for each in judgement.named[1:]],
+        "separate_by": outcome.separate_by,
+        "where": [],
+        "left": (
+            [dict(zip(("row", "signal"), outcome.left, strict=True))]
+            if judgement.verdict is Verdict.UNKNOWN
+            else []
+        ),
+        "gap": _gap(outcome, bed, seed),
+        "parameters": {"before": None, "after": None, "why": NOT_IDENTIFIED},
+        "runs": [path.name for path in tables],
+        "held_out": ["each trial in turn" if by_trial else f"each of {tried} settings in turn"],
+        "rows": [name for name, seen in zip(ROWS, cells.seen.any(0).tolist(), strict=True) if seen],
+        "settings": len(cells.slip),
+        "measurements": len(rows),
+        "given": list(given.names),
+        "limits": [NOT_IDENTIFIED, REPLICATES],
+    }
+
+
+def _effects(outcome: WheelFinding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
+    found = next(each for each in outcome.found if each.hypothesis == hypothesis)
+    probability = outcome.judgement.probabilities.get(" + ".join(hypothesis.names), 0.0)
+    factor = found.log_evidence - outcome.nothing.log_evidence
+    return effect_entries(found.sizes(outcome.first), probability, factor)
+
+
+def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
+    """Return the gap on held-out settings: in deviations of repeatability, and by row in units."""
+    errors = outcome.held_out
+    before, after = errors.rms(bed.repeatability)
+    interval = errors.improvement_95(bed.repeatability, seed)
+    room = before - FLOOR
+    return {
+        "before": before,
+        "after": after,
+        "noise_floor": FLOOR,
+        "closed": None if after is None or room <= 0.0 else (before - after) / room,
+        "closed_95": None if interval is None or room <= 0.0 else [end / room for end in interval],
+        "rows": _gap_by_row(errors, bed),
+        "proven": outcome.proven,
+        "settings": errors.settings,
+    }
+
+
+def _gap_by_row(errors: HeldOut, bed: Rig) -> dict[str, dict[str, Any]]:
+    rows = {}
+    for k, (name, unit) in enumerate(zip(ROWS, ("m", "N", "N"), strict=True)):
+        seen = ~np.isnan(errors.before[:, k])
+        if seen.any():
+            rows[name] = {
+                "before": _rms(errors.before[seen, k]),
+                "after": None if errors.after is None else _rms(errors.after[seen, k]),
+                "noise_floor": bed.repeatability[k],
+                "unit": unit,
+            }
+    return rows
+
+
+def _rms(errors: Floats) -> float:
+    return float((errors**2).mean() ** 0.5)
+
+
+def wheel_sentence(outcome: WheelFinding, bed: Rig) -> str:
+    """Return the verdict in words."""
+    judgement = outcome.judgement
+    labels = ", ".join(each.label for each in judgement.named)
+    words = {
+        Verdict.NONE: "no missing effect shows in these tables",
+        Verdict.NAMED: f"named: {labels}",
+        Verdict.CONFUSABLE: f"confusable: {labels}. To separate: {outcome.separate_by}",
+        Verdict.UNKNOWN: (
+            f"unknown (closest: {labels}; what is left depends most on {outcome.left[1]} in the"
+            f" {outcome.left[0]} row)"
+        ),
+    }[judgement.verdict]
+    words += doubt_note(judgement.verdict, judgement.probabilities)
+    before, after = outcome.held_out.rms(bed.repeatability)
+    proven = {None: "too few settings to prove it", True: "proven", False: "not proven"}[
+        outcome.proven
+    ]
+    told = (
+        ""
+        if after is None
+        else (
+            f"; held-out error from {before:.2f} to {after:.2f} deviations of repeatability,"
+            f" {proven}"
+        )
+    )
+    return f"{words}{told}. {NOT_IDENTIFIED[0].upper()}{NOT_IDENTIFIED[1:]}."

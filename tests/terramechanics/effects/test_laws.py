@@ -1,0 +1,334 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The formulas of the named effects against closed forms, limits and inverses."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate
+from torch import Tensor
+
+from terramechanics.contact.stresses import CONSTANTS, MAX_SLIP, MIN_SLIP, quadrature
+from terramechanics.effects import make_effect
+from terramechanics.effects.laws import (
+    GROUSER_SLIP,
+    REFERENCE_SPEED,
+    SHALLOWEST,
+    SOFTEST,
+    bulldozing_resistance,
+    digging_exponent,
+    dry_torque,
+    grouser_thrust,
+    in_slip_range,
+    rate_stiffness,
+    rebound_angle,
+    reported_slip,
+    rut_stiffness,
+    side_resistance,
+    sinkage_behind,
+    slip_behind,
+    uneven,
+    viscous_torque,
+)
+from terramechanics.effects.sensing import Latency, SlopeBias
+from terramechanics.effects.soil import Bulldozing, Grousers, LateralBulldozing
+from terramechanics.effects.vehicle import CoulombDrag, DriveDrag, ExtraMass, FailedWheel
+from terramechanics.simulation.plant import ContactInputs, Plant, Pull, Situation
+from terramechanics.simulation.sensors import Noise, measure_drive
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.ground import Ground
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import load_rover
+from terramechanics.vehicle.suspension import BodyLoad
+
+ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
+AXLES = ROVER.axles
+
+
+def number(*values: float) -> Tensor:
+    return torch.tensor(values if len(values) != 1 else values[0], dtype=torch.float64)
+
+
+def situation(rate: float = 1.2, velocity: float = 0.1, batch: int = 2) -> Situation:
+    wheels = torch.ones(batch, AXLES, dtype=torch.float64)
+    return Situation(
+        ROVER, 0.0, torch.arange(batch), 0.0 * wheels, rate * wheels, velocity * wheels[:, 0]
+    )
+
+
+def contact(slip: float = 0.2, sinkage: float = 0.015, batch: int = 2) -> ContactInputs:
+    wheels = torch.ones(batch, AXLES, dtype=torch.float64)
+    return ContactInputs(slip * wheels, sinkage * wheels, SOIL.constants(), SOIL.strength())
+
+
+# laws
+
+
+def test_resistances_and_torques_are_their_formulas() -> None:
+    assert float(bulldozing_resistance(number(3e4), number(0.02))) == pytest.approx(12.0)
+    assert float(viscous_torque(number(2.0), number(-1.5))) == -3.0
+    assert dry_torque(number(2.0), number(-1.5, 0.0, 7.0)).tolist() == [-2.0, 0.0, 2.0]
+
+
+@pytest.mark.parametrize("sinkage", [0.004, 0.03])
+def test_the_side_resistance_is_its_integral(sinkage: float) -> None:
+    radius, size = 0.13, 2e5
+    entry = math.acos(1.0 - sinkage / radius)
+
+    def pushed(theta: float) -> float:
+        depth = radius * (math.cos(theta) - math.cos(entry))
+        return size * depth**2 * (radius - depth * math.cos(theta))
+
+    expected = integrate.quad(pushed, 0.0, entry)[0]
+    found = float(side_resistance(number(size), number(sinkage), radius, quadrature(16)))
+    assert found == pytest.approx(expected, rel=1e-8)
+
+
+def test_grousers_push_with_63_percent_at_their_slip_and_with_all_far_beyond() -> None:
+    size, mobilised = number(50.0), number(GROUSER_SLIP)
+    thrust = [float(grouser_thrust(size, number(s), mobilised)) for s in (-0.1, 0.0, 0.1, 10.0)]
+    part = 50.0 * (1.0 - math.exp(-1.0))
+    assert thrust == pytest.approx([-part, 0.0, part, 50.0])
+
+
+@given(size=st.floats(0.0, 2.0), slip=st.floats(-0.6, 0.95), n=st.floats(0.5, 1.5))
+def test_a_spinning_wheel_digs_by_the_amount_of_its_slip(
+    size: float, slip: float, n: float
+) -> None:
+    factor = float(digging_exponent(number(size), number(slip), number(n)))
+    assert n * factor == pytest.approx(n + size * abs(slip))
+
+
+def test_a_rut_is_stiffened_by_every_wheel_that_went_before() -> None:
+    order = number(0.0, 1.0, 2.0)
+    assert rut_stiffness(number(0.4), number(1.0), order).tolist() == pytest.approx([1.0, 1.4, 1.8])
+    assert rut_stiffness(number(0.4), number(0.5), order).tolist() == pytest.approx([1.0, 1.4, 1.6])
+    softened = rut_stiffness(number(-0.8), number(1.0), order).tolist()
+    assert softened == pytest.approx([1.0, 0.2, SOFTEST])
+
+
+def test_the_rate_changes_nothing_at_the_reference_speed() -> None:
+    assert float(rate_stiffness(number(0.3), number(REFERENCE_SPEED))) == 1.0
+    assert float(rate_stiffness(number(0.5), number(4.0 * REFERENCE_SPEED))) == pytest.approx(2.0)
+    assert float(rate_stiffness(number(-0.5), number(4.0 * REFERENCE_SPEED))) == pytest.approx(0.5)
+
+
+def test_soil_that_springs_back_touches_the_wheel_up_to_its_height() -> None:
+    angle = rebound_angle(number(0.5), number(0.02, 0.0, -0.01), 0.13)
+    assert angle.tolist() == pytest.approx([math.acos(1.0 - 0.01 / 0.13), 0.0, 0.0])
+
+
+@given(slip=st.floats(-0.5, 0.9), error=st.floats(-0.05, 0.05))
+def test_a_slip_is_found_again_behind_the_error_of_the_radius(slip: float, error: float) -> None:
+    """1 - v / (r w) with r larger by the share ``error``, and back."""
+    reported = reported_slip(number(slip), number(error))
+    assert float(reported) == pytest.approx(1.0 - (1.0 - slip) / (1.0 + error))
+    assert float(slip_behind(reported, number(error))) == pytest.approx(slip, abs=1e-12)
+
+
+def test_what_is_corrected_stays_within_its_range() -> None:
+    assert in_slip_range(number(-2.0, 0.3, 2.0)).tolist() == [MIN_SLIP, 0.3, MAX_SLIP]
+    assert slip_behind(number(0.94, -0.59), number(0.3)).tolist()[0] == pytest.approx(0.922)
+    assert float(slip_behind(number(-0.59), number(0.3))) == MIN_SLIP
+    taken = sinkage_behind(number(0.02), number(0.005, 0.019, -0.01)).tolist()
+    assert taken == pytest.approx([0.015, SHALLOWEST * 0.02, 0.03])
+
+
+def test_uneven_radii_have_their_error_in_the_middle() -> None:
+    assert uneven(number(0.1), number(0.5), number(0.0, 1.0, 2.0)).tolist() == pytest.approx(
+        [0.05, 0.1, 0.15]
+    )
+    assert uneven(number(0.1), number(0.0), number(0.0, 1.0)).tolist() == pytest.approx([0.1, 0.1])
+
+
+# where they act
+
+
+def test_forces_are_changed_in_the_direction_in_which_the_effect_pushes() -> None:
+    where, forces = situation(), torch.arange(24.0, dtype=torch.float64).view(2, 3, 4)
+    pushed = Bulldozing(3e4).push(where, contact(sinkage=0.02), forces) - forces
+    expected = torch.tensor([0.0, -12.0, 0.0, 0.0], dtype=torch.float64)
+    torch.testing.assert_close(pushed, expected.expand(2, 3, 4))
+    thrust = 50.0 * (1.0 - math.exp(-2.0))
+    lugs = Grousers(50.0).push(where, contact(), forces[..., :3]) - forces[..., :3]
+    wanted = number(0.0, thrust, ROVER.wheel_radius * thrust)
+    torch.testing.assert_close(lugs, wanted.expand(2, 3, 3))
+    sizes = number(1e4, 2e4)
+    each = Bulldozing(sizes).push(where, contact(sinkage=0.01), forces) - forces
+    torch.testing.assert_close(each[:, :, 1], number(-1.0, -2.0)[:, None].expand(2, 3))
+
+
+def test_the_side_of_a_wheel_pushes_against_its_slip_angle_and_not_straight_ahead() -> None:
+    where, forces = situation(), torch.zeros(2, 3, 4, dtype=torch.float64)
+    straight = contact()
+    assert LateralBulldozing(2e5).push(where, straight, forces) is forces
+    for angle in (0.3, -0.3):
+        turned = ContactInputs(
+            straight.slip, straight.sinkage, straight.constants, straight.strength,
+            slip_angle=torch.full_like(straight.slip, angle),
+        )  # fmt: skip
+        pushed = LateralBulldozing(2e5).push(where, turned, forces)
+        side = side_resistance(number(2e5), straight.sinkage, ROVER.wheel_radius, quadrature())
+        assert not pushed[..., :3].any()
+        torch.testing.assert_close(pushed[..., 3], side * math.sin(angle))
+
+
+def test_soil_constants_are_multiplied_by_name() -> None:
+    factor = number(2.0, 3.0)[:, None].expand(2, AXLES)
+    changed = contact().with_constants(n=factor).constants
+    stiffer = contact().stiffened(factor).constants
+    plain = SOIL.constants()
+    for column, name in enumerate(CONSTANTS):
+        for row, times in enumerate((2.0, 3.0)):
+            n_times = times if name == "n" else 1.0
+            k_times = times if name in {"k_c", "k_phi"} else 1.0
+            assert changed[row, 0, column] == pytest.approx(float(plain[column]) * n_times)
+            assert stiffer[row, 1, column] == pytest.approx(float(plain[column]) * k_times)
+
+
+def test_a_situation_knows_size_speed_and_order_of_each_wheel() -> None:
+    where = situation(rate=2.0, batch=3)
+    assert where.of(0.5).tolist() == 0.5
+    assert where.of(number(7.0)).tolist() == 7.0
+    part = where.rows(torch.tensor([2, 0]))
+    assert part.of(number(1.0, 2.0, 3.0)).tolist() == [[3.0], [1.0]]
+    assert part.rate.shape == (2, AXLES)
+    torch.testing.assert_close(
+        where.speed, 2.0 * ROVER.wheel_radius * torch.ones(3, AXLES).double()
+    )
+    assert where.order.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_a_plant_adds_frictions_masses_and_pulls() -> None:
+    class Wind(ExtraMass):
+        def pull(self, where: Situation) -> Pull:
+            return Pull(
+                torch.full_like(where.velocity, -30.0), torch.zeros_like(where.velocity), 0.1, 0.5
+            )
+
+    where = situation(rate=1.5)
+    plant = Plant([DriveDrag(2.0), CoulombDrag(0.5), Wind(number(10.0, 20.0))])
+    torch.testing.assert_close(plant.friction(where), torch.full((2, AXLES), 3.5).double())
+    body = plant.body(where)
+    assert isinstance(body.mass, Tensor)
+    assert body.mass.tolist() == pytest.approx([ROVER.mass + 10.0, ROVER.mass + 20.0])
+    centre = (body.x, body.height)
+    for value, expected in zip(
+        centre, (ROVER.centre_of_mass_x, ROVER.centre_of_mass_height), strict=True
+    ):
+        torch.testing.assert_close(
+            torch.as_tensor(value), torch.full((2,), expected, dtype=torch.float64)
+        )
+    assert body.outer is not None
+    moment = 30.0 * (0.5 - ROVER.centre_of_mass_height)
+    torch.testing.assert_close(
+        body.outer, number(-30.0, 0.0, moment, 0.0).expand(2, 4), rtol=1e-12, atol=1e-12
+    )
+    assert not Plant([]).friction(where).any()
+    assert Plant([]).body(where).outer is None
+
+
+def test_a_load_moves_the_centre_of_mass_by_its_lever() -> None:
+    body = BodyLoad(3.7, 100.0, 0.1, 0.4)
+    loaded = body.loaded(number(25.0), number(0.6), number(0.9))
+    assert float(torch.as_tensor(loaded.mass)) == 125.0
+    assert float(torch.as_tensor(loaded.x)) == pytest.approx((100.0 * 0.1 + 25.0 * 0.6) / 125.0)
+    assert float(torch.as_tensor(loaded.height)) == pytest.approx(0.5)
+    assert float(torch.as_tensor(loaded.weight)) == pytest.approx(3.7 * 125.0)
+    both = body.pulled(number(1.0), number(2.0), 0.3, 0.5).pulled(
+        number(1.0), number(2.0), 0.3, 0.5
+    )
+    assert both.outer is not None
+    assert both.outer.tolist() == pytest.approx([2.0, 4.0, 2.0 * (0.2 * 2.0 - 0.1 * 1.0), 0.0])
+
+
+@pytest.mark.parametrize("size", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("axle", [0, 2])
+def test_a_failed_wheel_slips_as_the_torque_that_is_left_calls_for(size: float, axle: int) -> None:
+    given_contact, where = contact(slip=0.3), situation()
+    effect = FailedWheel(size, axle)
+    effect.begin(ROVER, 2)
+    for _ in range(2):  # the second search starts where the first ended
+        failed = effect.contact(where, given_contact)
+    nodes = quadrature(12)
+    before, after = (
+        c.forces(ROVER.wheel_radius, ROVER.wheel_width, nodes)[..., 2]
+        for c in (given_contact, failed)
+    )
+    expected = before.clone()
+    expected[:, axle] *= 1.0 - size
+    torch.testing.assert_close(after, expected, rtol=1e-4, atol=1e-4)
+    others = [k for k in range(AXLES) if k != axle]
+    assert torch.equal(failed.slip[:, others], given_contact.slip[:, others])
+    assert torch.equal(failed.sinkage, given_contact.sinkage)
+
+
+def test_wheels_that_fail_in_part_are_each_found() -> None:
+    """One has nothing to search for, the others must not stop with it."""
+    slip = contact().slip * number(0.5, 1.0, 2.0, 3.0)[:, None].expand(4, AXLES)[:2]
+    whole = ContactInputs(slip, contact().sinkage, SOIL.constants(), SOIL.strength())
+    failed = FailedWheel(number(0.0, 0.9), 1).contact(situation(), whole)
+    nodes = quadrature(12)
+    before, after = (
+        c.forces(ROVER.wheel_radius, ROVER.wheel_width, nodes)[:, 1, 2] for c in (whole, failed)
+    )
+    assert after.tolist() == pytest.approx((before * number(1.0, 0.1)).tolist(), rel=1e-4)
+
+
+def test_a_tilted_sensor_changes_the_pitch_and_not_the_specific_force() -> None:
+    generator = torch.Generator().manual_seed(1)
+    drive = simulate(ROVER, Ground.constant(SOIL), "S1", 2.0, generator, 1)
+    effect = SlopeBias(0.03)
+    effect.begin(ROVER, 1)
+    told = effect.sensed(drive.sample)
+    torch.testing.assert_close(told.pitch, drive.sample.pitch + 0.03)
+    torch.testing.assert_close(
+        told.specific_force(ROVER.gravity), drive.sample.specific_force(ROVER.gravity)
+    )
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.25, 0.7])
+def test_what_a_camera_sees_is_reported_late(delay: float) -> None:
+    """Interpolated between two samples; before the first it is the first's."""
+    generator = torch.Generator().manual_seed(2)
+    plant = Plant([Latency(delay)])
+    drive = simulate(ROVER, Ground.constant(SOIL), "S1", 2.0, generator, 1, plant=plant)
+    true, told = drive.sample.sinkage[0], drive.seen.sinkage[0]
+    assert told.shape == true.shape
+    for step in range(true.shape[0]):
+        at = max(step - delay / 0.1, 0.0)
+        below = math.floor(at + 1e-9)
+        share = at - below
+        expected = true[below] if share < 1e-9 else torch.lerp(true[below], true[below + 1], share)
+        torch.testing.assert_close(told[step], expected, rtol=1e-9, atol=1e-12)
+    assert torch.equal(drive.seen.velocity, drive.sample.velocity)
+    assert make_effect("latency", delay) is not None
+
+
+def test_noise_keeps_its_correlation_its_scatter_and_its_claims() -> None:
+    """40 drives of 60 s, 24000 values each: the scatter over the claim is 1 within 4 standard
+    errors (0.5 % each), the correlation of neighbours within 4 / sqrt(24000)."""
+    generator = torch.Generator().manual_seed(3)
+    drive = simulate(ROVER, Ground.constant(SOIL), "S3", 3.0, generator, 1)
+    wide = drive.sample
+    long = type(wide)(
+        *(
+            getattr(wide, name).repeat(40, 20, *[1] * (getattr(wide, name).dim() - 2))
+            for name in type(wide).__slots__
+        )
+    )
+    for correlation in (0.0, 0.6):
+        measured = measure_drive(ROVER, long, Noise(), generator, correlation)
+        for name in ("slip", "sinkage", "velocity", "contact_angle", "torque", "pitch"):
+            error = getattr(measured, name) - getattr(long, name)
+            share = error / getattr(measured, f"{name}_sd")
+            assert float(share.std()) == pytest.approx(1.0, abs=0.03), name
+            white = error - error.mean()
+            neighbours = (white[:, 1:] * white[:, :-1]).mean() / (white**2).mean()
+            assert float(neighbours) == pytest.approx(correlation, abs=0.03), name
+        bias = (measured.acceleration - long.specific_force(ROVER.gravity)).mean(1)
+        assert float(bias.std()) == pytest.approx(0.02, rel=0.5)
+        assert float(measured.acceleration_sd.max()) == pytest.approx(0.02 * math.sqrt(2.0))

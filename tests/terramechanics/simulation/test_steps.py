@@ -1,0 +1,315 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Single steps of the simulated rover: standing, getting stuck, and what a sample says of it."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+
+from rover_parameters.records import ConfigError
+from terramechanics.simulation.schedules import Command
+from terramechanics.simulation.simulation import (
+    SLOWEST,
+    STUCK_SLIP,
+    STUCK_TIME,
+    TIME_STEP,
+    Simulation,
+    start,
+)
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled
+from terramechanics.terrain.soil import Soil, load_soil
+from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.suspension import (
+    BodyLoad,
+    TerrainError,
+    balance_matrix,
+    balance_target,
+    level_pose,
+    solve_pose,
+    wheel_loads,
+)
+
+ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
+P = ROVER.wheels_per_axle
+
+
+def numbers(*values: float) -> Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def simulation(
+    batch: int, profile: Profile, speed: float = 0.1, dt: float = TIME_STEP
+) -> Simulation:
+    velocity = torch.full((batch,), speed, dtype=torch.float64)
+    return Simulation(ROVER, Ground.constant(SOIL), profile, velocity, dt)
+
+
+def rates(batch: int, speed: float) -> Tensor:
+    return torch.full((batch, ROVER.axles), speed / ROVER.wheel_radius, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("batch", [1, 2, 5])
+def test_a_rover_that_stands_on_a_slope_is_held_by_equal_parts_of_its_wheels(batch: int) -> None:
+    """Without slip; the forces balance the weight along and across the slope."""
+    grade = 0.12
+    sim = simulation(batch, Ramp(grade, start=-20.0), 0.0)
+    sample = sim.step(Command.RATE, rates(batch, 0.0))
+    assert bool(sample.standing.all())
+    assert not bool(sample.stuck.any())
+    assert bool(torch.isnan(sample.slip).all())
+    assert not sample.velocity.any()
+    hold = ROVER.weight * math.sin(grade) / len(ROVER.wheels)
+    torch.testing.assert_close(sample.traction, torch.full_like(sample.traction, hold))
+    torch.testing.assert_close(
+        sample.ground_torque, torch.full_like(sample.traction, hold * ROVER.wheel_radius)
+    )
+    across = P * sample.normal.sum(-1)
+    torch.testing.assert_close(across, torch.full_like(across, ROVER.weight * math.cos(grade)))
+    assert not bool(sample.valid.any())
+
+
+def test_a_parked_rover_is_never_stuck_and_one_that_spins_is_after_its_second() -> None:
+    parked = simulation(1, Flat(), 0.0)
+    for _ in range(15):
+        assert not bool(parked.step(Command.RATE, rates(1, 0.0)).stuck.any())
+    weak = Soil("weak", 1.1, 900.0, 1.5e6, 0.025, 0.18, 0.32, 0.0, 0.05)
+    spinning = Simulation(ROVER, Ground.constant(weak), Flat(), numbers(0.0))
+    stuck = [bool(spinning.step(Command.RATE, rates(1, 0.2)).stuck[0]) for _ in range(40)]
+    samples = [bool(value) for value in stuck]
+    first = samples.index(True)
+    assert first >= round(STUCK_TIME / TIME_STEP) - 1
+    assert all(samples[first:])
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.05])
+def test_a_rover_is_stuck_when_it_has_struggled_for_a_second(dt: float) -> None:
+    """Wheels that start at a run on ground without strength slip at once."""
+    weak = Soil("weak", 1.1, 900.0, 1.5e6, 0.025, 0.18, 0.32, 0.0, 0.01)
+    sim = Simulation(ROVER, Ground.constant(weak), Flat(), numbers(0.0), dt)
+    slips, stuck = [], []
+    for _ in range(round(3.0 / dt)):
+        sample = sim.step(Command.RATE, rates(1, 0.5))
+        slips.append(float(sample.slip.mean()))
+        stuck.append(bool(sample.stuck[0]))
+    begun = next(k for k, slip in enumerate(slips) if slip > STUCK_SLIP)
+    assert stuck.index(True) == begun + round(STUCK_TIME / dt) - 1
+
+
+def test_slower_than_the_slowest_wheel_is_standing() -> None:
+    for factor, stands in ((0.999, True), (1.01, False)):
+        sim = simulation(2, Flat(), 0.0)
+        sample = sim.step(Command.RATE, rates(2, factor * SLOWEST))
+        assert sample.standing.tolist() == [stands] * 2
+    one_turns = rates(1, 0.0)
+    one_turns[0, 1] = 0.5
+    assert not bool(simulation(1, Flat(), 0.0).step(Command.RATE, one_turns).standing.any())
+
+
+def test_a_sample_carries_time_place_and_the_torque_that_turns_the_wheels() -> None:
+    sim = simulation(2, Flat(), 0.1, 0.05)
+    sim.settle(rates(2, 0.12))
+    before = sim.velocity.clone()
+    first = sim.step(Command.RATE, rates(2, 0.12))
+    second = sim.step(Command.RATE, rates(2, 0.15))
+    assert second.time.tolist() == pytest.approx([0.1, 0.1])
+    torch.testing.assert_close(first.position, 0.05 * before)
+    torch.testing.assert_close(second.position, first.position + 0.05 * first.velocity)
+    torch.testing.assert_close(second.acceleration, (second.velocity - first.velocity) / 0.05)
+    spin = ROVER.wheel_inertia * (0.03 / ROVER.wheel_radius) / 0.05
+    torch.testing.assert_close(
+        second.torque - second.ground_torque, torch.full((2, 3), spin).double()
+    )
+    torch.testing.assert_close(first.torque, first.ground_torque)
+    torch.testing.assert_close(
+        second.slip, 1.0 - second.velocity[:, None] / (ROVER.wheel_radius * second.wheel_rate)
+    )
+    assert bool(second.valid.all())
+    torch.testing.assert_close(second.specific_force(3.0), second.acceleration)
+
+
+def test_a_settled_rover_goes_on_as_it_is() -> None:
+    sim = simulation(2, Flat())
+    sim.settle(rates(2, 0.12))
+    velocity = sim.velocity.clone()
+    for _ in range(5):
+        sample = sim.step(Command.RATE, rates(2, 0.12))
+    torch.testing.assert_close(sample.velocity, velocity, rtol=1e-5, atol=0.0)
+    assert float(sample.acceleration.abs().max()) < 1e-5
+
+
+def test_commanded_torques_turn_the_wheels_as_their_slip_says() -> None:
+    sim = simulation(2, Flat(), 0.1)
+    torque = torch.tensor([[4.8, 5.0, 5.2], [5.0, 5.0, 5.0]]).double()
+    for _ in range(3):
+        before = sim.rate.clone()
+        sample = sim.step(Command.TORQUE, torque)
+    torch.testing.assert_close(sample.ground_torque, torque, rtol=1e-5, atol=1e-6)
+    expected = sample.velocity[:, None] / (ROVER.wheel_radius * (1.0 - sample.slip))
+    torch.testing.assert_close(sample.wheel_rate, expected)
+    spin = ROVER.wheel_inertia * (sample.wheel_rate - before) / TIME_STEP
+    torch.testing.assert_close(sample.torque - sample.ground_torque, spin)
+
+
+def test_named_schedules_start_settled_and_own_ones_as_they_are_given() -> None:
+    generator = torch.Generator().manual_seed(1)
+    ground = Ground.constant(SOIL)
+    sim, schedule = start(ROVER, ground, "S3", generator, 3)
+    assert torch.equal(sim.rate, schedule.command(0.0))
+    assert bool((sim.velocity < schedule.start_velocity).all())
+    torque_driven, bands = start(ROVER, ground, "S2", generator, 3)
+    assert torch.equal(torque_driven.velocity, bands.start_velocity)
+    again, same = start(ROVER, ground, schedule, generator, 3, "flat", 0.02)
+    assert same is schedule
+    assert again.time_step == 0.02
+    assert torch.equal(again.velocity, schedule.start_velocity)
+
+
+# statics
+
+
+@pytest.mark.parametrize("batch", [1, 4])
+def test_loads_and_balances_follow_the_pose_of_each(batch: int) -> None:
+    x = torch.linspace(0.0, 1.0, batch, dtype=torch.float64)
+    pose = solve_pose(ROVER, Ramp(0.15, start=-30.0), x, level_pose(ROVER, x))
+    traction = torch.full((batch, 3), 12.0, dtype=torch.float64)
+    torque = torch.full((batch, 3), 1.7, dtype=torch.float64)
+    load = wheel_loads(ROVER, pose, traction, torque)
+    matrix = balance_matrix(ROVER, pose)
+    forces = torch.stack([load, traction, torque], -1)
+    acting = torch.einsum("brak,bak->br", matrix, forces)
+    body = BodyLoad.of(ROVER)
+    push = 3.0 * P * 12.0 / ROVER.mass - ROVER.gravity * math.sin(0.15)
+    target = balance_target(body, pose.pitch, torch.full((batch,), push).double())
+    torch.testing.assert_close(acting, target, rtol=1e-7, atol=1e-6)
+    assert bool((load[:, 2] > load[:, 0]).all())
+
+
+def test_ground_that_is_curved_more_sharply_than_a_wheel_is_refused() -> None:
+    """The radius of a hollow may not come near that of the wheel: 1 - r h'' has to stay above 0.1."""
+    x = torch.zeros(1, dtype=torch.float64)
+    for radii, refused in ((1.05, True), (1.3, False)):
+        curvature = 1.0 / (radii * ROVER.wheel_radius)
+        bend = torch.full((1, 3), curvature, dtype=torch.float64)
+        slope = curvature * torch.tensor([[-0.05, 0.0, 0.05]], dtype=torch.float64)
+        hollow = Sampled(slope, bend, -0.05 + ROVER.axle_x[0], 0.05)
+        if refused:
+            with pytest.raises(TerrainError, match="curved too sharply"):
+                solve_pose(ROVER, hollow, x, level_pose(ROVER, x))
+        else:
+            solve_pose(ROVER, hollow, x, level_pose(ROVER, x))
+
+
+# ground and its files
+
+
+def test_the_ground_changes_over_its_transition_and_sharply_without_one() -> None:
+    soft, hard = load_soil("loose_sand"), load_soil("compact_sand")
+    ground = Ground([Patch.of(soft), Patch.of(hard, 2.0, 4.0), Patch.of(soft, 7.0)])
+    places = torch.tensor([[-5.0, 2.0, 3.0], [5.0, 6.0, 6.99], [7.0, 7.01, 90.0]]).double()
+    constants, strength = ground.at(places)
+    share = torch.tensor([[0.0, 0.0, 0.25], [0.75, 1.0, 1.0], [0.0, 0.0, 0.0]]).double()
+    for found, one, other in (
+        (constants, soft.constants(), hard.constants()),
+        (strength, soft.strength(), hard.strength()),
+    ):
+        torch.testing.assert_close(found, one + share[..., None] * (other - one))
+    assert [ground.patch_at(x) for x in (-1.0, 0.0, 1.9, 2.0, 6.9, 7.0)] == [0, 0, 0, 1, 1, 2]
+
+
+@pytest.mark.parametrize(
+    "patches",
+    [
+        list,
+        lambda: [Patch.of(SOIL), Patch.of(SOIL, 2.0, 4.0), Patch.of(SOIL, 5.9)],
+        lambda: [Patch.of(SOIL, 1.0), Patch.of(SOIL, 0.5)],
+        lambda: [Patch.of(SOIL), Patch.of(SOIL, 1.0, -0.1)],
+    ],
+)
+def test_patches_that_overlap_are_refused(patches: Callable[[], list[Patch]]) -> None:
+    with pytest.raises(ValueError, match="patch"):
+        Ground(patches())
+
+
+def test_random_strengths_are_uniform_in_cohesion_and_in_the_friction_angle() -> None:
+    """5000 draws: the ends are approached within 1 % of the range, the mean within 4 standard errors."""
+    generator = torch.Generator().manual_seed(4)
+    ground = Ground.random_strength(SOIL, 5000, generator)
+    cohesion, tan_phi = ground.patches[0].strength.unbind(-1)
+    for values, low, high in (
+        (cohesion, 500.0, 5000.0),
+        (torch.atan(tan_phi), math.radians(15.0), math.radians(45.0)),
+    ):
+        width = high - low
+        assert low <= float(values.min()) < low + 0.01 * width
+        assert high - 0.01 * width < float(values.max()) <= high
+        error = width / math.sqrt(12.0 * 5000.0)
+        assert float(values.mean()) == pytest.approx((low + high) / 2.0, abs=4.0 * error)
+    narrow = Ground.random_strength(SOIL, 10, generator, cohesion=(1.0, 2.0))
+    assert float(narrow.patches[0].strength[:, 0].max()) <= 2.0
+
+
+LIMITS = {
+    "n": (0.0, 3.0, False),
+    "k_c": (0.0, math.inf, True),
+    "k_phi": (0.0, math.inf, False),
+    "shear_modulus": (0.0, 1.0, False),
+    "c1": (0.0, 1.0, False),
+    "c2": (-1.0, 1.0, True),
+    "cohesion": (0.0, math.inf, True),
+    "tan_phi": (0.0, 2.0, True),
+}
+"""Lowest and highest value of each constant, and whether the lowest itself is taken."""
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_soil_constant_is_refused_outside_of_its_physical_range(
+    name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    low, high, closed = LIMITS[name]
+    folder = tmp_path_factory.mktemp("soils")
+
+    def taken(value: float) -> bool:
+        values = {key: getattr(SOIL, key) for key in LIMITS} | {name: value}
+        path = folder / "soil.yaml"
+        lines = [f"{key}: {number!r}" for key, number in values.items()]
+        path.write_text("\n".join(["name: soil", *lines]), encoding="utf-8")
+        try:
+            load_soil(path)
+        except ConfigError as error:
+            assert name in str(error)  # noqa: PT017 # the message names what is wrong
+            return False
+        return True
+
+    assert taken(low) == closed
+    assert taken(low + 1e-6)
+    assert not taken(low - 1e-6)
+    if math.isfinite(high):
+        assert taken(high)
+        assert not taken(high + 1e-6)
+
+
+def changed(**values: object) -> Rover:
+    return dataclasses.replace(ROVER, **values)  # type: ignore[arg-type]
+
+
+def test_a_rover_whose_parts_are_out_of_order_is_refused() -> None:
+    front, middle, rear = ROVER.axle_x
+    for axle_x in ((middle, front, rear), (front, rear, middle), (front, front, rear)):
+        with pytest.raises(ConfigError, match="axle_x"):
+            changed(axle_x=axle_x)
+    for pivot in (middle, rear, middle + 0.1, rear - 0.1):
+        with pytest.raises(ConfigError, match="bogie_pivot_x"):
+            changed(bogie_pivot_x=pivot)
+    with pytest.raises(ConfigError, match="cruise_speed"):
+        changed(cruise_speed=(0.2, 0.1))
+    assert changed(cruise_speed=(0.2, 0.2)).cruise_speed == (0.2, 0.2)
+    with pytest.raises(ConfigError, match="same number"):
+        changed(wheels=ROVER.wheels[:-1])
+    with pytest.raises(ConfigError, match="all different"):
+        changed(wheels=(*ROVER.wheels[:-1], ROVER.wheels[0]))
+    assert changed(wheels=ROVER.wheels[::2]).wheels_per_axle == 1
