@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the pages point to and tell to type exists: links, anchors, executables, options, parameters, targets of make, versions.
+"""Links, anchors, commands, options, parameters, make targets and versions in pages exist.
 
-Addresses of the web are not asked, as tests need no network. Of `ros2 topic`, `service` and `bag`,
-which the wheels do not have, names are checked alone.
+Web addresses are not requested, as tests need no network. For `ros2 topic`, `service` and `bag`,
+which the wheels do not have, only names are checked.
 """
 
 import importlib
@@ -51,13 +51,13 @@ every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 @cache
 def tokens(page: Path) -> tuple[Token, ...]:
-    """Of blocks and of what is in them."""
+    """Return the tokens of blocks and of their content."""
     blocks = MarkdownIt("commonmark").enable("table").parse(page.read_text(encoding="utf-8"))
     return tuple(token for block in blocks for token in (block, *(block.children or ())))
 
 
 def anchors(page: Path) -> set[str]:
-    """Of the headings, as GitHub makes them."""
+    """Return the anchors of the headings, as GitHub makes them."""
     found = [
         token.content
         for before, token in zip(tokens(page), tokens(page)[1:], strict=False)
@@ -106,7 +106,7 @@ def commands(page: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def modules(page: Path) -> Iterator[tuple[str, str]]:
-    """Module and arguments of every `python -m`, those that make hands on included; pytest and what is no module of ours are left out."""
+    """Yield module and arguments of every `python -m` of ours, also those called by make."""
     for text in code(page):
         yield from re.findall(
             rf"python3? -m ((?:tests|benchmarks|docs|studies)[\w.]*)({ENDS})", text
@@ -119,7 +119,7 @@ def modules(page: Path) -> Iterator[tuple[str, str]]:
 
 @cache
 def known_options(module: str, *arguments: str) -> frozenset[str]:
-    """What --help of a command-line program lists."""
+    """Return the options that --help of a command-line program lists."""
     shown: list[str] = []
     package = importlib.util.find_spec(module)
     assert package, f"python -m {module}"
@@ -250,7 +250,7 @@ def test_the_program_without_ros_that_the_page_shows_runs(tmp_path: Path) -> Non
 
 
 def first(pattern: str, path: Path) -> str:
-    """What the pattern's group finds first in a file."""
+    """Return what the first match of the group holds in a file."""
     found = re.search(pattern, path.read_text(encoding="utf-8"), re.MULTILINE)
     assert found, f"{path}: no {pattern}"
     return found[1]
@@ -333,7 +333,10 @@ def test_every_page_is_in_the_navigation_of_the_site() -> None:
 
 def test_links_lead_from_the_repository_to_the_site() -> None:
     copied: list[str] = []
-    text = "[a](../README.md#two-commands) ![b](images/cost.png) [c](../layouts/foxglove.json) [d](../tests)"
+    text = (
+        "[a](../README.md#two-commands) ![b](images/cost.png)"
+        " [c](../layouts/foxglove.json) [d](../tests)"
+    )
     assert lead(text, "api.md", copied.append) == (
         "[a](index.md#two-commands) ![b](images/cost.png) [c](files/layouts/foxglove.json) d"
     )
@@ -349,10 +352,9 @@ def test_lists_are_indented_for_the_site() -> None:
 
 
 def test_the_readme_has_at_most_900_words() -> None:
-    text = re.sub(
-        r"<!--.*?-->", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL
-    )
-    assert len(text.split()) <= 900
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    assert len(shown.split()) <= 900
 
 
 def test_the_picture_of_nodes_shows_what_the_policy_allows() -> None:

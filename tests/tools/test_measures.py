@@ -26,7 +26,9 @@ FILES = {
         "    return a if a and b else loose.x\n"
     ),
     f"{OURS}/cli/__init__.py": "",
-    f"{OURS}/cli/run.py": "from terrain_estimator.model.step import go\n\n\nclass Run:\n    x = go\n",
+    f"{OURS}/cli/run.py": (
+        "from terrain_estimator.model.step import go\n\n\nclass Run:\n    x = go\n"
+    ),
     "tests/test_step.py": "def test_step():\n    assert True\n",
 }
 

@@ -26,8 +26,8 @@ def nodes_picture() -> str:
     drawing = Drawing(
         _WIDTH,
         446,
-        "Nodes and topics: the simulator or a rover publishes measurements, the estimator turns them"
-        " into estimates, and five nodes read both.",
+        "Nodes and topics: the simulator or a rover publishes measurements, the estimator turns"
+        " them into estimates, and five nodes read both.",
     )
     _estimation(drawing)
     _readers(drawing)
@@ -65,10 +65,10 @@ def _listed(drawing: Drawing, x: float, y: float, title: str, topics: list[str])
 
 
 def _readers(drawing: Drawing) -> None:
-    bus, top, below = 250, 290, 390
-    width, gap = 148, 20
-    for x, start in ((325, 155), (766, 121)):
-        drawing.arrow((x, start), (x, bus), head=False)
+    bus, top, below = 250.0, 290.0, 390.0
+    width, gap = 148.0, 20.0
+    for start in ((325.0, 155.0), (766.0, 121.0)):
+        drawing.arrow(start, (start[0], bus), head=False)
     centres = [20 + width / 2 + index * (width + gap) for index in range(len(_READERS))]
     drawing.arrow((centres[0], bus), (centres[-1], bus), head=False)
     drawing.text(542, bus - 8, "each reads the topics that it needs", "label")

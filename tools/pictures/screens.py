@@ -17,7 +17,7 @@ from pathlib import Path
 from shutil import which
 
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import FloatRect, Page, sync_playwright
 
 from terrain_estimator.demonstration.processes import Program, executable
 
@@ -111,8 +111,8 @@ def _report(page: Page) -> None:
         ("discovery_verdict", 24.0, tops[names[1]] - 22),
         ("discovery_ground", tops[names[ground]] - 14, tops[names[ground + 1]] - 34),
     ):
-        clip = {"x": 0.0, "y": top, "width": 900.0, "height": bottom - top}
-        page.screenshot(path=FOLDER / f"{name}.png", full_page=True, clip=clip)  # type: ignore[arg-type]
+        clip = FloatRect(x=0.0, y=top, width=900.0, height=bottom - top)
+        page.screenshot(path=FOLDER / f"{name}.png", full_page=True, clip=clip)
 
 
 if __name__ == "__main__":

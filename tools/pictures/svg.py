@@ -51,7 +51,8 @@ class Drawing:
     ) -> None:
         """Add a box with a bold title and lines below it, centred."""
         self.parts.append(
-            f'<rect class="{style}" x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="7"/>'
+            f'<rect class="{style}" x="{x:g}" y="{y:g}"'
+            f' width="{width:g}" height="{height:g}" rx="7"/>'
         )
         texts = [(title, "title")] * bool(title) + [(line, line_style) for line in lines]
         top = y + height / 2 - LINE * (len(texts) - 1) / 2 + 4.5
@@ -61,7 +62,8 @@ class Drawing:
     def text(self, x: float, y: float, text: str, style: str, anchor: str = "middle") -> None:
         """Add a line of text."""
         self.parts.append(
-            f'<text class="{style}" x="{x:g}" y="{y:g}" text-anchor="{anchor}">{escape(text)}</text>'
+            f'<text class="{style}" x="{x:g}" y="{y:g}" text-anchor="{anchor}">'
+            f"{escape(text)}</text>"
         )
 
     def arrow(self, *points: tuple[float, float], head: bool = True) -> None:
@@ -83,7 +85,9 @@ SPDX-License-Identifier: Apache-2.0
 <svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {self.height:g}" role="img">
 <title>{escape(self.sentence)}</title>
 <style>{_STYLE}</style>
-<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">
+<defs>
+<marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7"
+ orient="auto">
 <path class="head" d="M0,0 L8,4 L0,8 z"/></marker></defs>
 <rect class="page" width="{self.width:g}" height="{self.height:g}" rx="10"/>
 {chr(10).join(self.parts)}
