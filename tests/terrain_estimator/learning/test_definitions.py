@@ -172,8 +172,8 @@ def test_what_is_true_of_a_task_has_the_deviations_of_what_is_measured(tasks: Ta
         share = ((tasks.measured - tasks.true)[..., place] / spread)[tasks.usable]
         assert float(share.std()) == pytest.approx(1.0, abs=0.05), name
     for name in ("velocity_sd", "pitch_sd", "acceleration_sd"):
-        place = 8 * A + SCALAR_FIELDS.index(name)
-        assert torch.equal(tasks.true[..., place], tasks.measured[..., place])
+        scalar = 8 * A + SCALAR_FIELDS.index(name)
+        assert torch.equal(tasks.true[..., scalar], tasks.measured[..., scalar])
 
 
 def test_split_tasks_joined_again_are_the_tasks(tasks: Tasks) -> None:
