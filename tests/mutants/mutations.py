@@ -183,7 +183,8 @@ class _Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
-        if not isinstance(node.op, ast.UAdd):
+        literal = isinstance(node.operand, ast.Constant)  # is changed itself
+        if not isinstance(node.op, ast.UAdd) and not literal:
             self._replace(node, b"(" + self._text(node.operand) + b")")
         self.generic_visit(node)
 

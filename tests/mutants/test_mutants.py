@@ -91,7 +91,7 @@ CASES = {
     "scale = 4.0": KILLED,
     "if steps >= 5:": SURVIVED,
     "while n == 0:": KILLED,
-    "pass": TIMED_OUT,
+    "n -= 2": TIMED_OUT,
     "return scale * x.abs() if steps < 2 else x": SURVIVED,
     "return x.clamp(min=1.0)": KILLED,
 }
@@ -131,7 +131,7 @@ def test_texts_types_and_docstrings_are_no_mutants(plan: Plan) -> None:
     lines = {mutant.line for mutant in find_mutants(plan.tree.root, FILE)}
     texts = {number for number, line in enumerate(MODULE.splitlines(), 1) if '"' in line}
     assert not lines & texts
-    assert lines >= {8, 9, 11, 16, 17, 23}
+    assert lines >= {8, 10, 11, 13, 18, 19, 20, 26}
 
 
 def test_the_same_seed_draws_the_same_mutants(plan: Plan) -> None:

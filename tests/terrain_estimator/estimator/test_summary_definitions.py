@@ -99,7 +99,7 @@ def test_the_record_holds_interval_mass_and_soils_of_the_posterior() -> None:
     low, high = MEAN - HALF_WIDTH_95 * sd, MEAN + HALF_WIDTH_95 * sd
     np.testing.assert_allclose(found.lower_95, low, rtol=1e-9)
     np.testing.assert_allclose(found.upper_95, high, rtol=1e-5)
-    below = stats.norm.cdf(0.0, MEAN, sd).sum()
+    below = float(np.sum(stats.norm.cdf(0.0, MEAN, sd)))
     assert found.mass_below_zero == pytest.approx(below, rel=1e-9)
     assert (found.soils, found.soil_probability) == (("a", "b"), (0.25, 0.75))
     assert (found.change_probability, found.observations_used, found.time_used_s) == (0, 0, 0.0)

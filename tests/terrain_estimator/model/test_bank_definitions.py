@@ -83,8 +83,8 @@ def test_the_physical_mass_is_that_of_two_normal_variables_above_zero() -> None:
     found = log_physical(mean, covariance)
     for k in range(4):
         deviations = np.sqrt(np.diag(covariance[k].numpy()))
-        above = stats.norm.logsf(0.0, mean[k].numpy(), deviations)
-        assert float(found[k]) == pytest.approx(above[0] + above[1], rel=1e-9)
+        above = [float(stats.norm.logsf(0.0, float(mean[k, i]), deviations[i])) for i in range(2)]
+        assert float(found[k]) == pytest.approx(sum(above), rel=1e-9)
 
 
 def test_a_hypothesis_far_below_zero_keeps_a_finite_weight() -> None:

@@ -58,7 +58,7 @@ def same(mine: State, theirs: State) -> None:
     assert mine.keys() == theirs.keys()
     for name, value in mine.items():
         torch.testing.assert_close(
-            value, theirs[name], rtol=1e-6, atol=1e-9, equal_nan=True, msg=lambda m, n=name: n + m
+            value, theirs[name], rtol=1e-6, atol=1e-9, equal_nan=True, msg=f"{name} differs"
         )
 
 

@@ -191,8 +191,8 @@ def test_soil_constants_are_multiplied_by_name() -> None:
 
 def test_a_situation_knows_size_speed_and_order_of_each_wheel() -> None:
     where = situation(rate=2.0, batch=3)
-    assert where.of(0.5).tolist() == 0.5
-    assert where.of(number(7.0)).tolist() == 7.0
+    assert float(where.of(0.5)) == 0.5
+    assert float(where.of(number(7.0))) == 7.0
     part = where.rows(torch.tensor([2, 0]))
     assert part.of(number(1.0, 2.0, 3.0)).tolist() == [[3.0], [1.0]]
     assert part.rate.shape == (2, AXLES)
@@ -251,8 +251,8 @@ def test_a_failed_wheel_slips_as_the_torque_that_is_left_calls_for(size: float, 
     given_contact, where = contact(slip=0.3), situation()
     effect = FailedWheel(size, axle)
     effect.begin(ROVER, 2)
-    for _ in range(2):  # the second search starts where the first ended
-        failed = effect.contact(where, given_contact)
+    effect.contact(where, given_contact)
+    failed = effect.contact(where, given_contact)  # starts where the first search ended
     nodes = quadrature(12)
     before, after = (
         c.forces(ROVER.wheel_radius, ROVER.wheel_width, nodes)[..., 2]
@@ -329,6 +329,16 @@ def test_noise_keeps_its_correlation_its_scatter_and_its_claims() -> None:
             white = error - error.mean()
             neighbours = (white[:, 1:] * white[:, :-1]).mean() / (white**2).mean()
             assert float(neighbours) == pytest.approx(correlation, abs=0.03), name
+        constants = {"velocity": 0.01, "pitch": math.radians(0.3)}
+        constants["contact_angle"] = math.radians(0.3)
+        for name, constant in constants.items():
+            claimed = getattr(measured, f"{name}_sd")
+            torch.testing.assert_close(claimed, torch.full_like(claimed, constant))
+        unit = 0.3 * ROVER.wheel_radius * ROVER.weight / len(ROVER.wheels)
+        parts = {"slip": (0.05, 0.005), "sinkage": (0.05, ROVER.sinkage_noise_floor)}
+        for name, (relative, constant) in (parts | {"torque": (0.03, 0.01 * unit)}).items():
+            value, claimed = getattr(measured, name), getattr(measured, f"{name}_sd")
+            torch.testing.assert_close(claimed, torch.hypot(relative * value, number(constant)))
         bias = (measured.acceleration - long.specific_force(ROVER.gravity)).mean(1)
         assert float(bias.std()) == pytest.approx(0.02, rel=0.5)
         assert float(measured.acceleration_sd.max()) == pytest.approx(0.02 * math.sqrt(2.0))

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
+from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.schedules import Command
 from terramechanics.simulation.simulation import (
     SLOWEST,
@@ -47,6 +48,11 @@ def simulation(
 ) -> Simulation:
     velocity = torch.full((batch,), speed, dtype=torch.float64)
     return Simulation(ROVER, Ground.constant(SOIL), profile, velocity, dt)
+
+
+def driven(sim: Simulation, steps: int, command: Tensor) -> Sample:
+    """The last of so many steps."""
+    return [sim.step(Command.RATE, command) for _ in range(steps)][-1]
 
 
 def rates(batch: int, speed: float) -> Tensor:
@@ -132,12 +138,26 @@ def test_a_sample_carries_time_place_and_the_torque_that_turns_the_wheels() -> N
     torch.testing.assert_close(second.specific_force(3.0), second.acceleration)
 
 
+def test_a_rover_that_climbs_moves_along_the_slope() -> None:
+    """Its place is horizontal: the cosine of the slope of the way."""
+    grade = 0.2
+    sim = simulation(1, Ramp(grade, start=-20.0), 0.1)
+    first = sim.step(Command.RATE, rates(1, 0.15))
+    second = sim.step(Command.RATE, rates(1, 0.15))
+    way = TIME_STEP * float(first.velocity)
+    assert way > 0.0
+    assert float(second.position - first.position) == pytest.approx(way * math.cos(grade))
+    assert float(second.height - first.height) == pytest.approx(way * math.sin(grade))
+    assert float(second.pitch) == pytest.approx(grade)
+    force = float(second.specific_force(ROVER.gravity))
+    assert force == pytest.approx(float(second.acceleration) + ROVER.gravity * math.sin(grade))
+
+
 def test_a_settled_rover_goes_on_as_it_is() -> None:
     sim = simulation(2, Flat())
     sim.settle(rates(2, 0.12))
     velocity = sim.velocity.clone()
-    for _ in range(5):
-        sample = sim.step(Command.RATE, rates(2, 0.12))
+    sample = driven(sim, 5, rates(2, 0.12))
     torch.testing.assert_close(sample.velocity, velocity, rtol=1e-5, atol=0.0)
     assert float(sample.acceleration.abs().max()) < 1e-5
 
@@ -145,9 +165,10 @@ def test_a_settled_rover_goes_on_as_it_is() -> None:
 def test_commanded_torques_turn_the_wheels_as_their_slip_says() -> None:
     sim = simulation(2, Flat(), 0.1)
     torque = torch.tensor([[4.8, 5.0, 5.2], [5.0, 5.0, 5.0]]).double()
-    for _ in range(3):
-        before = sim.rate.clone()
-        sample = sim.step(Command.TORQUE, torque)
+    for _ in range(2):
+        sim.step(Command.TORQUE, torque)
+    before = sim.rate.clone()
+    sample = sim.step(Command.TORQUE, torque)
     torch.testing.assert_close(sample.ground_torque, torque, rtol=1e-5, atol=1e-6)
     expected = sample.velocity[:, None] / (ROVER.wheel_radius * (1.0 - sample.slip))
     torch.testing.assert_close(sample.wheel_rate, expected)

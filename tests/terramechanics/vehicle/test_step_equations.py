@@ -223,7 +223,7 @@ def slopes(u: Tensor, index: Tensor) -> Tensor:
     return torch.stack([top, torch.stack([one, one], -1)], -2)
 
 
-def test_a_smooth_problem_takes_a_dozen_evaluations_and_two_jacobians() -> None:
+def test_a_smooth_problem_takes_nine_evaluations_and_two_jacobians() -> None:
     """Broyden's update saves Jacobians; solved episodes drop out."""
     value, values = counted(residual)
     slope, derivatives = counted(slopes)
@@ -234,8 +234,8 @@ def test_a_smooth_problem_takes_a_dozen_evaluations_and_two_jacobians() -> None:
     for episode in range(4):
         x = float(found[episode, 0])
         assert x * math.exp(x) == pytest.approx(1.0 + episode, abs=1e-9)
-    assert len(values) <= 12
-    assert len(derivatives) <= 3
+    assert len(values) <= 9
+    assert len(derivatives) == 2
     assert values[0] == 4
     assert values[-1] < 4
 

@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Models with effects in their limits: an effect that is known to be absent, and moments of sizes."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy import integrate, stats
+
+from terrain_estimator.learning.adding import Sized, with_effects
+from terrain_estimator.learning.restore import restore
+from terrain_estimator.learning.tasks import draw_tasks
+from terrain_estimator.learning.training import body_of
+from terrain_estimator.model.effects import LAWS, NOT_ONLINE
+from terrain_estimator.model.model_file import load_model
+from terramechanics.effects import EFFECTS
+
+LOADED = load_model("mars_rover")
+AXLES = LOADED.rover.axles
+
+
+def observations() -> torch.Tensor:
+    """Twenty packed observations."""
+    generator = torch.Generator().manual_seed(8)
+    soil = LOADED.metadata.soils[0]
+    return draw_tasks(LOADED.rover, soil, "S1", 2.0, 1, generator).measured[0]
+
+
+def with_rates(packed: torch.Tensor) -> torch.Tensor:
+    rates = torch.full((packed.shape[0], AXLES), 1.3, dtype=torch.float64)
+    return torch.cat([packed[:, :-2], rates, packed[:, -2:]], 1)
+
+
+ABSENT = ("slope_bias", "drive_drag", "bulldozing", "slip_sinkage", "odometry_scale")
+
+
+@pytest.mark.parametrize("name", ABSENT)
+def test_an_effect_that_is_known_to_be_absent_changes_no_estimate(name: str) -> None:
+    """Its size is zero, give or take a millionth of its range."""
+    high = EFFECTS[name].high
+    model, plain = with_effects(LOADED, [Sized(name, 0.0, 1e-6 * high)]), restore(LOADED)
+    packed = observations()
+    here, there = model.initial(), plain.initial()
+    with torch.inference_mode():
+        for one, other in zip(with_rates(packed), packed, strict=True):
+            here, there = model.update(here, one), plain.update(there, other)
+        found, expected = model.estimate(here), plain.estimate(there)
+        deviation = expected[1:].diagonal().sqrt()
+        assert float(((found[0] - expected[0]) / deviation).abs().max()) < 1e-2
+        assert float((found[1:].diagonal().sqrt() / deviation - 1.0).abs().max()) < 1e-2
+        size = model.effects(here)[0]
+    assert abs(float(size[0])) < 1e-5 * high
+    assert float(size[1].sqrt()) == pytest.approx(1e-6 * high, rel=0.05)
+
+
+def moment(power: int, mean: float, sd: float) -> float:
+    """Of a Gaussian above zero, which is zero elsewhere."""
+
+    def integrand(x: float) -> float:
+        return float(x**power * stats.norm.pdf(x, mean, sd))
+
+    return float(integrate.quad(integrand, 0.0, mean + 12.0 * sd)[0])
+
+
+def test_a_size_that_is_a_square_has_the_moments_of_the_square_of_what_is_above_zero() -> None:
+    """Of exit_angle: the value is the root of the size, zero where that would be negative."""
+    law = LAWS["exit_angle"](body_of(LOADED.rover))
+    for mean, sd in ((0.5, 0.1), (0.1, 0.3), (0.0, 0.2), (-0.2, 0.2)):
+        found = law.size(torch.tensor(mean).double(), torch.tensor(sd**2).double()).tolist()
+        second, fourth = (moment(power, mean, sd) for power in (2, 4))
+        assert found == pytest.approx([second, fourth - second**2], rel=1e-4, abs=1e-9)
+
+
+def test_every_effect_is_estimated_online_or_says_why_not() -> None:
+    assert set(LAWS) | set(NOT_ONLINE) == set(EFFECTS)
+    assert not set(LAWS) & set(NOT_ONLINE)
+
+
+def test_what_sensors_and_drives_do_is_undone_from_an_observation() -> None:
+    """The formulas of the registry, inverted by hand."""
+    body = body_of(LOADED.rover)
+    packed = with_rates(observations()[:3])
+    size = torch.tensor([[0.02]], dtype=torch.float64)
+
+    def changed(name: str, values: torch.Tensor) -> dict[int, torch.Tensor]:
+        after = LAWS[name](body).undone(packed, values)
+        return {k: after[:, k] for k in range(packed.shape[1]) if not _same(after, packed, k)}
+
+    pitch = changed("slope_bias", size)
+    assert list(pitch) == [8 * AXLES + 2]
+    torch.testing.assert_close(pitch[8 * AXLES + 2], packed[:, 8 * AXLES + 2] - 0.02)
+    torque = changed("drive_drag", size)
+    assert list(torque) == [6 * AXLES + axle for axle in range(AXLES)]
+    for place, value in torque.items():
+        torch.testing.assert_close(value, packed[:, place] - 0.02 * 1.3)
+    dry = changed("coulomb_drag", size)
+    for place, value in dry.items():
+        torch.testing.assert_close(value, packed[:, place] - 0.02)
+    sinkage = changed("sinkage_bias", 0.1 * size)
+    assert list(sinkage) == [2 * AXLES + axle for axle in range(AXLES)]
+    for place, value in sinkage.items():
+        expected = torch.maximum(packed[:, place] - 0.002, 0.2 * packed[:, place])
+        torch.testing.assert_close(value, expected)
+    slip = changed("odometry_scale", torch.tensor([[0.05, 0.4]], dtype=torch.float64))
+    assert list(slip) == list(range(2 * AXLES))
+    for axle in range(AXLES):
+        error = 0.05 * (1.0 + 0.4 * (axle - 1.0))
+        expected = (1.0 + error) * packed[:, axle] - error
+        torch.testing.assert_close(slip[axle], expected.clamp(-0.6, 0.95))
+        deviation = packed[:, AXLES + axle]
+        torch.testing.assert_close(slip[AXLES + axle], (1.0 + error) * deviation)
+
+
+def _same(after: torch.Tensor, before: torch.Tensor, column: int) -> bool:
+    return bool(np.array_equal(after[:, column], before[:, column], equal_nan=True))
+
+
+def test_a_load_makes_the_rover_heavier_and_moves_its_centre() -> None:
+    model = restore(LOADED)
+    contact = model.nominal_contact()
+    mass, moments = 25.0, (3.0, -2.0)
+    values = torch.tensor([[mass, *moments]], dtype=torch.float64)
+    loaded = LAWS["payload"](body_of(LOADED.rover)).loaded(contact, values)
+    total = LOADED.rover.mass + mass
+    torch.testing.assert_close(loaded.body_scale[0], contact.body_scale * LOADED.rover.mass / total)
+    shift = torch.tensor(moments, dtype=torch.float64) / total
+    torch.testing.assert_close(loaded.geometry.centre.flatten(), contact.geometry.centre + shift)
+    assert math.isclose(loaded.radius, contact.radius)
