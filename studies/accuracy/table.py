@@ -9,7 +9,7 @@ from studies.accuracy.lines import Claim, TableLine
 from studies.accuracy.scores import TIMES_S, ParameterScore, Share
 from studies.accuracy.targets import over_hills, verdicts
 from studies.tables import LICENCE, table
-from terrain_estimator.learning.training import PRIOR
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +94,8 @@ def page(run: AccuracyRun) -> str:
         "done": _drives(hills),
         "side": _drives(shipped),
     }
-    said["c"] = f"{PRIOR.cohesion_pa / 1e3:g} +- {PRIOR.cohesion_sd_pa / 1e3:g}"
-    said["tan"] = f"{PRIOR.tan_phi:g} +- {PRIOR.tan_phi_sd:g}"
+    said["c"] = f"{DEFAULT_PRIOR.cohesion_pa / 1e3:g} +- {DEFAULT_PRIOR.cohesion_sd_pa / 1e3:g}"
+    said["tan"] = f"{DEFAULT_PRIOR.tan_phi:g} +- {DEFAULT_PRIOR.tan_phi_sd:g}"
     head = ("what", "target", "found", "met")
     parts = [
         LICENCE + _INTRODUCTION.format(**said),

@@ -28,38 +28,11 @@ from terrain_estimator.discovery.hypotheses.rows import (
     HypothesisRows,
     LinearizationPoint,
 )
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 from terrain_estimator.model.rows import Rows
-
-
-@dataclass(frozen=True, slots=True)
-class Unknowns:
-    """Values of one run's unknowns."""
-
-    theta: Tensor  # [2]
-    kappa: Tensor  # [M]
-    bias: Tensor  # [1] [m/s^2]
-    velocity: Tensor  # [V] [m/s]
-
-    def flat(self) -> Tensor:
-        """Return all unknowns [P]."""
-        return torch.cat([self.theta, self.kappa, self.bias, self.velocity])
-
-    def moved(self, step: Tensor) -> "Unknowns":
-        """Return the unknowns changed by ``step`` [P]."""
-        sizes = [2, self.kappa.shape[0], 1, self.velocity.shape[0]]
-        return Unknowns(
-            *(
-                part + change
-                for part, change in zip(self.parts(), torch.split(step, sizes), strict=True)
-            )
-        )
-
-    def parts(self) -> tuple[Tensor, ...]:
-        """Return its tensors in order."""
-        return self.theta, self.kappa, self.bias, self.velocity
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,9 +23,10 @@ from terrain_estimator.discovery.evidence.isolability import (
     table,
 )
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
-from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations, Unknowns
+from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import HypothesisRows
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
 from terrain_estimator.discovery.runs import RecordedRun, RunError, cut
 from terramechanics.effects import make_effect
@@ -126,7 +127,7 @@ def _seen(
         return None
     constants = torch.zeros(nominal.uncertain.shape[0], dtype=torch.float64)
     unknowns = Unknowns(
-        theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks)
+        theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks), nominal.prior
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
     query = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
