@@ -37,7 +37,7 @@ from terrain_estimator.discovery import (
     settled,
     singles,
 )
-from terrain_estimator.discovery.evidence.thresholds import read_thresholds
+from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.proof.gap import Gap
 from terrain_estimator.discovery.runs import Blocks

@@ -21,8 +21,7 @@ import torch
 from rover_parameters.records import ConfigError, load, number
 from terrain_estimator.console.arguments import SEED, effects, make_folder, refuse_twice
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.discovery.evidence.thresholds import read_thresholds
-from terrain_estimator.discovery.evidence.verdict import Verdict
+from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.single_wheel import (
     Rig,
