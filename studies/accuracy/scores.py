@@ -27,8 +27,8 @@ from terrain_estimator.learning.tasks import (
     measure_tasks,
     random_ground,
 )
-from terrain_estimator.learning.training import PRIOR
 from terrain_estimator.model.packing import view_of
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import STUCK_TIME, TIME_STEP, simulate
 from terramechanics.terrain.soil import Soil
@@ -50,7 +50,10 @@ _SETTLED_S = 5.0  # velocity predictions are judged from here on
 
 PAPER_BAND = StrengthRange(((700.0, 1300.0),), (degrees(20.0, 45.0),))
 """The paper's test tasks (Banerjee et al., section V)."""
-FROM_PRIOR = AboveZero((PRIOR.cohesion_pa, PRIOR.tan_phi), (PRIOR.cohesion_sd_pa, PRIOR.tan_phi_sd))
+FROM_PRIOR = AboveZero(
+    (DEFAULT_PRIOR.cohesion_pa, DEFAULT_PRIOR.tan_phi),
+    (DEFAULT_PRIOR.cohesion_sd_pa, DEFAULT_PRIOR.tan_phi_sd),
+)
 """The models' prior of c and tan phi."""
 
 

@@ -10,7 +10,7 @@ from studies.accuracy.lines import Claim, TableLine
 from studies.accuracy.scores import TIMES_S, ParameterScore, Share
 from studies.accuracy.targets import over_hills, verdicts
 from studies.tables import licence, table
-from terrain_estimator.learning.training import PRIOR
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,8 +157,8 @@ def page(run: AccuracyRun) -> str:
         "side": _drives(shipped),
     }
     prior = {
-        "c": f"{PRIOR.cohesion_pa / 1e3:g} ± {PRIOR.cohesion_sd_pa / 1e3:g}",
-        "tan": f"{PRIOR.tan_phi:g} ± {PRIOR.tan_phi_sd:g}",
+        "c": f"{DEFAULT_PRIOR.cohesion_pa / 1e3:g} ± {DEFAULT_PRIOR.cohesion_sd_pa / 1e3:g}",
+        "tan": f"{DEFAULT_PRIOR.tan_phi:g} ± {DEFAULT_PRIOR.tan_phi_sd:g}",
     }
     head = ("what", "target", "found", "met")
     parts = [

@@ -39,9 +39,9 @@ from terrain_estimator.discovery import (
     settled,
     singles,
 )
-from terrain_estimator.discovery.evidence.thresholds import read_thresholds
+from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.runs import Blocks
-from terrain_estimator.learning.finding_model import check_model, write_model
+from terrain_estimator.learning.finding_model import check_model, prior_of, write_model
 from terrain_estimator.model.model_file import ModelFileError
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
@@ -71,14 +71,13 @@ def main(arguments: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     try:
         reading = reading_of(options)
-        nominal = nominal_of(
-            load_rover(options.rover or reading.config.rover or ROVER), load_soil(options.soil)
-        )
+        rover = load_rover(options.rover or reading.config.rover or ROVER)
+        soil, base = load_soil(options.soil), options.model or reading.config.model
         hypotheses = singles(options.library)
         runs, held_out = _divided(options)
-        base = options.model or reading.config.model
         if base:
-            check_model(base, nominal.rover)
+            check_model(base, rover)
+        nominal = nominal_of(rover, soil, prior_of(base, rover))
         with (
             workplace(len(runs), options.scheduler, options.workers) as place,
             torch.inference_mode(),

@@ -24,7 +24,7 @@ from terrain_estimator.console.arguments import (
     refuse_twice,
 )
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.discovery.evidence.thresholds import read_thresholds
+from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.single_wheel import (
     Rig,

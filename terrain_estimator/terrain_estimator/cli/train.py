@@ -22,8 +22,9 @@ from terrain_estimator.learning.generation import Chunk, Order, Spread, generate
 from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.tasks import BENCHMARK, PAPER, ROVERS, SOILS, draw_tasks
-from terrain_estimator.learning.training import PRIOR, Progress, Recipe, build_model, train
+from terrain_estimator.learning.training import Progress, Recipe, build_model, train
 from terrain_estimator.model.model_file import MODELS, ModelFileError, Training
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.offline.cluster import cluster
 from terramechanics.terrain.soil import Soil, load_soil
 from terramechanics.vehicle.rover import Rover, load_rover
@@ -195,7 +196,7 @@ def _add_training(parser: argparse.ArgumentParser, recipe: Recipe) -> None:
     parser.add_argument(
         "--constants-sd",
         type=float,
-        default=PRIOR.constants_sd,
+        default=DEFAULT_PRIOR.constants_sd,
         help="relative deviation of each soil constant; 0: exact",
     )
     parser.add_argument(
@@ -259,7 +260,7 @@ def _train_one(
         for soil, drives in zip(soils, shared_out(args.tasks, len(soils)), strict=True)
     ]
     data = Regression.join([draw(order, args.scheduler, args.workers) for order in orders])
-    prior = dataclasses.replace(PRIOR, constants_sd=args.constants_sd)
+    prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=args.constants_sd)
     model = build_model(rover, soils, recipe.columns, recipe.hidden, prior)
     history: list[Progress] = []
     with ProgressReport(f"{name}: training on {device}") as report:

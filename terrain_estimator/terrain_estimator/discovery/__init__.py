@@ -21,21 +21,21 @@
 - ``rows``: the rows under a hypothesis, by the row building and the laws that models have.
 - ``equations``: normal equations of one run; what one run contributes does not depend on the
   others.
-- ``contributions``: who computes them, run by run: this process, or whoever is handed in.
-- ``point``: the unknowns of all runs and what is known of them before.
+- ``contributions``: their evaluation run by run, in this process or on workers.
+- ``unknowns``: the unknowns of all runs and their priors.
 - ``fit``: Gauss-Newton over all runs and the evidence of a hypothesis (Laplace).
 - ``flexible``: a discrepancy without a name.
-- ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: everything together.
+- ``search``: fits of all hypotheses. ``verdict``: the rule. ``finding``: all of it.
 - ``where``: rows against regions of signals (``regions``) on the innovations of a fit
   (``whitening``).
-- ``isolability``: which effects the runs can tell apart, by expected log Bayes factors
+- ``isolability``: which effects the runs can separate, by expected log Bayes factors
   (``expected``).
 - ``proof``: the model with the effect against the one without, on runs that neither has seen
   (``held_out``): each second from the one before (``one_step``), five seconds from the wheel rates
   alone (``rollout`` over the ``terrain``, as ``signals``). ``scores`` by row and region, the
   ``gap`` with its interval (``resampling``).
-- ``next_drive``: which of some short drives (``manoeuvres``) would tell the effects in doubt apart
-  best. ``advice``: in words.
+- ``next_drive``: which of some short drives (``manoeuvres``) would separate the effects in doubt
+  best, and advice in words.
 - ``separation``: manoeuvres by hand, for tables of one wheel.
 
 No files, no clock, no ROS. The generator of hidden effects in tests/hidden shares no module and no
@@ -57,8 +57,8 @@ from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
 from terrain_estimator.discovery.leftover.flexible import Column, Flexible
 from terrain_estimator.discovery.locate.where import Disagreement, disagreements
 from terrain_estimator.discovery.proof.proof import Proof, prove
-from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose
-from terrain_estimator.discovery.report.finding import Finding, investigate, settled
+from terrain_estimator.discovery.report.diagnosis import Diagnosis, diagnose, settled
+from terrain_estimator.discovery.report.finding import Finding, investigate
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, RunError, cut
 
 __all__ = [

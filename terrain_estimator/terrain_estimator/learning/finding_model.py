@@ -8,7 +8,14 @@ from pathlib import Path
 from rover_parameters.records import ConfigError
 from terrain_estimator.discovery import Finding, Verdict
 from terrain_estimator.learning.adding import Sized, add_effects, restored
-from terrain_estimator.model.model_file import ModelFileError, load_model
+from terrain_estimator.model.model_file import (
+    ModelFileError,
+    load_model,
+    model_names,
+    model_path,
+    read_metadata,
+)
+from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior
 from terramechanics.vehicle.rover import Rover
 
 ELSEWHERE = 0.3
@@ -27,6 +34,16 @@ def check_model(model: str, rover: Rover) -> None:
             " --rover, or another --model"
         )
     restored(known)
+
+
+def prior_of(model: str, rover: Rover) -> Prior:
+    """Return the prior of a model, else of the installed one of the rover's name, else the default.
+
+    Raises ModelFileError.
+    """
+    if not model and rover.name not in model_names():
+        return DEFAULT_PRIOR
+    return read_metadata(model_path(model or rover.name).with_suffix(".json")).prior
 
 
 def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path | str:

@@ -12,7 +12,8 @@ import torch
 from terrain_estimator.learning.departures import Family, random_plant
 from terrain_estimator.learning.regression import Regression, regression
 from terrain_estimator.learning.tasks import BENCHMARK, StrengthRange, draw_tasks
-from terrain_estimator.learning.training import PRIOR, build_model
+from terrain_estimator.learning.training import build_model
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
@@ -33,7 +34,7 @@ class Order:
     family: Family = Family.LEARNT
     share: float = 0.0  # [1] of the drives in which each effect of the family acts
     # [1] of each soil constant, which is drawn from a uniform range of that deviation
-    constants_sd: float = PRIOR.constants_sd
+    constants_sd: float = DEFAULT_PRIOR.constants_sd
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ def draw_chunk(chunk: Chunk) -> Regression:
     order, generator = chunk.order, generator_of(chunk)
     plant = random_plant(order.family, order.rover, chunk.size, order.share, generator)
     spread = order.constants_sd * 3.0**0.5
-    prior = dataclasses.replace(PRIOR, constants_sd=order.constants_sd)
+    prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=order.constants_sd)
     tasks = draw_tasks(
         order.rover,
         order.soil,

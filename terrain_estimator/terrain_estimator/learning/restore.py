@@ -6,9 +6,10 @@ import dataclasses
 
 import torch
 
-from terrain_estimator.learning.training import PRIOR, build_model
+from terrain_estimator.learning.training import build_model
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
@@ -42,7 +43,7 @@ def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
     ``exact`` takes the soil constants for exact; else they are parameters with the prior of the
     trained models.
     """
-    prior = dataclasses.replace(PRIOR, constants_sd=0.0) if exact else PRIOR
+    prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=0.0) if exact else DEFAULT_PRIOR
     model = build_model(rover, [soil], columns=1, hidden=1, prior=prior)
     _trust(model, 0.0)
     return _frozen(model)

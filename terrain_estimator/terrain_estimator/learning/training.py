@@ -21,25 +21,11 @@ from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics import Physics
-from terrain_estimator.model.prior import Prior, RoverBody
+from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior, RoverBody
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
 
-PRIOR = Prior(
-    cohesion_pa=2750.0,
-    cohesion_sd_pa=1300.0,
-    tan_phi=0.6,
-    tan_phi_sd=0.22,
-    acceleration_bias_sd=0.02,
-    mass_sd=0.01,
-    centre_of_mass_sd=0.02,
-    constants_sd=0.05 / 3**0.5,
-)
-"""The one statement of the prior: mean and deviation of the benchmarks' draws.
-
-These are uniform: c in 0.5 to 5 kPa, phi in 15 to 45 deg, constants within 5 %.
-"""
 LEAST_NOISE = 0.05
 """[row scale] Learnt noise at the start of a training."""
 
@@ -89,7 +75,7 @@ def build_model(
     soils: Sequence[Soil],
     columns: int,
     hidden: int,
-    prior: Prior = PRIOR,
+    prior: Prior = DEFAULT_PRIOR,
     *,
     moments: bool = True,
 ) -> PAlpaca:

@@ -52,6 +52,22 @@ class Prior:
     )
 
 
+DEFAULT_PRIOR = Prior(
+    cohesion_pa=2750.0,
+    cohesion_sd_pa=1300.0,
+    tan_phi=0.6,
+    tan_phi_sd=0.22,
+    acceleration_bias_sd=0.02,
+    mass_sd=0.01,
+    centre_of_mass_sd=0.02,
+    constants_sd=0.05 / 3**0.5,
+)
+"""The prior of a training without another one, and of a search without a model.
+
+Mean and deviation of the benchmarks' draws: c uniform in 0.5 to 5 kPa, phi in 15 to 45 deg,
+constants within 5 %.
+"""
+
 UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
 """Soil constants that can be parameters; k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both."""
 

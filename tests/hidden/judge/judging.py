@@ -30,7 +30,7 @@ from terrain_estimator.discovery import (
     settled,
     singles,
 )
-from terrain_estimator.discovery.evidence.thresholds import read_thresholds
+from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.offline.discovery_runs import read_blocks
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.equations import Equations, Unknowns, positions
-from terrain_estimator.discovery.hypotheses.point import own_prior
+from terrain_estimator.discovery.hypotheses.equations import Equations, positions
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 
 
@@ -37,7 +37,9 @@ class Stage:
 def stage(equations: Equations, unknowns: Unknowns, excess: Tensor) -> Stage:
     """Return the rows of a fit; ``excess`` [Q] is noise beyond that of the sensors."""
     noise = equations.covariance + torch.diag_embed(excess * equations.present)
-    return Stage(noise, equations.present, own_columns(equations, unknowns), own_prior(unknowns)[1])
+    return Stage(
+        noise, equations.present, own_columns(equations, unknowns), unknowns.prior_moments()[1]
+    )
 
 
 def own_columns(equations: Equations, unknowns: Unknowns) -> Tensor:

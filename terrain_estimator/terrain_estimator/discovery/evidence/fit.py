@@ -17,7 +17,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, linear
 from terrain_estimator.discovery.hypotheses.library import Shared
-from terrain_estimator.discovery.hypotheses.point import Point, own_prior
+from terrain_estimator.discovery.hypotheses.unknowns import Point
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 
 LONGEST_STEP = (1.0, 0.25)
@@ -67,7 +67,7 @@ def _normal(point: Point, equations: Sequence[Equations], shared: Shared) -> _No
     objective = float((precision * point.shared.square()).sum())
     factors, owns, crosses, volume = [], [], [], 0.0
     for unknowns, equation in zip(point.runs, equations, strict=True):
-        mean, own_precision = own_prior(unknowns)
+        mean, own_precision = unknowns.prior_moments()
         size = mean.shape[0]
         values = unknowns.flat()
         objective += equation.misfit + float((own_precision * (values - mean).square()).sum())

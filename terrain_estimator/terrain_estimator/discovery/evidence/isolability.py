@@ -17,9 +17,10 @@ from torch import Tensor
 
 from terrain_estimator.discovery.evidence.expected import Stage, loss, stage
 from terrain_estimator.discovery.evidence.search import Candidate, Study
-from terrain_estimator.discovery.hypotheses.equations import RunEquations, Unknowns
+from terrain_estimator.discovery.hypotheses.equations import RunEquations
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import Expansion, HypothesisRows, Nominal
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.runs import Blocks
 from terramechanics.effects import EFFECTS
 

@@ -18,13 +18,8 @@ from terrain_estimator.discovery.hypotheses.contributions import (
 )
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query
 from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, Shared
-from terrain_estimator.discovery.hypotheses.point import (
-    PRIOR_THETA,
-    Point,
-    start_of,
-    with_shared,
-)
 from terrain_estimator.discovery.hypotheses.rows import Nominal
+from terrain_estimator.discovery.hypotheses.unknowns import Point, start_of
 from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.packing import view_of
@@ -77,10 +72,8 @@ class Study:
         )
 
     def _nothing(self) -> Candidate:
-        strengths = [(PRIOR_THETA[0][0], PRIOR_THETA[1][0])] * len(self.runs)
-        start = start_of(
-            [velocities_of(run) for run in self.runs], self.nominal.uncertain.shape[0], strengths, 0
-        )
+        velocities = [velocities_of(run) for run in self.runs]
+        start = start_of(velocities, self.nominal.uncertain.shape[0], self.nominal.prior)
         unknown: list[Tensor | None] = [None] * len(self.runs)
         evaluate, columns = self._evaluate(NOTHING), self._plain.columns
         first = fit(evaluate, start, NOTHING.shared(), columns, unknown, most=3)
@@ -116,7 +109,7 @@ class Study:
         start = (after or self.nothing).fit.point
         values = torch.tensor(hypothesis.start(), dtype=torch.float64)
         values[: start.shared.shape[0]] = start.shared
-        return with_shared(start, values)
+        return start.with_shared(values)
 
     def predict(
         self, hypothesis: Hypothesis, after: Candidate | None = None
@@ -157,7 +150,7 @@ class Study:
         """
         free = hypothesis.shared()
         pinned = Shared(values, values, free.sd, free.step)  # a range without width
-        start = with_shared(self.nothing.fit.point, values)
+        start = self.nothing.fit.point.with_shared(values)
         evaluate, columns = self._evaluate(hypothesis), self._plain.columns
         known = [each.by_constant for each in self.nothing.fit.equations]
         first = fit(evaluate, start, pinned, columns, known, most=9)
@@ -184,8 +177,8 @@ class Study:
         rows = row_names(self.nominal.rover.axles)
         row_of = torch.tensor([rows.index(column.row) for column in weights.names])
         spread = _first_spread(candidate.fit, len(rows))[row_of]
-        point = with_shared(
-            candidate.fit.point, torch.cat([candidate.fit.point.shared, torch.zeros_like(spread)])
+        point = candidate.fit.point.with_shared(
+            torch.cat([candidate.fit.point.shared, torch.zeros_like(spread)])
         )
         shared = Shared(sizes.low, sizes.high, torch.cat([sizes.sd, spread]), sizes.step)
 

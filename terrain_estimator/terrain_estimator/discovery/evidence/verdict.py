@@ -19,11 +19,13 @@ discrepancy without a name on top:
 The thresholds are calibrated by ``studies.calibration``.
 """
 
+import json
 import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.resources import files
 
 import torch
 
@@ -48,6 +50,13 @@ class Thresholds:
     anything: float  # [nat]
     share: float  # [1]
     apart: float  # [1] of the gain of the best
+
+
+def read_thresholds() -> Thresholds:
+    """Return the calibrated thresholds that come with the package."""
+    file = files("terrain_estimator.discovery.evidence") / "thresholds.json"
+    values = json.loads(file.read_text(encoding="utf-8"))
+    return Thresholds(values["anything"], values["share"], values["apart"])
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,39 +28,12 @@ from terrain_estimator.discovery.hypotheses.rows import (
     HypothesisRows,
     LinearizationPoint,
 )
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import Rows
-
-
-@dataclass(frozen=True, slots=True)
-class Unknowns:
-    """Values of one run's unknowns."""
-
-    theta: Tensor  # [2]
-    kappa: Tensor  # [M]
-    bias: Tensor  # [1] [m/s^2]
-    velocity: Tensor  # [V] [m/s]
-
-    def flat(self) -> Tensor:
-        """Return all unknowns [P]."""
-        return torch.cat([self.theta, self.kappa, self.bias, self.velocity])
-
-    def moved(self, step: Tensor) -> "Unknowns":
-        """Return the unknowns changed by ``step`` [P]."""
-        sizes = [2, self.kappa.shape[0], 1, self.velocity.shape[0]]
-        return Unknowns(
-            *(
-                part + change
-                for part, change in zip(self.parts(), torch.split(step, sizes), strict=True)
-            )
-        )
-
-    def parts(self) -> tuple[Tensor, ...]:
-        """Return its tensors in order."""
-        return self.theta, self.kappa, self.bias, self.velocity
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +100,61 @@ def averages(blocks: Blocks, used: Tensor) -> Averages:
     )
 
 
+def _present(used: Tensor) -> Tensor:
+    """Return 1 where a row of a block is there, [B, Q], from ``used`` [B, n, R]."""
+    velocities = torch.ones(used.shape[0], 2, dtype=torch.float64)
+    return torch.cat([velocities, (used[..., 1:].sum(1) > 0.0).to(torch.float64)], 1)
+
+
+def _sources(rows: Rows, theta: Tensor, average: Averages) -> Tensor:
+    """Return G [B, Q, n E], the change of each row for one deviation of every source of noise."""
+    noise = _block_shape(rows.noise[0] @ theta, average.weight.shape[0], 0)  # [B, n, R, E]
+    sources = torch.cat([noise[:, :, :1], noise], 2) * average.weight.unsqueeze(-1)
+    return sources.transpose(1, 2).flatten(2)
+
+
+def _spread(rows: Rows, average: Averages, present: Tensor) -> Tensor:
+    """Return the diagonal of R [B, Q], the variances of the targets; 1 for an absent row."""
+    variance = _block_shape(rows.variance, average.weight.shape[0], 0)
+    spread = (torch.cat([variance[..., :1], variance], -1) * average.weight.square()).sum(1) + (
+        1.0 - present
+    )
+    spread[:, 0] += average.measured[:, 1]
+    spread[:, 1] += LINK_VARIANCE
+    return spread
+
+
+def _moved(noise: Tensor, error: Tensor, lead: int) -> Tensor:
+    """Return the change of rows by the most likely ``error`` of their inputs."""
+    count = error.shape[0]
+    return (_block_shape(noise, count, lead) @ error.transpose(-1, -2)).squeeze(-1)
+
+
+def _corrected(rows: Rows, theta: Tensor, error: Tensor) -> Tensor:
+    """Return rows less targets [B, n, R] at the most likely inputs."""
+    plain = _block_shape(rows.features[0] @ theta - rows.target, error.shape[0], 0)
+    return plain + _moved(rows.noise[0] @ theta, error, 0)
+
+
+def _by_theta(rows: Rows, average: Averages, error: Tensor) -> Tensor:
+    """Return the change of the rows by c and tan phi, [B, Q, 2]."""
+    columns = [
+        average.of(
+            _block_shape(rows.features[0, ..., k], error.shape[0], 0)
+            + _moved(rows.noise[0, ..., k], error, 0)
+        )
+        for k in (0, 1)
+    ]
+    return torch.stack(columns, -1)
+
+
+def _by_constant(rows: Rows, theta: Tensor, average: Averages, error: Tensor) -> Tensor:
+    """Return the change of the rows by each soil constant, [B, Q, M]."""
+    plain = _block_shape(rows.features[1:] @ theta, error.shape[0], 1)
+    change = plain + _moved(rows.noise[1:] @ theta, error, 1)
+    return average.of(change).permute(1, 2, 0)
+
+
 class RunEquations:
     """The equations of one run under one hypothesis, at any point."""
 
@@ -136,91 +164,43 @@ class RunEquations:
 
     def at(self, query: Query) -> Equations:
         """Return the equations at a point."""
-        count = self._blocks.packed.shape[0]
-        unknowns, known = query.unknowns, query.known
+        unknowns, count = query.unknowns, self._blocks.packed.shape[0]
         point = LinearizationPoint(unknowns.theta, unknowns.kappa, query.sizes)
         around = query.around or self._rows.expansion(point, self._mask)
-        rows = self._rows.rows(point, around, changes_too=known is None)
+        rows = self._rows.rows(point, around, changes_too=query.known is None)
         used = _block_shape(rows.used * self._mask, count, 0)
-        average = averages(self._blocks, used)
-        present = torch.cat(
-            [
-                torch.ones(count, 2, dtype=torch.float64),
-                (used[..., 1:].sum(1) > 0.0).to(torch.float64),
-            ],
-            1,
-        )
+        average, present = averages(self._blocks, used), _present(used)
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
 
-        noise = _block_shape(rows.noise[0] @ theta, count, 0)  # [B, n, R, E]
-        sources = torch.cat([noise[:, :, :1], noise], 2) * average.weight.unsqueeze(-1)
-        sources = sources.transpose(1, 2).flatten(2)
-        variance = _block_shape(rows.variance, count, 0)
-        spread = (torch.cat([variance[..., :1], variance], -1) * average.weight.square()).sum(1) + (
-            1.0 - present
-        )
-        spread[:, 0] += average.measured[:, 1]
-        spread[:, 1] += LINK_VARIANCE
-        fixed = self._fixed(present)
-        joined = torch.stack(
-            [unknowns.bias.expand(count), *unknowns.velocity[self._blocks.ends].unbind(1)], -1
-        )
-        short = average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
-        short[:, 0] += average.measured[:, 0]
-        columns = query.columns * present.unsqueeze(-1)
-        residual = short - (fixed @ joined.unsqueeze(-1)).squeeze(-1) - columns @ query.weights
+        sources = _sources(rows, theta, average)
+        spread = _spread(rows, average, present)
         covariance = sources @ sources.transpose(1, 2) + torch.diag_embed(spread)
+        fixed, columns = self._fixed(present), query.columns * present.unsqueeze(-1)
+        residual = self._residual(rows, theta, average, fixed, unknowns) - columns @ query.weights
         excess, factor, surplus = unexplained(covariance, residual, present)
         weighted = torch.cholesky_solve(residual.unsqueeze(-1), factor)
         error = (sources.transpose(1, 2) @ weighted).view(count, rows.used.shape[0] // count, 1, -1)
 
-        by_theta = torch.stack(
-            [
-                average.of(
-                    _block_shape(rows.features[0, ..., k], count, 0)
-                    + self._moved(rows.noise[0, ..., k], error)
-                )
-                for k in (0, 1)
-            ],
-            -1,
-        )
-        if known is None:
-            change = _block_shape(rows.features[1:] @ theta, count, 1) + self._moved_all(
-                rows.noise[1:] @ theta, error
-            )
-            known = average.of(change).permute(1, 2, 0)
-        by_size = [
-            average.of(
-                (
-                    self._corrected(point, around, error, theta, k, step)
-                    - self._base(rows, error, theta)
-                )
-                / step
-            )
-            for k, step in enumerate(query.steps)
-        ]
-        jacobian = torch.cat(
-            [by_theta, known, fixed, *(column.unsqueeze(-1) for column in by_size), columns], -1
-        )
-        hessian, gradient = assembled(
-            jacobian, factor, weighted, self._blocks.ends, len(query.sizes) + query.weights.shape[0]
-        )
-        misfit = float((residual * weighted.squeeze(-1)).sum()) + surplus
-        ends, degrees = self._blocks.ends, int(present.sum())
+        known = _by_constant(rows, theta, average, error) if query.known is None else query.known
+        own = [_by_theta(rows, average, error), known, fixed]
+        by_size = self._by_size(query, point, around, rows, average, error)
+        jacobian = torch.cat([*own, *(column.unsqueeze(-1) for column in by_size), columns], -1)
+        shared = len(query.sizes) + query.weights.shape[0]
+        hessian, gradient = assembled(jacobian, factor, weighted, self._blocks.ends, shared)
         return Equations(
-            hessian,
-            gradient,
-            misfit,
-            known,
-            residual,
-            factor,
-            covariance,
-            present,
-            ends,
-            excess,
-            jacobian,
-            degrees,
-            around,
+            hessian=hessian,
+            gradient=gradient,
+            misfit=float((residual * weighted.squeeze(-1)).sum()) + surplus,
+            by_constant=known,
+            residual=residual,
+            factor=factor,
+            covariance=covariance,
+            present=present,
+            ends=self._blocks.ends,
+            excess=excess,
+            jacobian=jacobian,
+            degrees=int(present.sum()),
+            around=around,
         )
 
     def shortfall(self, unknowns: Unknowns, sizes: tuple[float, ...], around: Expansion) -> Tensor:
@@ -238,39 +218,35 @@ class RunEquations:
         theta = torch.cat([unknowns.theta, torch.ones(1, dtype=torch.float64)])
         return average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
 
-    def _moved(self, noise: Tensor, error: Tensor) -> Tensor:
+    def _residual(
+        self, rows: Rows, theta: Tensor, average: Averages, fixed: Tensor, unknowns: Unknowns
+    ) -> Tensor:
+        """Return targets less rows, bias and velocities, [B, Q]."""
         count = self._blocks.packed.shape[0]
-        return (_block_shape(noise, count, 0) @ error.transpose(-1, -2)).squeeze(-1)
+        short = average.of(_block_shape(rows.target - rows.features[0] @ theta, count, 0))
+        short[:, 0] += average.measured[:, 0]
+        velocities = unknowns.velocity[self._blocks.ends].unbind(1)
+        joined = torch.stack([unknowns.bias.expand(count), *velocities], -1)
+        return short - (fixed @ joined.unsqueeze(-1)).squeeze(-1)
 
-    def _moved_all(self, noise: Tensor, error: Tensor) -> Tensor:
-        count = self._blocks.packed.shape[0]
-        return (_block_shape(noise, count, 1) @ error.transpose(-1, -2)).squeeze(-1)
-
-    def _base(self, rows: Rows, error: Tensor, theta: Tensor) -> Tensor:
-        count = self._blocks.packed.shape[0]
-        return _block_shape(rows.features[0] @ theta - rows.target, count, 0) + self._moved(
-            rows.noise[0] @ theta, error
-        )
-
-    def _corrected(
+    def _by_size(
         self,
+        query: Query,
         point: LinearizationPoint,
         around: Expansion,
+        rows: Rows,
+        average: Averages,
         error: Tensor,
-        theta: Tensor,
-        index: int,
-        step: float,
-    ) -> Tensor:
-        sizes = tuple(size + step * (k == index) for k, size in enumerate(point.values))
-        return self._base(
-            self._rows.rows(
-                LinearizationPoint(point.theta, point.kappa, sizes),
-                around,
-                changes_too=False,
-            ),
-            error,
-            theta,
-        )
+    ) -> list[Tensor]:
+        """Return the change of the rows [B, Q] by each size, as differences of whole rows."""
+        theta = torch.cat([point.theta, torch.ones(1, dtype=torch.float64)])
+        base, found = _corrected(rows, theta, error), []
+        for k, step in enumerate(query.steps):
+            sizes = tuple(size + step * (n == k) for n, size in enumerate(point.values))
+            moved = LinearizationPoint(point.theta, point.kappa, sizes)
+            varied = self._rows.rows(moved, around, changes_too=False)
+            found.append(average.of((_corrected(varied, theta, error) - base) / step))
+        return found
 
     def _fixed(self, present: Tensor) -> Tensor:
         """Return the columns of accelerometer bias and of both velocities, [B, Q, 3]."""

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The regression rows of one run under a hypothesis, by the row building that models share."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from terrain_estimator.discovery.hypotheses.library import NamedEffect
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
-from terrain_estimator.model.prior import uncertain_constants
+from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior, uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
@@ -29,9 +28,6 @@ from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import geometry_of
 
-CONSTANTS_SD = 0.05 / math.sqrt(3.0)
-"""[1] Relative prior deviation of each soil constant: uniform within 5 %."""
-
 _POINTS = 4
 """Nodes of the quadrature: forces within about 1e-4, below the noise, in two thirds of the time."""
 
@@ -44,13 +40,13 @@ class Nominal:
     soil: Soil
     contact: ContactModel
     uncertain: Tensor  # [M, 6] prior deviations of the uncertain soil constants
+    prior: Prior
 
 
-def nominal_of(rover: Rover, soil: Soil) -> Nominal:
-    """Return the nominal model, with the changes of its rows by each uncertain soil constant."""
-    uncertain = uncertain_constants(soil.constants().unsqueeze(0), CONSTANTS_SD, rover.wheel_width)[
-        0
-    ]
+def nominal_of(rover: Rover, soil: Soil, prior: Prior = DEFAULT_PRIOR) -> Nominal:
+    """Return the nominal model; ``prior`` is that of the model which may lack an effect."""
+    constants = soil.constants().unsqueeze(0)
+    uncertain = uncertain_constants(constants, prior.constants_sd, rover.wheel_width)[0]
     stand_in = torch.tensor(
         [0.1, 0.01, 0.01 * rover.wheel_radius, 1e-3 * rover.wheel_radius, 0.0, 0.0, 0.0, 0.0],
         dtype=torch.float64,
@@ -73,7 +69,7 @@ def nominal_of(rover: Rover, soil: Soil) -> Nominal:
         radius=rover.wheel_radius,
         width=rover.wheel_width,
     )
-    return Nominal(rover, soil, contact, uncertain)
+    return Nominal(rover, soil, contact, uncertain, prior)
 
 
 @dataclass(frozen=True, slots=True)

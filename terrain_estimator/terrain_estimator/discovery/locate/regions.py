@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.hypotheses.equations import Unknowns
 from terrain_estimator.discovery.hypotheses.rows import Nominal
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.leftover.flexible import in_row
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.packing import view_of

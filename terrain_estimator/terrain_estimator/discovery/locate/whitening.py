@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.evidence.expected import own_columns
-from terrain_estimator.discovery.hypotheses.equations import Equations, Unknowns
-from terrain_estimator.discovery.hypotheses.point import own_prior
+from terrain_estimator.discovery.hypotheses.equations import Equations
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.model.gaussian import cholesky
 
 
@@ -40,7 +40,7 @@ class Whitening:
 
 def whitening(equations: Equations, unknowns: Unknowns) -> Whitening:
     """Return the whitening of the rows at these ``equations``."""
-    _, precision = own_prior(unknowns)
+    _, precision = unknowns.prior_moments()
     own = own_columns(equations, unknowns).flatten(0, 1)
     noise = equations.covariance + torch.diag_embed(equations.excess * equations.present)
     blocks: Tensor = torch.block_diag(*noise.unbind())  # type: ignore[no-untyped-call]
@@ -53,6 +53,6 @@ def innovations(white: Whitening, equations: Equations, unknowns: Unknowns) -> T
 
     Each has unit variance where nothing is missing.
     """
-    mean, _ = own_prior(unknowns)
+    mean, _ = unknowns.prior_moments()
     before = (white.own @ (unknowns.flat() - mean)).view_as(equations.residual)
     return white.of((equations.residual + before).unsqueeze(-1)).squeeze(-1)

@@ -23,9 +23,10 @@ from terrain_estimator.discovery.evidence.isolability import (
     table,
 )
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
-from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations, Unknowns
+from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations
 from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import HypothesisRows
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
 from terrain_estimator.discovery.runs import RecordedRun, RunError, cut
 from terramechanics.effects import make_effect
@@ -34,6 +35,23 @@ from terramechanics.simulation.plant import Plant
 SEED = 1
 MOST = 4
 """Effects in doubt that are looked at."""
+
+
+BESIDES = {
+    "slope_bias": (
+        "stand still on level ground in two headings: only a tilted sensor reads two pitches"
+    ),
+    "drive_drag": "lift the wheels and turn them at two rates: drag stays without soil",
+    "coulomb_drag": (
+        "lift the wheels and turn them in both directions: dry friction stays without soil"
+    ),
+    "payload": "weigh the rover",
+    "multipass": "drive off the own track (crab or turn), then on it: what the rut does disappears",
+    "odometry_scale": "roll a measured distance on a hard floor: a wrong radius stays there",
+    "sinkage_bias": "stand on a hard floor, where sinkage has to read zero",
+    "exit_angle": "measure the depth of the rut behind a wheel against the wheel's sinkage",
+}
+"""Advice by effect beyond the simulated drives: standing still, lifted wheels, a rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +144,7 @@ def _seen(
         return None
     constants = torch.zeros(nominal.uncertain.shape[0], dtype=torch.float64)
     unknowns = Unknowns(
-        theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks)
+        theta, constants, torch.zeros(1, dtype=torch.float64), velocities_of(blocks), nominal.prior
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
     query = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
@@ -136,3 +154,23 @@ def _seen(
     return stage(equations, unknowns, excess), run_signatures(
         nominal, blocks, study.mask, doubtful, unknowns, equations.around
     )
+
+
+def advise(names: Sequence[str], drives: Sequence[NextDrive]) -> str:
+    """Return advice on separating these effects; empty for fewer than two.
+
+    ``drives`` are the best first.
+    """
+    if len(set(names)) <= 1:
+        return ""
+    advice = [
+        f"For {each} alone: {BESIDES[each]}" for each in sorted(set(names)) if each in BESIDES
+    ]
+    if drives:
+        best, (true, other) = drives[0], drives[0].pair
+        told = (
+            f"Drive {best.seconds:.0f} s {best.words}: {best.nats:.0f} nat more are expected, if it"
+            f" is {true}, against {other}"
+        )
+        advice.insert(0, told)
+    return ". ".join(advice)

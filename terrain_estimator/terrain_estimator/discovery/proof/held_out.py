@@ -7,6 +7,7 @@ fitted to something: to the half that is not being judged. The sizes of effects 
 here, they come from other runs.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import torch
@@ -15,10 +16,10 @@ from torch import Tensor
 from terrain_estimator.discovery.evidence.fit import Fit
 from terrain_estimator.discovery.evidence.search import Study
 from terrain_estimator.discovery.hypotheses.contributions import ContributionTask
-from terrain_estimator.discovery.hypotheses.equations import Equations, Query, Unknowns, assembled
+from terrain_estimator.discovery.hypotheses.equations import Equations, Query, assembled
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.hypotheses.point import own_prior
 from terrain_estimator.discovery.hypotheses.rows import Nominal
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.leftover.flexible import no_columns
 from terrain_estimator.discovery.runs import Blocks, RunError
 from terrain_estimator.model.gaussian import cholesky
@@ -127,7 +128,7 @@ def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tenso
     hessian, _ = assembled(
         equations.jacobian, cholesky(equations.covariance), weighted, equations.ends, sizes
     )
-    _, precision = own_prior(unknowns)
+    _, precision = unknowns.prior_moments()
     size, own = precision.shape[0], 3 + unknowns.kappa.shape[0]
     covariance = torch.cholesky_inverse(cholesky(hessian[:size, :size] + torch.diag(precision)))
     parts = covariance[:own, :own], model.covariance
@@ -142,9 +143,8 @@ def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equ
     told = half.grounds[number].unknowns
     columns = no_columns([half.blocks]).columns[0]
     mask = torch.ones(columns.shape[1] - 1, dtype=torch.float64)
-    there = Unknowns(
-        told.theta, told.kappa, told.bias, torch.zeros(half.blocks.velocities, dtype=torch.float64)
-    )
+    velocity = torch.zeros(half.blocks.velocities, dtype=torch.float64)
+    there = dataclasses.replace(told, velocity=velocity)
     none = torch.zeros(0, dtype=torch.float64)
     query = Query(
         there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None

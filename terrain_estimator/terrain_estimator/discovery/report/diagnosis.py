@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Beside a verdict: where the model disagrees, what the runs separate, what to drive next."""
 
+import dataclasses
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from terrain_estimator.discovery.evidence.isolability import Isolability, isolability
@@ -11,8 +12,8 @@ from terrain_estimator.discovery.evidence.search import Progress, Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.locate.where import Disagreement, disagreements
-from terrain_estimator.discovery.next_drive.advice import advise
-from terrain_estimator.discovery.next_drive.next_drive import NextDrive, next_drives
+from terrain_estimator.discovery.next_drive.next_drive import NextDrive, advise, next_drives
+from terrain_estimator.discovery.proof.proof import Proof
 from terrain_estimator.discovery.report.finding import Finding
 
 
@@ -34,13 +35,13 @@ class Diagnosis:
         """Return its parts of finding.json."""
         nats = [[round(each, 1) for each in row] for row in self.isolability.nats.tolist()]
         return {
-            "where": [asdict(each) for each in self.where],
+            "where": [dataclasses.asdict(each) for each in self.where],
             "isolability": {
                 "names": list(self.isolability.names),
                 "nats": nats,
                 "not_testable": self.isolability.not_testable,
             },
-            "next_drives": [asdict(each) for each in self.next_drives],
+            "next_drives": [dataclasses.asdict(each) for each in self.next_drives],
         }
 
 
@@ -77,3 +78,21 @@ def in_doubt(
     shared = set.intersection(*(set(each.effects) for each in close)) if len(close) > 1 else set()
     alone = [tuple(effect for effect in each.effects if effect not in shared) for each in close]
     return [Hypothesis(effects) for effects in dict.fromkeys(alone) if len(effects) == 1]
+
+
+def settled(finding: Finding, proof: Proof | None) -> Finding:
+    """Return the finding with the held-out runs counted.
+
+    A name that did not prove itself there is no longer the answer.
+
+    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None)
+    the verdict stands unproven.
+    """
+    judgement = finding.judgement
+    if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+        return finding
+    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
+    refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
+    refuted["unknown"] = 1.0 - sure["none"]
+    unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
+    return dataclasses.replace(finding, judgement=unknown)

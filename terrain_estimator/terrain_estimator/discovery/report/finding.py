@@ -12,14 +12,12 @@ from terrain_estimator.discovery.evidence.verdict import (
     Judgement,
     Leftover,
     Thresholds,
-    Verdict,
     gains_of,
     is_pair,
     judge,
     leftovers,
 )
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, together
-from terrain_estimator.discovery.proof.proof import Proof
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,21 +86,3 @@ def _beside(
         together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)
     ]
     return search(study, others, progress, after=first) if others else []
-
-
-def settled(finding: Finding, proof: Proof | None) -> Finding:
-    """Return the finding with the held-out runs counted.
-
-    A name that did not prove itself there is no longer the answer.
-
-    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None)
-    the verdict stands unproven.
-    """
-    judgement = finding.judgement
-    if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
-        return finding
-    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
-    refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
-    refuted["unknown"] = 1.0 - sure["none"]
-    unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
-    return dataclasses.replace(finding, judgement=unknown)

@@ -23,14 +23,18 @@ from scipy.stats import norm
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.hypotheses.point import PRIOR_THETA
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig
-from terrain_estimator.model.prior import uncertain_constants
+from terrain_estimator.model.prior import DEFAULT_PRIOR, uncertain_constants
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.effects.simulated import SimulatedEffect
 
 Floats = npt.NDArray[np.float64]
 
+STRENGTH = (
+    (DEFAULT_PRIOR.cohesion_pa / PA_PER_UNIT, DEFAULT_PRIOR.cohesion_sd_pa / PA_PER_UNIT),
+    (DEFAULT_PRIOR.tan_phi, DEFAULT_PRIOR.tan_phi_sd),
+)
+"""Prior mean and deviation of c [kPa] and tan phi: a testbed has no model."""
 DATUM_SD = 0.005
 """[m] of the common offset of all sinkages."""
 PER_SIGNAL = 3
@@ -103,7 +107,7 @@ class WheelModel:
     def _several(self, cells: Cells, soils: Floats, values: Floats) -> Floats:
         """Return the rows for some soils [V, P] and one set of sizes."""
         table = torch.from_numpy(np.ascontiguousarray(soils[:, : self.own]))
-        theta = torch.tensor([[mean, sd] for mean, sd in PRIOR_THETA], dtype=torch.float64)
+        theta = torch.tensor([[mean, sd] for mean, sd in STRENGTH], dtype=torch.float64)
         strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor(
             [PA_PER_UNIT, 1.0], dtype=torch.float64
         )
@@ -126,7 +130,7 @@ class WheelModel:
         Strength and soil constants stay positive, and the largest stress stays in the contact.
         """
         low, high = np.full(self.own, -4.0), np.full(self.own, 4.0)
-        for k, (mean, sd) in enumerate(PRIOR_THETA):
+        for k, (mean, sd) in enumerate(STRENGTH):
             low[k] = -mean / sd * (1.0 - 1e-3)
         for k, change in enumerate(self._uncertain):
             at = int(change.abs().argmax())
