@@ -11,7 +11,7 @@ from tools.pictures.svg import Drawing
 
 SHARED = "shared modules"
 """Name of the modules of terrain_estimator that stand in no folder."""
-_WIDTH, _BOX, _GAP, _HEIGHT, _STEP = 980, 126, 16, 34, 76
+_WIDTH, _BOX, _GAP, _HEIGHT, _STEP = 980, 134, 14, 34, 76
 _SWEEPS = 24
 
 
