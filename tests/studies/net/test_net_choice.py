@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the net has a say is left to the data."""
+"""The data decide whether the net is used."""
 
 import pytest
 import torch
@@ -15,7 +15,7 @@ from terramechanics.simulation.plant import Plant
 
 
 def say(state: State, soils: int) -> float:
-    """Probability that the net has a say."""
+    """Return the probability that the net is used."""
     return float(state["weight"][state["kind"] >= soils].sum())
 
 
@@ -34,7 +34,7 @@ def test_the_net_starts_with_its_prior_probability_and_changes_nothing_of_the_pr
 def test_a_drive_with_a_hidden_drag_turns_to_the_net_and_one_without_does_not(
     plant: Plant | None, *, chosen: bool
 ) -> None:
-    """One drive of 10 s each."""
+    """Draw one drive of 10 s each."""
     loaded = load_model("mars_rover")
     drive = draw_tasks(
         loaded.rover,
