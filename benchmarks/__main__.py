@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def measured(name: str, effort: Effort) -> Sequence[BenchmarkLine]:
-    """Return the lines of one module; where it fails, the last one names the error and misses its bar."""
+    """Return the lines of one module; where it fails, the last one names the error."""
     found: list[BenchmarkLine] = []
     try:
         for line in importlib.import_module(f"benchmarks.{name}").lines(effort):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reference of the live figures: a node with the estimator's topics that answers and estimates nothing.
+"""Reference of the live figures: a node with the estimator's topics that estimates nothing.
 
 It answers every imu message, and counts what it receives.
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator node at 10 Hz: latency from the last topic to the estimate, processor and memory."""
+"""The estimator node at 10 Hz: latency from the last topic on, processor and memory."""
 
 import math
 import time

@@ -49,7 +49,7 @@ class Sent:
     # by stamp: until the estimate arrived
     latency_s: dict[int, float] = field(default_factory=dict)
     late_s: float = 0.0  # behind its own schedule at the end
-    # messages that the node has not received, by its own count; optional ones have no effect on lost
+    # messages that the node has not received, by its own count, optional ones included
     missed: int = 0
 
     @property
@@ -105,7 +105,7 @@ class MessageSender:
         )
 
     def drive(self, sets: Iterator[Set], count: int, rate_hz: float) -> Sent:
-        """Send ``count`` sets, and wait for the last answers and for the node's count of messages."""
+        """Send ``count`` sets; wait for the last answers and for the node's count of messages."""
         self._now = now = Sent()
         before = self._received
         chosen = [next(sets) for _ in range(count)]

@@ -184,7 +184,7 @@ class State:
 def move(
     rover: Rover, track: NumpyTrack, state: State, rate: Floats, duration: float
 ) -> tuple[Floats, Floats, float, Floats]:
-    """Return slips, sinkages [3], end velocity and forces [3, 3] of an implicit step at ``rate`` [3]."""
+    """Return slips, sinkages [3], end velocity and forces [3, 3] of an implicit step."""
     unit = rover.wheel_radius * float(np.mean(rate))
 
     def contacts(unknown: Floats) -> tuple[Floats, Floats, Floats]:

@@ -19,7 +19,7 @@ ADAM = (0.9, 0.999, 1e-8)
 
 @dataclass(frozen=True, slots=True)
 class TaskArrays:
-    """Regressions of terrain_estimator.learning.regression as arrays, with scaled inputs of the net."""
+    """Regressions of terrain_estimator.learning.regression as arrays, with scaled net inputs."""
 
     nominal: Floats  # [tasks, blocks, Q, N]
     target: Floats  # [tasks, blocks, Q]
@@ -117,7 +117,7 @@ def _backward(
     sign: float,
     gradients: list[Floats],
 ) -> None:
-    """Add the gradients of the log density by one block's noise, features and weights of the net."""
+    """Add the gradients of the log density by a block's noise, features and weights of the net."""
     residual = block.inverse @ (block.target - block.features @ posterior)
     seen = block.inverse @ block.features
     by_covariance = 0.5 * (

@@ -75,10 +75,10 @@ def microseconds(model: LoadedModel, seen: list[Observation]) -> Floats:
 
 
 def closing(model: LoadedModel, seen: list[Observation]) -> NDArray[np.bool_]:
-    """Which updates of that drive close a block: after them fewer observations wait in the open one, whatever was refused before.
+    """Return which updates of that drive close a block.
 
-    Raises:
-        ArithmeticError: none does, so that there is nothing to measure.
+    Afterwards fewer observations wait in the open block, whatever was refused before. Raises
+    ArithmeticError where no update does.
     """
     estimator = Estimator(model, EstimatorConfig().core)
     waiting = [0]
@@ -94,7 +94,7 @@ def closing(model: LoadedModel, seen: list[Observation]) -> NDArray[np.bool_]:
 
 
 def widened(model: LoadedModel, parameters: int, folder: Path) -> LoadedModel:
-    """Return a model whose net has so many columns more or less; untrained, which takes the same time."""
+    """Return an untrained model whose net has so many columns more or less."""
     metadata = model.metadata
     columns = (
         parameters

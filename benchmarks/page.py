@@ -43,13 +43,13 @@ The update is one TorchScript module whose tensors hold a few numbers each. `tor
 480 calls of torch's operators in an update, and 4900 in one that closes a block, of one to three
 microseconds each. The cost is the dispatch of small operations, not their arithmetic. It therefore
 grows little with the number of parameters, and neither more threads nor an accelerator would
-shorten it. Latency, the highest rate and replay follow from it. Scalars in C++ would be faster, but would
-need a second copy of the physics that training, simulation and node share today.
+shorten it. Latency, the highest rate and replay follow from it. Scalars in C++ would be faster, but
+would need a second copy of the physics that training, simulation and node share today.
 
 At 10 Hz a quarter of the node's processor time is the update. Two fifths are rclpy's executor,
-which builds its wait set anew for every wake-up (measured with py-spy). In a run in which the node took
-5.4 % of a core, it took 3.5 % with rclpy's experimental EventsExecutor. That executor is not used,
-for two reasons in this release:
+which builds its wait set anew for every wake-up (measured with py-spy). In a run in which the node
+took 5.4 % of a core, it took 3.5 % with rclpy's experimental EventsExecutor. That executor is not
+used, for two reasons in this release:
 
 - An exception in one of rclpy's own callbacks, as at a /clock before zero, ends the process
   (ros2/rclpy#1641).

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading and decoding every message of a bag, beside rosbags and mcap-ros2-support on the same file."""
+"""Time to read and decode every message of a bag, beside rosbags and mcap-ros2-support."""
 
 import tempfile
 import time

@@ -28,7 +28,7 @@ BY_ITSELF = 2  # rovers of the loops, which take so long
 
 
 def lines(effort: Effort) -> Iterator[BenchmarkLine]:
-    """Yield one core batched against loops, all cores, the same with an effect, one rover at a time."""
+    """Yield one core against loops, all cores, the same with an effect, one rover at a time."""
     rovers = effort.count(ROVERS, least=50)
     loops = loops_speed(BY_ITSELF)
     name = "NumPy and SciPy loops over rovers, steps and wheels"

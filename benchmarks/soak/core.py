@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated hours of one rover from input messages to outgoing ones without ROS, in a process of its own that gives way to all others.
+"""Simulated hours of one rover from input to output messages without ROS, at low priority.
 
 python -m benchmarks.soak.core ROVER HOURS SECONDS FILE      # samples go to FILE as a JSON list
 """
@@ -58,7 +58,7 @@ class ProcessSample:
 def run(
     pipeline: Pipeline, drive: Iterator[Event], make: Make, hours: float, seconds: float
 ) -> list[ProcessSample]:
-    """Answer the sets of a drive until the ``hours`` of it or the ``seconds`` of wall time are over."""
+    """Answer the sets of a drive until its ``hours`` or the ``seconds`` of wall time are over."""
     process, outcomes, not_finite = psutil.Process(), Counter(dict.fromkeys(Outcome, 0)), 0
     table = np.zeros(
         (SAMPLES + 2, len(dataclasses.fields(ProcessSample)))

@@ -97,7 +97,7 @@ class Watched:
 
 
 def counters(health: Message) -> dict[str, float]:
-    """Return counters that must not grow: lost, late and unpaired messages, resets, unusual outcomes."""
+    """Return counters that must not grow: lost and late messages, resets, unusual outcomes."""
     found = {
         name: float(sum(getattr(health, f"input_{name}")))
         for name in ("lost", "out_of_order", "unpaired")
@@ -113,9 +113,9 @@ def counters(health: Message) -> dict[str, float]:
 def drive(
     rovers: int, hours: float, seconds: float, folder: Path, say: Callable[[str], None]
 ) -> list[RoverSeries]:
-    """Drive until every rover has its simulated ``hours``, or the ``seconds`` of wall time are over.
+    """Drive until every rover has its ``hours``, or the ``seconds`` of wall time are over.
 
-    Raises AssertionError where a process ends before.
+    Raises AssertionError where a process ends earlier.
     """
     with reserve_domain_id() as domain_id, Starter(folder, domain_id) as start:
         context = Context()
@@ -153,7 +153,7 @@ def drive(
 
 
 def _rover(name: str, seed: int, watch: Node, start: Starter) -> Watched:
-    """Give each simulator its own clock topic; on one topic the clocks would contradict each other."""
+    """Give each simulator its own clock topic, as the clocks differ."""
     apart = ("-r", f"__ns:=/{name}", "-r", f"/clock:=/{name}/clock")
     estimator = start("terrain_estimator", "estimator", "--ros-args", *apart)
     estimator.wait_for_output("ready", START_S)

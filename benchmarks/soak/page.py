@@ -16,8 +16,8 @@ Machine: {machine}; {minutes:.0f} min.
 
 - **Core**: {hours:g} simulated hours of each of three rovers, from input messages through pairing,
   conversion and estimator to outgoing messages.
-- **DDS**: {dds_hours:g} simulated hours of three rovers over DDS, each with simulator and estimator,
-  at {factor:g} times real time.
+- **DDS**: {dds_hours:g} simulated hours of three rovers over DDS at {factor:g} times real time,
+  each with simulator and estimator.
 
 Both parts run at once with four processors or more, one after the other with fewer. A quantity
 grows where Mann and Kendall's test finds a trend at 0.1 % that exceeds the allowed growth

@@ -20,7 +20,7 @@ LEAST_RATE = 0.99
 """[1] Least rate, as a share of RATE_HZ."""
 
 MEMORY = 0.01
-"""[1] Allowed growth of memory in a run: 3 MB of 300, in 24 simulated hours 4 bytes an observation."""
+"""[1] Allowed growth of memory in a run: 3 MB of 300; in 24 simulated hours 4 B an observation."""
 TIME = 0.1
 """[1] Allowed growth of the time of a set of messages, as the machine's other load varies."""
 RATE = 0.01

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The table of make bench: what meets a bar, what is written, and that one failure does not cost the other lines."""
+"""The table of make bench: bars, written lines, and the other lines after a failure."""
 
 import json
 import math

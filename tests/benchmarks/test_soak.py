@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The soak names what grows and what fell short, and its core repeats a drive without leaving the path of a healthy rover."""
+"""The soak names growth and shortfalls, and its core repeats a drive with healthy outcomes."""
 
 import dataclasses
 import itertools
@@ -122,7 +122,8 @@ def test_the_core_goes_on_over_the_seams_of_a_repeated_drive(
 ) -> None:
     monkeypatch.setattr("benchmarks.drives.PIECE_S", 3.0)
     make = Types().make
-    with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]  # noqa: FBT003 - so short a run is over before it pays
+    # so short a run is over before the optimisation pays
+    with torch.jit.optimized_execution(False):  # type: ignore[attr-defined]  # noqa: FBT003
         samples = core.run(
             Pipeline(load_model(), EstimatorConfig()),
             long_drive(make, 20.0),

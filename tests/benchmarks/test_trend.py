@@ -15,7 +15,7 @@ ALLOWED = 0.01
 
 
 def noise(seed: int, memory: float) -> NDArray[np.float64]:
-    """300 MB with a deviation of 3 MB, white or remembering its past."""
+    """Draw 300 MB with a deviation of 3 MB, white or correlated."""
     generator = np.random.default_rng(seed)
     steps = generator.normal(0.0, 3.0 * np.sqrt(1.0 - memory**2), SAMPLES)
     steps[0] /= np.sqrt(1.0 - memory**2)
@@ -26,7 +26,7 @@ def noise(seed: int, memory: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_noise_is_no_growth(memory: float) -> None:
-    """100 runs: at the stated significance there are more alarms than these in one of 1000 cases."""
+    """Test 100 runs: more alarms have a probability of 1 in 1000 at the stated significance."""
     alarms = sum(trend("memory", TIMES, noise(seed, memory), ALLOWED).grows for seed in range(RUNS))
     assert alarms <= stats.binom.ppf(0.999, RUNS, SIGNIFICANCE)
 

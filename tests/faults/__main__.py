@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fault matrix: `make faults`.
+"""Run the fault matrix: `make faults`.
 
-Every row starts the real processes, does something to them and reads their topics, log and
-/diagnostics. What was seen is kept in OUT, a file for each row; the page is written from all of
-them. Exit code 1 where a row is not what it should be.
+Every row starts the real processes, applies a fault and reads their topics, log and /diagnostics.
+Its result is kept in OUT, a file for each row; the page is written from all of them. Exit code 1
+where a row is not as expected.
 """
 
 import argparse
@@ -26,9 +26,9 @@ HEADING = "The matrix"
 
 
 def main() -> int:
-    """Run the rows, say what differs, and write the section of the page."""
+    """Run the rows, print differences, and write the section of the page."""
     options = _parser().parse_args()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what was started is ended then
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that started processes end
     options.out.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     chosen = [
@@ -46,7 +46,7 @@ def main() -> int:
 
 
 def _run(fault: Fault, out: Path) -> bool:
-    """Whether all was as expected; only then it is kept."""
+    """Return whether all was as expected; only then the result is kept."""
     begin = time.monotonic()
     _file(fault, out).unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as folder, own_domain() as reserved:
@@ -69,7 +69,7 @@ def _run(fault: Fault, out: Path) -> bool:
 
 
 def _kept(fault: Fault, out: Path) -> Seen | None:
-    """What was seen when the row was run last and was as expected."""
+    """Return the last result of a row that was as expected."""
     path = _file(fault, out)
     return Seen(**json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
 

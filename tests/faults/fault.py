@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One row of the fault matrix: what is done, what has to come of it, what was seen."""
+"""One row of the fault matrix: the fault, the expected result, and the observed one."""
 
 import re
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from typing import Protocol
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What has to come of a fault. Every line of the log from WARN on is expected, or the row has changed."""
+    """Expected result of a fault, with every line of the log from WARN on."""
 
     outcomes: frozenset[
         str
@@ -31,7 +31,7 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What came of it."""
+    """Observed result of a fault."""
 
     outcomes: dict[str, int]
     diagnostics: dict[str, str]
@@ -49,15 +49,15 @@ class Seen:
 
 
 class Run(Protocol):
-    """Does it to real processes."""
+    """Function that applies a fault to real processes."""
 
     def __call__(self, folder: Path, domain_id: int) -> Seen:
-        """Run in a ROS domain of its own; what the processes write goes to the folder."""
+        """Run in a ROS domain of its own, with the processes' output in the folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One row."""
+    """One row of the matrix."""
 
     name: str
     what: str
@@ -67,7 +67,7 @@ class Fault:
 
 
 def complaints(fault: Fault, seen: Seen) -> list[str]:
-    """What differs from what was expected, in words; empty where the row stands."""
+    """Return the differences from the expected result in words; empty where there is none."""
     expected = fault.expected
     found = [*seen.unsound]
     lost, back_after, outcomes = expected.lost, expected.back_after, set(expected.outcomes)
@@ -89,9 +89,9 @@ def complaints(fault: Fault, seen: Seen) -> list[str]:
         "diagnostics are well again": (True, seen.well_again),
     }
     found += [
-        f"{name}: expected {wanted}, got {got}"
-        for name, (wanted, got) in pairs.items()
-        if wanted != got
+        f"{name}: expected {right}, got {got}"
+        for name, (right, got) in pairs.items()
+        if right != got
     ]
     found += [
         f"log: nothing matches {pattern!r}"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Observations of drives on which sensors and clocks go mad, without end."""
+"""Endless observations of drives with faulty sensors and clocks."""
 
 import dataclasses
 import math
@@ -19,47 +19,49 @@ DRIVE_S = 10.0
 STEP_NS = 100_000_000
 LATEST_NS = (2**31 - 1) * 10**9  # what a stamp of ROS holds
 MONSTERS = (math.nan, math.inf, 0.0, 5e-324, 2.2e-308, 1e-160, 1e-12, 1e12, 1e150, 1e300, 1.797e308)
-"""Each with either sign."""
+"""Extreme values, each with either sign."""
 
 
 @dataclass(frozen=True, slots=True)
-class Mood:
-    """How mad the sensors are for a while."""
+class FaultRates:
+    """Rates of the sensors' faults for a while."""
 
     monsters: float  # share of the observations with values out of every range
-    random: float  # share of the observations of which every value is random, within or near what is possible
+    random: (
+        float  # share of the observations whose values are all random, within or near their range
+    )
     scaled: float  # share of the observations with values that are wrong by orders of magnitude
     clock: float  # share of the stamps that jump
 
     @classmethod
-    def drawn(cls, generator: np.random.Generator) -> "Mood":
-        """From sound to mad."""
+    def drawn(cls, generator: np.random.Generator) -> "FaultRates":
+        """Draw a mood from sound to very faulty."""
         monsters, random, scaled = generator.choice(
             [0.0, 0.01, 0.3, 1.0], p=[0.4, 0.2, 0.3, 0.1], size=3
         ).tolist()
         return cls(monsters, random, scaled, clock=float(generator.choice([0.0, 0.01, 0.3])))
 
 
-class Madness:
+class FaultyObservations:
     """Endless observations of one rover, the same for the same seed."""
 
     def __init__(self, rover: Rover, soil: Soil, seed: int, longest: int = 200) -> None:
-        """``longest``: observations of a mood."""
+        """Prepare the drive; ``longest`` is the most observations of a mood."""
         self._rover = rover
         self._drive = drive_observations(rover, soil, DRIVE_S, seed)
         self._longest = longest
         self._generator = np.random.default_rng(seed)
 
     def observations(self) -> Iterator[Observation]:
-        """One mood after the other."""
+        """Yield observations in one mood after the other."""
         stamp = 10**9
         while True:
-            mood = Mood.drawn(self._generator)
+            mood = FaultRates.drawn(self._generator)
             for _ in range(self._generator.integers(self._longest // 10, self._longest)):
                 stamp = self._next_stamp(stamp, mood)
                 yield dataclasses.replace(self._observation(mood), stamp_ns=stamp)
 
-    def _observation(self, mood: Mood) -> Observation:
+    def _observation(self, mood: FaultRates) -> Observation:
         draw = self._generator.random(3)
         observation = self._drive[self._generator.integers(len(self._drive))]
         if draw[0] < mood.random:
@@ -76,7 +78,7 @@ class Madness:
         return observation
 
     def _random(self) -> Observation:
-        """Every value within or near its range, none fitting the others."""
+        """Replace every value by one within or near its range, inconsistent with the others."""
         uniform, axles, radius = (
             self._generator.uniform,
             self._rover.axles,
@@ -104,7 +106,7 @@ class Madness:
         )
 
     def _spoilt(self, observation: Observation, change: Any) -> Observation:
-        """One to four values changed: of all wheels or of one."""
+        """Change one to four values, of all wheels or of one."""
         changes: dict[str, Any] = {}
         for name in self._generator.choice(
             [*AXLE_FIELDS, *SCALAR_FIELDS], size=self._generator.integers(1, 5)
@@ -122,7 +124,7 @@ class Madness:
             changes[name][axles] = change(value[axles])
         return dataclasses.replace(observation, **changes)
 
-    def _next_stamp(self, stamp: int, mood: Mood) -> int:
+    def _next_stamp(self, stamp: int, mood: FaultRates) -> int:
         if self._generator.random() >= mood.clock:
             return min(stamp + STEP_NS, LATEST_NS)
         jumps = (

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a process says of itself: its log and /diagnostics."""
+"""Log and /diagnostics of a process."""
 
 import re
 from typing import Any
@@ -9,17 +9,17 @@ from terrain_estimator.messaging.diagnostics import CHECKS, LATENCY, Level
 
 _LINE = re.compile(r"^\[(?:WARN|ERROR|FATAL)\] \[[\d.]+\] \[[\w.]+\]: (.*)$", re.MULTILINE)
 _OF_THE_MACHINE = (LATENCY.name, LATENCY.quantity)
-"""A busy machine is no fault."""
+"""Lines that a busy machine causes."""
 
 
 def log_lines(output: str) -> list[str]:
-    """Texts of the lines from WARN on, without what is the machine's fault; a traceback counts as a line."""
+    """Return the lines from WARN on without those of a busy machine; a traceback is one line."""
     found = [line for line in _LINE.findall(output) if not line.startswith(_OF_THE_MACHINE)]
     return [*found, "Traceback"] if "Traceback" in output else found
 
 
 def worst_levels(messages: list[Any], node: str) -> dict[str, str]:
-    """The worst level of every check of a node that was not OK, over its subjects."""
+    """Return the worst level of every check that was not OK, over its subjects."""
     levels: dict[str, int] = {}
     for status in (status for message in messages for status in message.status):
         name = status.name.removeprefix(f"/{node}: ")

@@ -27,7 +27,7 @@ from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.outcome import Outcome
-from tests.faults.hostile import Madness
+from tests.faults.hostile import FaultyObservations
 from tests.faults.page import PAGE, machine, replace_section
 from tests.soundness import unsound
 
@@ -35,9 +35,10 @@ HEADING = "A million updates"
 SECTION = """{measured}
 Machine: {machine}; {minutes:.0f} min of processor time.
 
-{updates} updates of {estimators} estimators on simulated drives. Values are replaced by random ones,
-scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest and smallest
-numbers. Stamps jump. Every update is converted to the messages that the node publishes.
+{updates} updates of {estimators} estimators on simulated drives. Values are replaced by
+random ones, scaled by up to twelve orders of magnitude, or set to NaN, infinity, 0 and the largest
+and smallest numbers. Stamps jump. Every update is converted to the messages that the node
+publishes.
 
 - Published numbers that are not finite (or NaN where the message does not allow it), covariances
   that are not symmetric and positive definite, intervals or probabilities out of order:
@@ -75,7 +76,8 @@ def run(model: LoadedModel, updates: int, seed: int, longest: int = 200) -> Resu
     pipeline, types, result = Pipeline(model, EstimatorConfig()), Types(), Result()
     begin = time.process_time()
     for observation in islice(
-        Madness(model.rover, model.metadata.soils[0], seed, longest).observations(), updates
+        FaultyObservations(model.rover, model.metadata.soils[0], seed, longest).observations(),
+        updates,
     ):
         answer = pipeline.answer(Conversion(observation.stamp_ns, observation))
         outgoing = answer.messages(types.make, pipeline.meta)

@@ -29,7 +29,7 @@ def _wrong_qos(rover: Rover, _: Process) -> None:
 
 
 def _own_model(folder: Path) -> dict[str, str]:
-    """A copy of the model, which can be replaced."""
+    """Provide a copy of the model that can be replaced."""
     for suffix in (".pt", ".json"):
         shutil.copy(MODELS / f"mars_rover{suffix}", folder / f"model{suffix}")
     return {"model": str(folder / "model.pt")}
@@ -70,7 +70,7 @@ def _stop(rover: Rover, estimator: Process) -> None:
 
 
 def _with_state(folder: Path) -> dict[str, str]:
-    """The state is kept in a folder of its own."""
+    """Keep the state in a folder of its own."""
     (folder / "kept").mkdir(exist_ok=True)
     return {"state.file": str(folder / "kept" / "ground.state"), "state.autosave_period": "0.2"}
 
@@ -115,7 +115,8 @@ NOT_SAVED = Expected(
 KILLED = Expected(
     frozenset({"none"}), {}, frozenset({"required input"}), lost=20
 )  # "since the start", where that takes a second
-STOPPED = Expected(  # in some runs DDS delivers all that came meanwhile, in others nothing, and it takes a second to be heard again
+# DDS delivers all messages of the stop in some runs, none in others; reconnecting takes a second
+STOPPED = Expected(
     frozenset({"ACCEPTED", "none"}),
     {},
     frozenset({"latency", "losses", "optional input", "required input"}),

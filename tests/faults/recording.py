@@ -26,14 +26,14 @@ BEFORE = 100
 """[messages] recorded before the fault."""
 AFTER = 2000
 AGAIN = 20
-"""[messages] for another recorder, all of which it has to record."""
+"""[messages] for another recorder, which has to record all of them."""
 SMALL_DISK_BYTES = 96 << 10
 
 
 def of_recorder(
     name: str, what: str, happen: Callable[[Process, Path], None], expected: Expected
 ) -> Fault:
-    """A row about the recorder: messages before the fault, the fault, messages until it has ended, another recorder."""
+    """Row of a recorder's fault: messages before it, the fault, its end, another recorder."""
 
     def run(folder: Path, domain_id: int) -> Seen:
         with (
@@ -73,7 +73,7 @@ def of_recorder(
             again = _recorded_again(domain_id, folder / "next")
             again_ns = time.time_ns()
             listener.spin_until(
-                lambda: stamp_ns(diagnostics[-1]) > again_ns, "it says how it is", PATIENCE_S
+                lambda: stamp_ns(diagnostics[-1]) > again_ns, "its diagnostics came", PATIENCE_S
             )
             found = recorded(disk / "run")
             return Seen(
@@ -95,7 +95,7 @@ def _is_well(diagnostics: DiagnosticArray) -> bool:
 
 
 def _recorded_again(domain_id: int, folder: Path) -> list[int]:
-    """What a recorder has of AGAIN messages, once it has the last; from a publisher that does not know the one that was killed."""
+    """Return the messages of a new recorder, once it has the last of AGAIN from a new publisher."""
     with Listener(domain_id) as other:
         publisher = other.publisher(WheelSlip, "wheel_slip", timeout=PATIENCE_S)
         for number in range(AGAIN):
@@ -108,7 +108,7 @@ def _recorded_again(domain_id: int, folder: Path) -> list[int]:
 
 @contextmanager
 def small_disk(folder: Path) -> Iterator[Path]:
-    """A file system of its own that is soon full; a common folder where this process may not mount one."""
+    """Mount a small file system; a plain folder where this process may not mount."""
     folder.mkdir()
     command = ["mount", "-t", "tmpfs", "-o", f"size={SMALL_DISK_BYTES}", "tmpfs", str(folder)]
     mounted = subprocess.run(command, check=False, capture_output=True)
@@ -120,7 +120,7 @@ def small_disk(folder: Path) -> Iterator[Path]:
 
 
 def recorded(folder: Path) -> list[int]:
-    """Sequence numbers of what can be read, finished or not."""
+    """Return the sequence numbers that can be read, of finished and unfinished files."""
     if not list(folder.glob("*.mcap")):
         return []
     with BagReader(folder) as reader:
@@ -140,7 +140,7 @@ def _record(start: Starter, folder: Path) -> Process:
 
 
 def _fill(recorder: Process, folder: Path) -> None:
-    """Where the disk is not small its end is a limit on the size of the file."""
+    """Limit the size of the file where the disk is not small."""
     if not folder.parent.is_mount():
         room = sum(file.stat().st_size for file in folder.iterdir()) + 1000
         resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (room, room))

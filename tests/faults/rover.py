@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A rover that publishes a simulated drive at 10 Hz to a real estimator, and keeps all that comes back."""
+"""A rover that publishes a simulated drive at 10 Hz to a real estimator, and keeps the answers."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -26,20 +26,20 @@ PERIOD_S = 0.1
 DRIVE_S = 22.0
 MOST_REFUSED = 20
 PATIENCE_S = 240.0
-"""[s] Until a process has started: what is slow on a busy machine is no fault."""
+"""[s] Time for a process to start, even on a busy machine."""
 Change = Callable[[list[Event]], list[Event]]
 
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """One instant that was published."""
+    """One published instant."""
 
     stamp_ns: int
     sound: bool
 
 
 class Rover:
-    """Instants are published when they are due; callbacks run meanwhile."""
+    """Publisher of instants at their due times, with callbacks between."""
 
     def __init__(self, folder: Path, domain_id: int) -> None:
         self.folder = folder
@@ -75,13 +75,13 @@ class Rover:
         self.listener.__exit__(kind, error, trace)
 
     def estimator(self, parameters: dict[str, str]) -> Process:
-        """Start one."""
+        """Start an estimator."""
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         self.processes.append(self.start("terrain_estimator", "estimator", "--ros-args", *given))
         return self.processes[-1]
 
     def match(self, estimator: Process) -> None:
-        """Wait until it hears all that is published, and is heard."""
+        """Wait until all topics of the estimator are matched."""
         estimator.wait_for_output("ready: model", timeout=PATIENCE_S)
         for topic in INPUT_TYPES:
             if topic not in self._publishers:
@@ -90,7 +90,7 @@ class Rover:
         estimator.wait_for_output("matched all inputs", timeout=PATIENCE_S)
 
     def wait_for_matches(self) -> None:
-        """Until everything that is published and subscribed has its partner."""
+        """Wait until every publisher and subscription has its partner."""
         for publisher in self._publishers.values():
             self.listener.spin_until(
                 publisher.get_subscription_count, f"{publisher.topic_name} is matched", PATIENCE_S
@@ -103,7 +103,7 @@ class Rover:
             )
 
     def advertise(self, topic: str, qos: QoSProfile) -> None:
-        """Publish a topic from now on with this quality of service."""
+        """Publish a topic with this quality of service from now on."""
         if topic in self._publishers:
             self.listener.node.destroy_publisher(self._publishers[topic])
         self._publishers[topic] = self.listener.node.create_publisher(
@@ -111,13 +111,13 @@ class Rover:
         )
 
     def drive(self, seconds: float, change: Change | None = None, *, sound: bool = True) -> None:
-        """Publish the next instants as ``change`` makes them; those that are not sound count as lost to nobody."""
+        """Publish the next instants, changed; instants that are not sound never count as lost."""
         for _ in range(round(seconds / PERIOD_S)):
             events = self.next_instant()
             self.publish(change(events) if change else events, sound=sound)
 
     def drive_until_accepted(self) -> None:
-        """Publish sound instants until one of them is accepted; waits for the last ones. Raises TimeOutError."""
+        """Publish sound instants until one is accepted; wait for the last. Raises TimeOutError."""
         first = len(self.sent)
         for _ in range(MOST_REFUSED):
             self.drive(PERIOD_S)
@@ -128,7 +128,7 @@ class Rover:
         )
 
     def next_instant(self) -> list[Event]:
-        """The messages of the next instant."""
+        """Return the messages of the next instant."""
         return shifted(self._instants.pop(0), self.shift_ns)
 
     def publish(self, events: Sequence[Event], *, sound: bool = True) -> None:
@@ -143,14 +143,14 @@ class Rover:
             self._publishers[topic].publish(message)
 
     def wait(self, seconds: float) -> None:
-        """Serve callbacks for so long [s]."""
+        """Serve callbacks for some seconds."""
         end = time.monotonic() + seconds
         self.listener.spin_until(
             lambda: time.monotonic() >= end, "the time has passed", seconds + 20.0
         )
 
     def accepted(self, sent: Sequence[Sent]) -> list[tuple[float, Any]]:
-        """Estimates that took one of these, with their times of arrival."""
+        """Return the estimates of these instants, with their times of arrival."""
         stamps = {each.stamp_ns for each in sent}
         return [
             (at, each)
@@ -159,17 +159,17 @@ class Rover:
         ]
 
     def end_fault(self) -> None:
-        """From now on it should be as before; only the first call counts."""
+        """Mark the end of the fault; only the first call counts."""
         self._end = self._end or (len(self.sent), time.monotonic())
 
     @property
     def end(self) -> tuple[int, float]:
-        """Instants published before the fault was over, and when that was."""
+        """Return the instants published before the end of the fault, and its time."""
         assert self._end is not None, "the fault has not ended"
         return self._end
 
     def log_lines(self) -> list[str]:
-        """What the estimators have logged from WARN on, without what is the machine's fault."""
+        """Return the estimators' log from WARN on, without lines of a busy machine."""
         return [line for process in self.processes for line in log_lines(process.output)]
 
     def _hear(self, message: Any) -> None:
@@ -177,7 +177,7 @@ class Rover:
 
 
 def shifted(events: list[Event], by_ns: int) -> list[Event]:
-    """The same messages with later stamps; those of an instant may share one stamp."""
+    """Shift the stamps of messages; those of an instant may share one stamp."""
     stamps = {id(message.header.stamp): message.header.stamp for _, _, message in events}
     for stamp in stamps.values():
         stamp.sec, stamp.nanosec = divmod(stamp.sec * 10**9 + stamp.nanosec + by_ns, 10**9)

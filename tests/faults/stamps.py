@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of the stamps and of the order in which messages come."""
+"""Faults of stamps and of the order of messages."""
 
 from tests.drives import Event
 from tests.faults.fault import Expected
@@ -12,7 +12,7 @@ from tests.system.processes import Process
 SECOND_NS = 10**9
 TOPICS = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
 FIVE_A_SECOND = frozenset({"innovation"})
-"""The mean of so few squared innovations exceeds its limit in 1 % of all seconds."""
+"""Line of a check on few squared innovations, which fails in 1 % of all seconds."""
 OUT_OF_ORDER = tuple(rf"^{topic}: .*[0-9]+ out of order" for topic in TOPICS)
 
 
@@ -28,7 +28,7 @@ def _driven(change: Change, *, sound: bool = True) -> Happen:
 
 
 def _jump(by_ns: int) -> Happen:
-    """From one instant to the next the clock is another one, and stays so."""
+    """Set the clock at one instant, and keep it so."""
 
     def happen(rover: Rover, _: Process) -> None:
         rover.shift_ns = by_ns

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One row of each kind of the fault matrix, all of whose rows `make faults` runs; and the test of its judge."""
+"""One row of each kind of the fault matrix, and its judge; `make faults` runs all rows."""
 
 import dataclasses
 from pathlib import Path
@@ -13,7 +13,7 @@ from tests.faults.fault import Expected, Fault, Seen, complaints
 from tests.faults.page import PAGE
 
 SHARE = ("1e308, optional", "backward jump", "SIGSTOP then SIGCONT", "kill -9 of the recorder")
-"""Of values, stamps, processes and recording; their answer does not depend on how long they last."""
+"""Rows of values, stamps, processes and recording whose result does not depend on duration."""
 BEFORE_S, FAULT_S = 1, 2.0
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is published is sound, whatever comes in: a share of `make million`, and the test of its judge."""
+"""Published messages are sound for any input: a share of `make million`, and its judge."""
 
 import copy
 import math
@@ -32,7 +32,7 @@ def test_mad_sensors_and_clocks_never_make_an_output_unsound(model: LoadedModel)
     assert result.unsound == []
     assert result.updates == UPDATES
     assert result.least > 0.0
-    # else the inputs were too tame to test anything
+    # otherwise the inputs were too sound for a test
     assert {
         Outcome.ACCEPTED,
         Outcome.ACCEPTED_PARTIALLY,
@@ -43,7 +43,7 @@ def test_mad_sensors_and_clocks_never_make_an_output_unsound(model: LoadedModel)
 
 @pytest.fixture(scope="module")
 def messages(model: LoadedModel) -> dict[str, Any]:
-    """What is published of the last of some sound observations: with the first, no velocity can be foretold yet."""
+    """Return the messages of the last of some sound observations; the first has no prediction."""
     pipeline = Pipeline(model, EstimatorConfig())
     drive = drive_observations(model.rover, model.metadata.soils[0], 0.5, seed=1)
     *_, answer = [pipeline.answer(Conversion(each.stamp_ns, each)) for each in drive]

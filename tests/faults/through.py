@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A fault that happens to a running estimator, from sound driving to sound driving."""
+"""A fault of a running estimator, with sound driving before and after."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -17,9 +17,9 @@ from tests.system.processes import Process
 
 BEFORE_S = 3
 SETTLE_S = 3.5
-"""[s] Sound driving after a fault: /diagnostics comes once a second, and has to be well again."""
+"""[s] Sound driving after a fault, until /diagnostics, once a second, is OK again."""
 _FORGOTTEN = 5
-"""[observations] A restarted node may have lost so many of what it knew: half a second."""
+"""[observations] Loss allowed for a restarted node: half a second."""
 Happen = Callable[[Rover, Process], None]
 
 
@@ -30,7 +30,7 @@ def of_estimator(
     expected: Expected,
     parameters: Callable[[Path], dict[str, str]] = lambda _: {},
 ) -> Fault:
-    """A row about the estimator; ``parameters`` may prepare the folder that they name."""
+    """Row of an estimator's fault; ``parameters`` may prepare the folder that they name."""
 
     def run(folder: Path, domain_id: int) -> Seen:
         with Rover(folder, domain_id) as rover:
@@ -60,7 +60,7 @@ def of_estimator(
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """How far everything was when the fault began."""
+    """Counts at the start of the fault."""
 
     sent: int
     diagnostics: int
@@ -69,7 +69,7 @@ class Mark:
 
     @classmethod
     def of(cls, rover: Rover) -> Self:
-        """Now."""
+        """Take the counts now."""
         return cls(
             len(rover.sent),
             len(rover.diagnostics),
@@ -78,7 +78,7 @@ class Mark:
         )
 
     def seen(self, rover: Rover, during: list[Sent]) -> Seen:
-        """What came of the fault, in which ``during`` was published."""
+        """Return the result of the fault, during which ``during`` was published."""
         over, end_s = rover.end
         accepted = {stamp_ns(each) for _, each in rover.accepted(rover.sent)}
         back_after = next(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of what a message says: for eight seconds one sensor says something else."""
+"""Faults of values: one sensor publishes wrong ones for eight seconds."""
 
 import math
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from tests.faults.through import of_estimator
 from tests.system.processes import Process
 
 FAULT_S = 8.0
-"""[s] What is wrong for five seconds is in the log; some of it takes a second or two to be wrong."""
+"""[s] Duration of a fault; five seconds until the log, one or two until some faults take effect."""
 WHEELS = 6
 
 
@@ -30,7 +30,7 @@ def said(topic: str, set_to: Callable[[Any], None]) -> Change:
 
 
 def spoilt(name: str, what: str, change: Change, expected: Expected) -> Fault:
-    """A row in which every message of eight seconds is changed."""
+    """Return a row in which every message of eight seconds is changed."""
 
     def happen(rover: Rover, _: Process) -> None:
         rover.drive(FAULT_S, change, sound=False)
@@ -39,7 +39,7 @@ def spoilt(name: str, what: str, change: Change, expected: Expected) -> Fault:
 
 
 def refused(outcome: str) -> Expected:
-    """Every observation is refused for this reason, and nothing else happens."""
+    """Expect that every observation is refused for this reason, and nothing else."""
     return Expected(
         frozenset({outcome}), {"refused": "ERROR"}, log=(rf"^refused: [0-9]+ {outcome} ",)
     )
@@ -78,7 +78,7 @@ def _frame(message: Any) -> None:
 
 
 def _stuck() -> Change:
-    """The first velocity again and again."""
+    """Repeat the first velocity."""
     kept: list[float] = []
 
     def hold(message: Any) -> None:

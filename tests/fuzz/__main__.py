@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuzz the readers of bags, YAML, JSON, CSV and saved states with atheris (libFuzzer): `make fuzz`.
 
-A finding is an exception other than the reader's documented one, a time-out, or too much memory. Its
-input is kept, and the exit code is 1.
+A finding is an exception other than the reader's documented one, a time-out, or too much memory.
+Its input is kept, and the exit code is 1.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One target under libFuzzer, in a process of its own: drive.py TARGET [libFuzzer's arguments]."""
+"""Run one target under libFuzzer: drive.py TARGET [libFuzzer's arguments]."""
 
 import sys
 

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every reader of files that come from elsewhere, and what recovers them: bytes in, and nothing out but the error that it documents.
+"""Fuzz targets: every reader of foreign files, and their recovery.
 
-What else a target raises is a finding. Each has seeds, sound files from which a fuzzer starts.
+A target takes bytes. Any exception but the documented one is a finding. Each has seeds: sound files
+from which a fuzzer starts.
 """
 
 import functools
@@ -46,12 +47,12 @@ from tests.terrain_estimator.bags.support import finished_bag, killed_recording
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 MESSAGES = 200
-"""Messages of a bag that are decoded."""
+"""Number of a bag's messages that are decoded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One reader."""
+    """One reader to fuzz."""
 
     read: Callable[[Path], None]  # raises what is a finding
     name: str  # of the file that it reads
@@ -59,7 +60,7 @@ class Target:
     weight: float = 1.0  # of its share of the time
 
     def __call__(self, data: bytes) -> None:
-        """Let it read these bytes."""
+        """Read these bytes."""
         path = _folder() / self.name
         path.write_bytes(data)
         self.read(path)
@@ -67,7 +68,7 @@ class Target:
 
 @functools.cache
 def _folder() -> Path:
-    """In memory where that is possible."""
+    """Return a temporary folder, in memory where possible."""
     shared = Path("/dev/shm")
     holder = tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None)
     _HOLDERS.append(holder)
@@ -78,7 +79,7 @@ _HOLDERS: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def read_bag(path: Path) -> None:
-    """Open, list, decode."""
+    """Open a bag, list and decode its messages."""
     try:
         with BagReader(path) as reader:
             assert reader.span.count >= 0
@@ -90,7 +91,7 @@ def read_bag(path: Path) -> None:
 
 
 def _decode(reader: BagReader, message: object) -> None:
-    """One message that cannot be decoded does not end the bag."""
+    """Decode a message; an error does not end the bag."""
     try:
         reader.decode(message)  # type: ignore[arg-type]
     except BagError:
@@ -98,7 +99,7 @@ def _decode(reader: BagReader, message: object) -> None:
 
 
 def read_bag_folder(path: Path) -> None:
-    """The folder whose metadata.yaml this is; it has no other file."""
+    """Read a folder with this metadata.yaml and no other file."""
     assert path.name == METADATA_FILE
     try:
         BagReader(path.parent).close()
@@ -107,7 +108,7 @@ def read_bag_folder(path: Path) -> None:
 
 
 def recover_bag(path: Path) -> None:
-    """Recover; what came of it is a bag."""
+    """Recover a bag; the result has to be a bag."""
     target = path.with_name("recovered")
     shutil.rmtree(target, ignore_errors=True)
     try:
@@ -120,7 +121,7 @@ def recover_bag(path: Path) -> None:
 
 
 def restore_state(path: Path) -> None:
-    """Go on from a saved state."""
+    """Continue from a saved state."""
     try:
         Estimator(_model(), EstimatorConfig().core).restore(read_state(path, _model().sha256))
     except StateFileError:
@@ -128,7 +129,7 @@ def restore_state(path: Path) -> None:
 
 
 def read_archive(path: Path) -> None:
-    """Arrays behind a first line that says their right size and sum, as a hostile file's would."""
+    """Put a first line with the right size and sum before arrays, like a hostile file."""
     payload = path.read_bytes()
     header = json.loads(pack_state({}, _model().sha256).partition(b"\n")[0])
     header |= {"size": len(payload), "sha256": hashlib.sha256(payload).hexdigest()}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever a file holds, a reader gives its content or its documented error. `make fuzz` looks further, guided by coverage."""
+"""Readers give the content of a file or their documented error; `make fuzz` searches further."""
 
 import functools
 import math
@@ -35,12 +35,12 @@ WORDS = (
     b"\xff",
     b'"',
 )
-"""What readers of text stumble over."""
+"""Words that are difficult for readers of text."""
 
 
 @st.composite
 def damaged(draw: st.DrawFn, name: str) -> bytes:
-    """A sound file with some of its bytes taken out, doubled, replaced by others or by words."""
+    """Draw a sound file with some bytes removed, doubled, or replaced by others or by words."""
     data = bytearray(draw(st.sampled_from(_seeds(name))))
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, len(data)))
@@ -58,13 +58,13 @@ def _seeds(name: str) -> list[bytes]:
 
 
 def examples(share: float) -> Any:
-    """Settings with so large a share of the profile's examples."""
+    """Return settings with this share of the profile's examples."""
     return settings(max_examples=max(1, int(share * settings().max_examples)))
 
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_damaged_file_is_read_or_refused_with_the_documented_error(name: str) -> None:
-    """Without an assertion of its own: a target raises what it finds."""
+    """Run a target, which raises an error for a finding."""
 
     @examples(0.3)
     @given(data=damaged(name))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hidden cases: sets of five one-minute drives on one soil, with the same hidden effects in all of them.
+"""Hidden cases: five one-minute drives on one soil, with the same hidden effects.
 
 What a case is follows from its plan, its number and one seed. Many cases of one plan are simulated
 together.
@@ -30,12 +30,12 @@ EACH = DRIVES + SPARE
 TERRAINS = ("hills", "flat", "hills", "ramp")
 """Terrains of cases in turn."""
 SHORTEST = 30.0
-"""[s] A drive that gets stuck earlier is replaced while there are spare ones."""
+"""[s] A drive that gets stuck earlier is replaced by a spare one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is hidden in a case. ``parts`` are names of hidden effects with the share of the size that matters."""
+    """Hidden effects of a case: ``parts`` are names, each with a share of the size that matters."""
 
     parts: tuple[tuple[str, float], ...] = ()
     torque: bool = True  # whether motor torque is measured
@@ -45,7 +45,7 @@ class Plan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What a right verdict names; empty where it is "none"; ("unknown",) where the library lacks an effect."""
+        """Names of a right verdict; empty for "none", ("unknown",) outside the library."""
         if any(not GENERATORS[name].known for name, _ in self.parts):
             return ("unknown",)
         return tuple(name for name, _ in self.parts)
@@ -53,10 +53,10 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What only the judge may see."""
+    """Truth of a case, for the judge only."""
 
     plan: Plan
-    soil: str  # the workflow is told it, bags do not say it
+    soil: str  # given to the workflow, not in the bags
     terrain: str
     sizes: tuple[float, ...]  # of the plan's parts, in the units of the hidden laws
     equivalents: tuple[
@@ -81,7 +81,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """The drives of some cases of one plan, EACH of one case after the other, and what was drawn for them."""
+    """Drives of some cases of one plan, EACH of one case after the other, and their draws."""
 
     drive: Drive
     measured: Measurement  # of every wheel
@@ -95,7 +95,9 @@ class Simulated:
 def simulate_cases(
     plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0
 ) -> Simulated:
-    """Simulate and measure ``count`` cases. What is hidden has random numbers of its own: other plans see the same drives.
+    """Simulate and measure ``count`` cases.
+
+    Hidden effects have their own random numbers, so that other plans get the same drives.
 
     ``first`` is the number of the first case among those that take soils and terrains in turn.
     """
@@ -131,7 +133,7 @@ def simulate_cases(
 def draw_cases(
     plan: Plan, count: int, seed: int, rover: str = "mars_rover", first: int = 0
 ) -> list[Case]:
-    """``count`` cases of one plan; the same plan, count, seed and ``first`` give the same cases, other plans others."""
+    """Draw ``count`` cases of one plan; the arguments determine the cases."""
     simulated = simulate_cases(
         plan, count, seed + zlib.crc32(repr(plan).encode()) % 1_000_000, rover, first
     )
@@ -164,7 +166,7 @@ def _case(plan: Plan, simulated: Simulated, k: int) -> Case:
 
 
 def drive_ends(drive: Drive) -> Tensor:
-    """Samples of every drive before the first second in which the rover is stuck, [batch]."""
+    """Return the samples of every drive before its first stuck second, [batch]."""
     stuck = drive.sample.stuck
     moving = (~stuck).sum(1)
     struggling = round(STUCK_TIME / TIME_STEP) - 1
@@ -172,14 +174,14 @@ def drive_ends(drive: Drive) -> Tensor:
 
 
 def _chosen(ends: Tensor, first: int) -> list[int]:
-    """Numbers of the five drives of a case: the first that last long enough, and if need be the longest of the others."""
+    """Return the five drives of a case: the first that last long enough, then the longest."""
     lasting = [min(float(ends[j]) * TIME_STEP, SHORTEST) for j in range(first, first + EACH)]
     ranked = sorted(range(EACH), key=lambda j: -lasting[j])  # stable: equals stay in their order
     return sorted(first + j for j in ranked[:DRIVES])
 
 
 def _cut(measured: Measurement, drive: int, end: int) -> Measurement:
-    """One drive of a batch up to its end."""
+    """Return one drive of a batch up to its end."""
     batch, time = measured.velocity.shape
     values = {}
     for item in dataclasses.fields(Measurement):

@@ -18,13 +18,13 @@ from tests.hidden.sensing import Sensed
 from tests.hidden.soil import Sized
 
 Pair = tuple[Tensor, Tensor]
-"""What the hidden law does, and what the plain law of size 1 does, [samples, axles or 1] each; or several of them, [..., laws]."""
+"""Effects of the hidden law, and of the plain law of size 1: [samples, axles or 1, (laws)]."""
 Law = Callable[[Effect, Situation, ContactInputs, Drive], Pair]
 _ONE = torch.ones(1, 1, dtype=torch.float64)
 
 
 def equivalent_size(name: str, effect: Effect, drive: Drive, episodes: Sequence[int]) -> float:
-    """Size in the unit of the plain law, from the drives ``episodes`` of a simulated batch; NaN where there is no such law."""
+    """Return the size in the unit of the plain law, from drives of a batch; NaN without a law."""
     if name not in LAWS:
         return float("nan")
     sample = drive.sample
@@ -48,7 +48,8 @@ def equivalent_size(name: str, effect: Effect, drive: Drive, episodes: Sequence[
         & ~sample.stuck.flatten()
         & ~sample.standing.flatten()
     )
-    done, plain = torch.broadcast_tensors(done[chosen], plain[chosen])  # type: ignore[no-untyped-call]
+    pair = (done[chosen], plain[chosen])
+    done, plain = torch.broadcast_tensors(*pair)  # type: ignore[no-untyped-call]
     size = (done * plain).sum((0, 1)) / plain.square().sum((0, 1))
     left = (done - size * plain).square().sum((0, 1))
     return float(size[left.argmin()])
@@ -73,7 +74,7 @@ def _resistance(effect: Effect, where: Situation, contact: ContactInputs, _drive
 
 
 def _lug_thrust(effect: Effect, where: Situation, contact: ContactInputs, drive: Drive) -> Pair:
-    """At what slip they are mobilised is free beside the size."""
+    """Return the effects of the laws; the slip of mobilisation is a free parameter, too."""
     mobilised = 0.1 * torch.exp(torch.linspace(-2.8, 2.8, 57, dtype=torch.float64))
     slip = contact.slip.unsqueeze(-1)
     plain = torch.sign(slip) * (1.0 - torch.exp(-slip.abs() / mobilised))
@@ -83,7 +84,7 @@ def _lug_thrust(effect: Effect, where: Situation, contact: ContactInputs, drive:
 def _thrust(
     effect: Effect, where: Situation, contact: ContactInputs, normal: Tensor | None = None
 ) -> Tensor:
-    """What an effect adds to T where N is ``normal``."""
+    """Return what an effect adds to T where N is ``normal``."""
     load = torch.zeros_like(contact.slip) if normal is None else normal
     return effect.push(
         where, contact, torch.stack([load, torch.zeros_like(load), torch.zeros_like(load)], dim=-1)
@@ -106,7 +107,7 @@ def _mass(effect: Effect, where: Situation, _contact: ContactInputs, _drive: Dri
 
 
 def _exponent(effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive) -> Pair:
-    """The exponent that gives the pressure of the depth z_0 at the depth z."""
+    """Return the exponent that gives the pressure of the depth z_0 at the depth z."""
     shrink = (effect.contact(where, contact).sinkage / contact.sinkage).log()
     return contact.constants[..., 0] * shrink / contact.sinkage.log(), contact.slip.abs()
 
@@ -120,7 +121,7 @@ def _speed_exponent(
 def _pass_stiffening(
     effect: Effect, where: Situation, contact: ContactInputs, _drive: Drive
 ) -> Pair:
-    """What the first pass adds: what later ones add in proportion to it is free beside the size."""
+    """Return the effect of the first pass; the share of later ones is a free parameter, too."""
     second = (where.order == 1.0).to(torch.float64).unsqueeze(0)
     return (_stiffening(effect, where, contact) - 1.0) * second, second
 
@@ -144,7 +145,7 @@ def _own_size(factor: float) -> Law:
 
 
 MEAN_LOSS = 0.95
-"""[1] Mean of 1 - 0.05 (1 + cos): what the worn coupling loses over a turn, in units of its size."""
+"""[1] Mean of 1 - 0.05 (1 + cos): loss of the worn coupling over a turn, in units of its size."""
 
 LAWS: dict[str, Law] = {
     "slope_bias": _reading("pitch"),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Soil and terrain of hidden cases: one soil a case, its constants a few per cent off and its strength drawn for every drive."""
+"""Soil and terrain of hidden cases: one soil a case, its strength drawn for every drive."""
 
 import math
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ FRICTION_DEG = (15.0, 45.0)
 SPREAD = 0.05
 """[1] Largest relative error of each soil constant."""
 STEEPEST = math.radians(4.0)
-"""[rad] Of a ramp."""
+"""[rad] Slope of a ramp."""
 BLEND = 2.0
-"""[m] Length over which a ramp begins."""
+"""[m] Length of the transition to a ramp."""
 
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """Hills, a ramp, or neither in each episode: the sum of a batch of both, flat where that is not the episode's terrain."""
+    """Hills, a ramp, or neither in each episode: the sum of both, each flat elsewhere."""
 
     hills: Hills
     grade: Tensor  # [batch] slope of the ramp [1]
     foot: Tensor  # [batch] [m] where it begins
 
     def shape(self, x: Tensor) -> Shape:
-        """See terramechanics.terrain.profile.Profile."""
+        """Return height, slope and curvature at the places ``x``."""
         wide = (-1, *[1] * (x.dim() - 1))
         grade, foot = self.grade.reshape(wide), self.foot.reshape(wide)
         u = ((x - foot) / BLEND).clamp(0.0, 1.0)
@@ -50,14 +50,14 @@ class Terrain:
 def uniform(
     ends: tuple[float, float], shape: tuple[int, ...], generator: torch.Generator
 ) -> Tensor:
-    """Uniform numbers in [low, high)."""
+    """Draw uniform numbers in [low, high)."""
     return ends[0] + (ends[1] - ends[0]) * torch.rand(
         shape, generator=generator, dtype=torch.float64
     )
 
 
 def draw_ground(soils: list[str], generator: torch.Generator) -> Ground:
-    """Ground of every episode, with the soil of that name."""
+    """Return the ground of every episode, with the named soil."""
     batch = len(soils)
     constants = torch.stack([load_soil(soil).constants() for soil in soils]) * (
         1.0 + uniform((-SPREAD, SPREAD), (batch, 6), generator)
@@ -70,7 +70,7 @@ def draw_ground(soils: list[str], generator: torch.Generator) -> Ground:
 def draw_terrain(
     kinds: list[str], rover: Rover, ground: Ground, generator: torch.Generator
 ) -> Profile:
-    """Terrain of every episode, of the kind of that name; no slope is steeper than half of what the rover can pull."""
+    """Return the named terrain of every episode, with slopes up to half of the capability."""
     capability = drawbar_capability(rover, ground.patches[0].constants, ground.patches[0].strength)
     hills = random_hills(len(kinds), capability, generator)
     hilly, ramped = (

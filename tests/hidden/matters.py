@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""How much a hidden effect matters to the estimator that knows nothing of it: `python -m tests.hidden.matters [NAME ...]`.
+"""Influence of hidden effects on the estimator: `python -m tests.hidden.matters [NAME ...]`.
 
 The same drives, noise and seed with and without the effect go through the recursion of physics
 alone, soil constants uncertain, all rows. An effect matters at the size at which in half of the
@@ -35,9 +35,10 @@ PER_AXLE = ("slip", "sinkage", "contact_angle", "wheel_rate", "torque")
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """What an effect does to estimates, over all drives."""
+    """Influence of an effect on estimates, over all drives."""
 
-    shift: float  # median over drives of the larger shift of c and tan(phi), in deviations of five drives together
+    # median over drives of the larger shift of c and tan(phi), in deviations of five drives
+    shift: float
     cohesion: float  # its part in c
     friction: float  # its part in tan(phi)
     misfit: float  # mean misfit of a block over that without the effect
@@ -45,12 +46,12 @@ class Damage:
 
     @property
     def matters(self) -> bool:
-        """Whether this is what "it matters" means here."""
+        """True where the effect matters."""
         return self.shift > SHIFT or self.misfit > FACTOR
 
 
 def axle_means(measured: Measurement, axles: int) -> Measurement:
-    """The measurement of every axle, as the mean of its left and right wheel, which stand side by side in the rover file."""
+    """Return the measurement of every axle: the mean of its two wheels."""
     values = {}
     for name in PER_AXLE:
         pairs = getattr(measured, name)
@@ -67,7 +68,7 @@ def axle_means(measured: Measurement, axles: int) -> Measurement:
 
 
 def estimate(simulated: Simulated) -> dict[str, Trace]:
-    """Estimates after each drive, by soil: the drives of one soil are one batch."""
+    """Return the estimates after each drive, by soil: the drives of one soil are one batch."""
     rover = simulated.drive.rover
     packed = pack_measurement(axle_means(simulated.measured, rover.axles))
     ends = drive_ends(simulated.drive)
@@ -80,7 +81,7 @@ def estimate(simulated: Simulated) -> dict[str, Trace]:
 
 
 def damage(name: str, size: float, cases: int, seed: int = SEED) -> Damage:
-    """What the effect does at ``size`` times the one that matters."""
+    """Return the influence of the effect at ``size`` times the one that matters."""
     without = _nominal(cases, seed)
     hidden = simulate_cases(Plan(((name, size),)), cases, seed)
     with_it = estimate(hidden)
@@ -103,13 +104,13 @@ def _nominal(cases: int, seed: int) -> dict[str, Trace]:
 
 
 def _shift(without: Trace, with_it: Trace) -> Tensor:
-    """[drives, 2] of c and tan(phi), in deviations of five drives together."""
+    """Return the shifts of c and tan(phi) [drives, 2], in deviations of five drives together."""
     spread = without.covariance[:, -1].diagonal(dim1=-2, dim2=-1).sqrt()
     return (with_it.mean[:, -1] - without.mean[:, -1]).abs() / spread * math.sqrt(DRIVES)
 
 
 def _misfit(trace: Trace) -> Tensor:
-    """Misfit of each block over its degrees of freedom."""
+    """Return the misfit of each block over its degrees of freedom."""
     return (trace.misfit / trace.degrees).flatten()
 
 

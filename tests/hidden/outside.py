@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hidden effects that the library of named effects does not have: a right verdict about them is "unknown"."""
+"""Hidden effects outside the library of named effects: the right verdict is "unknown"."""
 
 import dataclasses
 
@@ -26,7 +26,7 @@ MEMORY = 100
 
 
 class Tether(Sized):
-    """A tether that unrolls behind the rover pulls it back, the harder the further it is: size x / (10 m)."""
+    """Pull of a tether behind the rover, growing with distance: size x / (10 m)."""
 
     def pull(self, where: Situation) -> Pull:
         driven = where.place[:, -1].clamp(min=0.0)
@@ -35,7 +35,7 @@ class Tether(Sized):
 
 
 class GainDrift(Sensed):
-    """The gain of the torque measurement drifts: (1 + size t / (60 s))."""
+    """Drifting gain of the torque measurement: (1 + size t / (60 s))."""
 
     def sensed(self, sample: Sample) -> Sample:
         gain = 1.0 + self.sizes * sample.time / DRIFT_TIME
@@ -43,7 +43,7 @@ class GainDrift(Sensed):
 
 
 class Crust(Sized):
-    """A crust makes the ground (1 + size) times as stiff, up to the place where it breaks."""
+    """Crust that makes the ground (1 + size) times as stiff, up to the place where it breaks."""
 
     def __init__(self, sizes: Tensor, ends: Tensor) -> None:
         super().__init__(sizes)
@@ -60,10 +60,9 @@ class Crust(Sized):
 
 
 class SlowClock(Sensed):
-    """The clock that stamps odometry and inertial unit loses size seconds each second.
+    """Clock of odometry and inertial unit that loses size seconds each second.
 
-    Stamped alike, wheel signals are then older than those of the body, by size t: in the time of
-    the slow clock they lag.
+    Wheel signals of the same stamp are then older than those of the body, by size t.
     """
 
     def begin(self, rover: Rover, batch: int) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sealed bags of a case: the estimator's input topics and nothing else, under names that say nothing."""
+"""Sealed bags of a case: the estimator's input topics only, under neutral names."""
 
 import dataclasses
 import math
@@ -28,11 +28,11 @@ from tests.hidden.cases import Case
 START_NS = 1_000 * 1_000_000_000
 STEP_NS = round(TIME_STEP * 1e9)
 COLUMN = "column"
-"""Name of every column: bags do not hold it."""
+"""Name of every column, which is not in the bags."""
 
 
 def seal(case: Case, folder: Path) -> list[Path]:
-    """Write the drives of a case to the bags run_1, run_2, ... in ``folder``, which is made; return their paths."""
+    """Write the drives of a case to bags run_1, run_2, ... in a new ``folder``; return them."""
     folder.mkdir(parents=True, exist_ok=True)
     bags = []
     for number, drive in enumerate(case.drives, start=1):
@@ -43,7 +43,7 @@ def seal(case: Case, folder: Path) -> list[Path]:
 
 
 def samples(drive: Measurement) -> Iterator[TableSample]:
-    """The samples of one drive [time, wheels], as what a bag is written from."""
+    """Return the samples of one drive [time, wheels] for the writer of bags."""
     slips, sinkages, angles = (_pairs(drive, name) for name in ("slip", "sinkage", "contact_angle"))
     velocities, pitches, accelerations = (
         _pairs(drive, name) for name in ("velocity", "pitch", "acceleration")
@@ -69,14 +69,14 @@ def samples(drive: Measurement) -> Iterator[TableSample]:
 
 
 def _pairs(drive: Measurement, name: str) -> list:  # type: ignore[type-arg]
-    """Value and deviation, as nested lists [time, ..., 2]."""
+    """Return value and deviation as nested lists [time, ..., 2]."""
     value = getattr(drive, name)
     deviation = torch.as_tensor(getattr(drive, f"{name}_sd")).expand_as(value)
     return torch.stack([value, deviation], dim=-1).tolist()
 
 
 def _mapping(rover: Rover, drive: Measurement) -> Mapping:
-    """Which signals there are. Deviations come with the samples; those of a mapping have to be there, and are not used."""
+    """Return the mapping of the signals; its deviations are required but unused."""
     some = SignalNoise(absolute=1.0)
     mapping = Mapping(
         time=Time(COLUMN),

@@ -31,7 +31,7 @@ class Sensed(Effect):
 
 
 class TiltedUnit(Sensed):
-    """The inertial unit sits tilted by size, attitude and accelerometer alike, and a little less while it is cold."""
+    """Tilt of the inertial unit by size, in attitude and accelerometer; less while it is cold."""
 
     def sensed(self, sample: Sample) -> Sample:
         tilt = self.sizes * (1.0 - 0.3 * torch.exp(-sample.time / WARM_UP))
@@ -45,7 +45,7 @@ class TiltedUnit(Sensed):
 
 
 class UnevenWear(Sensed):
-    """Slip is computed with the radius of a new wheel, which the axles have lost unevenly."""
+    """Slip computed with the radius of a new wheel, while the axles' wheels are worn unevenly."""
 
     def sensed(self, sample: Sample) -> Sample:
         loss = self.sizes.unsqueeze(-1) * torch.tensor(WEAR, dtype=torch.float64)
@@ -53,7 +53,7 @@ class UnevenWear(Sensed):
 
 
 class RimAngle(Sensed):
-    """Sinkage is read off the angle at which the soil meets the rim, and that angle is size too large."""
+    """Sinkage from the entry angle of the rim, measured too large by size."""
 
     def sensed(self, sample: Sample) -> Sample:
         angle = torch.acos(
@@ -63,7 +63,7 @@ class RimAngle(Sensed):
 
 
 class Smoothed(Sensed):
-    """Slip and sinkage run through a low-pass filter whose time constant is size; between samples they change linearly."""
+    """Low-pass filter of slip and sinkage with time constant size, linear between samples."""
 
     def begin(self, rover: Rover, batch: int) -> None:
         super().begin(rover, batch)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hidden effects of the soil: other laws than the library of named effects has, from the literature where it offers one."""
+"""Hidden effects of the soil, by other laws than the library's, where possible published ones."""
 
 import dataclasses
 
@@ -12,18 +12,18 @@ from terramechanics.simulation.sample import Sample
 from terramechanics.vehicle.rover import Rover
 
 SOIL_DENSITY = 1600.0
-"""[kg/m^3]"""
+"""[kg/m^3] Density of the soil."""
 WEDGE_COHESION = 1000.0
 """[Pa] of the remoulded soil in front of a wheel."""
 CELL = 0.05
-"""[m] Length of track that remembers one rut depth."""
+"""[m] Length of track with one rut depth."""
 CELLS = 1000
 TIP_SPEED, SLOWEST = 0.05, 0.01
-"""[m/s] Vertical speed of the rim at first contact at which the soil constants hold, and below which they change no more."""
+"""[m/s] Entry speed of the rim at which the soil constants hold, below which they stay constant."""
 
 
 def entry(contact: ContactInputs, radius: float) -> Tensor:
-    """Angle at which the rim meets the undisturbed soil [rad]."""
+    """Return the angle at which the rim meets the undisturbed soil [rad]."""
     return torch.acos((1.0 - contact.sinkage / radius).clamp(0.05, 1.0))
 
 
@@ -34,12 +34,15 @@ class Sized(Effect):
         self.sizes = sizes
 
     def size(self, where: Situation) -> Tensor:
-        """[rows, 1]"""
+        """Return the size of every row [rows, 1]."""
         return self.sizes[where.episode, None]
 
 
 class PassiveWedge(Sized):
-    """Rankine's passive earth pressure on the buried width: b (rho g z^2 K_p / 2 + 2 c z sqrt(K_p)), K_p = tan^2(45 deg + phi / 2)."""
+    """Rankine's passive earth pressure on the buried width.
+
+    b (rho g z^2 K_p / 2 + 2 c z sqrt(K_p)) with K_p = tan^2(45 deg + phi / 2).
+    """
 
     def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         tan_phi = contact.strength[..., 1]
@@ -53,7 +56,7 @@ class PassiveWedge(Sized):
 
 
 class LugThrust(Sized):
-    """Bekker's thrust of lugs of height h = size: what its two lug terms add, mobilised with slip as the soil between lugs shears.
+    """Bekker's thrust of lugs of height h = size: its two lug terms, mobilised with slip.
 
     H = b l c 2 h / b + W tan(phi) 0.64 (h / b) atan(b / h), times 1 - (K / (s l)) (1 - exp(-s l /
     K)); the moment has the arm r + h.
@@ -73,7 +76,7 @@ class LugThrust(Sized):
 
 
 class Excavation(Sized):
-    """Lyasko: z = z_0 ((1 + i) / (1 - i / 2))^size. The stresses are those of the depth z_0 that load alone would give."""
+    """Slip sinkage after Lyasko: z = z_0 ((1 + i) / (1 - i / 2))^size, with the stresses of z_0."""
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         slip = contact.slip.clamp(min=0.0)
@@ -82,7 +85,7 @@ class Excavation(Sized):
 
 
 class Rut(Sized):
-    """Elastic reload in the rut of the wheels before: a share (size) of its depth z_u stays when they have passed.
+    """Elastic reload in the rut of earlier wheels, of whose depth z_u a share (size) stays.
 
     The rim meets the soil at size z_u below the surface, and cameras see the depth from there. Down
     to z_u soil is reloaded so that at z_u the pressure is the virgin one again; deeper, the
@@ -127,7 +130,7 @@ class Rut(Sized):
         return dataclasses.replace(sample, sinkage=sample.sinkage - floor)
 
     def _rut(self, places: Tensor, episode: Tensor) -> Tensor:
-        """Depth of the rut that each wheel finds [rows, axles]; none below the front wheel."""
+        """Return the rut depth under each wheel [rows, axles]; none under the front wheel."""
         place = ((places[:, 1:] + self.offset) / CELL).clamp(0.0, CELLS - 2.0)
         index = place.long().unsqueeze(-1)
         depth = self.depth[episode, :-1]
@@ -138,7 +141,7 @@ class Rut(Sized):
 
 
 class PenetrationRate(Sized):
-    """k (1 + size ln(v / v_0)) with v the speed at which the rim enters the soil, r w sin(theta_1)."""
+    """Rate dependence k (1 + size ln(v / v_0)), with the rim's entry speed v = r w sin(theta_1)."""
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         speed = where.speed * torch.sin(entry(contact, where.rover.wheel_radius))
@@ -153,7 +156,7 @@ class PenetrationRate(Sized):
 
 
 class TrailingContact(Sized):
-    """theta_2 = -size theta_1 (1 + i / 2): contact behind the axle in proportion to the entry angle, and growing with slip."""
+    """Contact behind the axle, growing with slip: theta_2 = -size theta_1 (1 + i / 2)."""
 
     def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
         angle = (

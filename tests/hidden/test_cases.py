@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hidden cases follow from one seed, and their sealed bags hold the estimator's input and nothing about the truth."""
+"""Hidden cases follow from one seed; their sealed bags hold the estimator's input and no truth."""
 
 import dataclasses
 import math
@@ -121,7 +121,7 @@ def test_a_sealed_bag_holds_the_input_topics_and_nothing_else(bags: list[Path]) 
 
 
 def contents(bag: Path) -> bytes:
-    """All bytes of a bag as they lie in its files, and every record of its file decompressed."""
+    """Return all bytes of a bag's files, and every record decompressed."""
     with BagReader(bag) as reader:
         messages = [message.topic.encode() + message.data for message in reader.messages()]
     return b"".join([*(file.read_bytes() for file in sorted(bag.iterdir())), *messages])
@@ -156,7 +156,7 @@ def test_no_byte_of_a_sealed_bag_tells_what_is_hidden(bags: list[Path]) -> None:
 
 
 def test_the_search_for_truth_finds_it_where_it_is(tmp_path: Path) -> None:
-    """The same search, on a bag into whose wheel rates the hidden size was written."""
+    """Search a bag whose wheel rates contain the hidden size."""
     case = cases()[0]
     size = case.truth.sizes[0]
     drive = dataclasses.replace(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hidden effects act where they should, in the direction and at the size they should, and share nothing with the library but names."""
+"""Hidden effects act in the right place, direction and size, and share only the library's names."""
 
 import ast
 import math
@@ -114,7 +114,7 @@ def test_a_hidden_effect_without_size_leaves_everything_as_it_is(name: str) -> N
 
 @pytest.mark.parametrize("name", GENERATORS)
 def test_at_its_size_an_effect_shows_in_some_signal_and_fades_with_its_size(name: str) -> None:
-    """Largest change of any signal over the deviation that its sensor publishes."""
+    """Return the largest change of any signal over the published deviation of its sensor."""
     quiet = measure_drive(
         MARS, nominal().seen, Noise(factor=1e-3), torch.Generator().manual_seed(1)
     )
@@ -137,9 +137,11 @@ def test_at_its_size_an_effect_shows_in_some_signal_and_fades_with_its_size(name
 @pytest.mark.parametrize(
     ("name", "signal", "sign"),
     [
-        ("bulldozing", "slip", 1), ("payload", "sinkage", 1), ("grousers", "slip", -1), ("slip_sinkage", "sinkage", 1),
-        ("exit_angle", "sinkage", -1), ("tether", "slip", 1), ("crust", "sinkage", -1),
-        ("multipass", "sinkage", -1), ("failed_wheel", "slip", 1), ("drive_drag", "torque", 1), ("coulomb_drag", "torque", 1),
+        ("bulldozing", "slip", 1), ("payload", "sinkage", 1), ("grousers", "slip", -1),
+        ("slip_sinkage", "sinkage", 1), ("exit_angle", "sinkage", -1), ("tether", "slip", 1),
+        ("crust", "sinkage", -1),
+        ("multipass", "sinkage", -1), ("failed_wheel", "slip", 1), ("drive_drag", "torque", 1),
+        ("coulomb_drag", "torque", 1),
     ],
 )  # fmt: skip
 def test_a_hidden_effect_moves_a_signal_in_its_direction(name: str, signal: str, sign: int) -> None:
@@ -207,8 +209,11 @@ def test_a_tether_pulls_the_harder_the_further_the_rover_is() -> None:
 def test_a_slow_clock_makes_wheel_signals_older_and_older() -> None:
     late, true = hidden("slow_clock").seen, nominal().seen
     lag = GENERATORS["slow_clock"].matters * true.time[0]
-    past = torch.stack([torch.lerp(true.slip[0, k - int(d) - 1], true.slip[0, k - int(d)], 1.0 - (d - int(d)))
-                        for k, d in ((k, float(lag[k] / 0.1)) for k in range(10, 80))])  # fmt: skip
+    delays = [(k, float(lag[k] / 0.1)) for k in range(10, 80)]
+    slip = true.slip[0]
+    past = torch.stack(
+        [torch.lerp(slip[k - int(d) - 1], slip[k - int(d)], 1.0 - (d - int(d))) for k, d in delays]
+    )
     torch.testing.assert_close(late.slip[0, 10:], past, rtol=1e-9, atol=1e-9)
     assert torch.equal(late.velocity, true.velocity)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A few hidden cases on the whole way from drive to verdict, and how answers are counted. `make hidden` measures on hundreds."""
+"""A few hidden cases from drive to verdict, and counts of answers; `make hidden` runs hundreds."""
 
 from collections import Counter
 from pathlib import Path
@@ -20,7 +20,7 @@ FIXED = {
     "none": Plan(seconds=30.0),
     **{name: Plan(((name, 1.0),), seconds=30.0) for name in ("payload", "gain_drift")},
 }
-"""Nothing, a named effect and one that the library lacks."""
+"""Plans with nothing, a named effect, and one outside the library."""
 
 
 @pytest.mark.parametrize("name", FIXED)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hidden laws are others than the library's: the nearest size of the named law leaves a difference that a set of drives would show."""
+"""Hidden laws differ from the library's by more than the noise of a set of drives."""
 
 from functools import cache
 
@@ -24,7 +24,7 @@ BATCH, STEPS = 3, 50
 SET_OF_DRIVES = DRIVES * 600
 """Samples of five one-minute drives."""
 ABOVE_NOISE = 25.0
-"""Sum of squared differences in deviations of the sensors: five times what noise alone would make of the one best contrast."""
+"""Squared differences in sensor deviations: five times those of noise in the best contrast."""
 SIGNALS = ("velocity", "pitch", "slip", "sinkage", "torque")
 OTHER_LAWS = (
     "bulldozing",
@@ -45,7 +45,7 @@ def drive(effect: Effect) -> Drive:
 
 @cache
 def leftover(name: str) -> float:
-    """Over five minutes, what the named law leaves of the hidden one at the best of three sizes around the projected one."""
+    """Return the residual of the hidden law over five minutes, at the best of three named sizes."""
     sizes = torch.full((BATCH,), GENERATORS[name].matters, dtype=torch.float64)
     effect = GENERATORS[name].make(Draw(sizes, torch.full((BATCH,), 2), torch.zeros(BATCH)))
     hidden = drive(effect)

@@ -10,17 +10,17 @@ from terramechanics.simulation.plant import ContactInputs, Payload, Situation
 from tests.hidden.soil import Sized
 
 GREASE_RATE = 1.5
-"""[rad/s] Wheel rate at which grease drags with size times it."""
+"""[rad/s] Wheel rate at which the drag of grease is size times the rate."""
 BREAKAWAY_RATE = 0.4
-"""[rad/s] Above it bearings have lost most of their extra friction of starting."""
+"""[rad/s] Rate above which most of the bearings' starting friction is gone."""
 DECK = (-0.2, 0.75)
 """[m] Place along the body and height of the deck that takes a load."""
 NODES = quadrature(5)
 STEPS = 15
 NEAR, SETTLED = 1e-4, 1e-10
-"""[1] Differences in slip: for a first slope, and below which a search is over."""
+"""[1] Differences in slip: of the first slope, and at the end of a search."""
 LOWEST, HIGHEST = -0.6, 0.95
-"""[1] Slips that the stresses describe."""
+"""[1] Range of slip of the stresses."""
 
 
 class Grease(Sized):
@@ -46,7 +46,7 @@ class DeckLoad(Sized):
 
 
 class WornCoupling(Sized):
-    """One axle's coupling loses a share of the torque that goes round with the wheel: size (1 - 0.05 (1 + cos(w t)))."""
+    """Torque loss of one axle's coupling over a turn: size (1 - 0.05 (1 + cos(w t)))."""
 
     def __init__(self, sizes: Tensor, axle: Tensor) -> None:
         super().__init__(sizes)
@@ -72,7 +72,7 @@ class WornCoupling(Sized):
 
 
 def _slip_of_torque(wheel: ContactInputs, where: Situation, lost: Tensor, lag: Tensor) -> Tensor:
-    """Slip at which the ground takes (1 - lost) of the torque of the commanded slip, by secants."""
+    """Return the slip at which the ground takes (1 - lost) of the torque, by secants."""
 
     def torque(slip: Tensor) -> Tensor:
         return wheel._replace(slip=slip).forces(
@@ -81,10 +81,10 @@ def _slip_of_torque(wheel: ContactInputs, where: Situation, lost: Tensor, lag: T
 
     slip = (wheel.slip - lag).clamp(LOWEST, HIGHEST)
     whole, value, nearby = torque(torch.stack([wheel.slip, slip, slip + NEAR]))
-    wanted = (1.0 - lost) * whole
+    target = (1.0 - lost) * whole
     slope = (nearby - value) / NEAR
     for _ in range(STEPS):
-        change = ((wanted - value) / slope.clamp(min=1e-6)).clamp(-0.15, 0.15)
+        change = ((target - value) / slope.clamp(min=1e-6)).clamp(-0.15, 0.15)
         after = (slip + change).clamp(LOWEST, HIGHEST)
         if float(change.abs().max()) < SETTLED:
             return after

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bars that verdicts on hidden cases have to reach, and what was reached, with confidence limits."""
+"""Bars for verdicts on hidden cases, and the figures reached, with confidence limits."""
 
 import statistics
 from collections import Counter, defaultdict
@@ -21,7 +21,7 @@ Chosen = Callable[[Record], bool]
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A bar on the share of some cases in which something holds."""
+    """Bar on the share of some cases that satisfy a condition."""
 
     what: str
     among: Chosen
@@ -31,7 +31,7 @@ class Share:
     cases: int = 80  # with fewer nothing is decided
 
     def row(self, records: Iterable[Record]) -> tuple[str, str, str, str]:
-        """What, bar, found, met."""
+        """Return quantity, bar, found and verdict."""
         results = [self.holds(each) for each in records if self.among(each)]
         wanted = f"at least {self.least:.0%}" if self.most == 1.0 else f"at most {self.most:.0%}"
         wanted = (
@@ -54,7 +54,7 @@ def _met(*, met: bool, cases: int, wanted: int = 80) -> str:
 
 
 def proportion(count: int, total: int) -> str:
-    """Share with Clopper-Pearson limits."""
+    """Format a share with its Clopper-Pearson limits."""
     limits = binomtest(count, total).proportion_ci(CONFIDENCE)
     return f"{count} of {total} = {count / total:.1%} ({limits.low:.1%} to {limits.high:.1%})"
 
@@ -71,20 +71,27 @@ def _named(each: Record) -> bool:
     return each["outcome"] in NAMES
 
 
+def _unknown(each: Record) -> bool:
+    return each["outcome"] == "unknown"
+
+
 def _right_name(each: Record) -> bool:
     return each["outcome"] in ("exact", "set")
 
 
 def _covered(each: Record) -> bool:
-    """Whether the size in the units of the named law lies in its 95 % interval."""
+    """Return whether the size in the units of the named law lies in its 95 % interval."""
     name, size, spread = each["sizes"][0]
     assert name == each["plan"]
     return abs(size - each["equivalents"][0]) <= 1.96 * spread
 
 
 SHARES = (
-    Share("nothing hidden, soil constants wrong by up to 5 %: anything named", _family("none"), _named, most=0.05, cases=200),
-    Share("nothing hidden: unknown", _family("none"), lambda each: each["outcome"] == "unknown", most=0.05, cases=200),
+    Share(
+        "nothing hidden, soil constants wrong by up to 5 %: anything named",
+        _family("none"), _named, most=0.05, cases=200,
+    ),
+    Share("nothing hidden: unknown", _family("none"), _unknown, most=0.05, cases=200),
     Share("right name, or a confusable set with it", _matters, _right_name, least=0.95, cases=100),
     Share(
         "exact name, without " + ", ".join(HARDER),
@@ -100,8 +107,11 @@ SHARES = (
         least=0.8,
         cases=20,
     ),
-    Share("outside the library: unknown", _family("outside"), lambda each: each["outcome"] == "unknown", least=0.9, cases=30),
-    Share("outside the library: a name, which is wrong", _family("outside"), _named, most=0.05, cases=30),
+    Share("outside the library: unknown", _family("outside"), _unknown, least=0.9, cases=30),
+    Share(
+        "outside the library: a name, which is wrong",
+        _family("outside"), _named, most=0.05, cases=30,
+    ),
     Share(
         "joint verdict right: nothing hidden, at the size that matters, outside the library",
         _family("none", "matters", "outside"),
@@ -109,13 +119,16 @@ SHARES = (
         least=0.9,
         cases=300,
     ),
-    Share("95 % interval of the size holds that of the nearest named law", lambda each: _matters(each) and each["outcome"] == "exact",
-          _covered, least=0.9, most=0.98, cases=80),
+    Share(
+        "95 % interval of the size holds that of the nearest named law",
+        lambda each: _matters(each) and each["outcome"] == "exact",
+        _covered, least=0.9, most=0.98, cases=80,
+    ),
 )  # fmt: skip
 
 
 def gap_row(records: Sequence[Record]) -> tuple[str, str, str, str]:
-    """Median share of the held-out gap that a right name closes."""
+    """Return the row of the median share of the held-out gap that a right name closes."""
     what, wanted = (
         "held-out gap closed on the way to the noise floor, when named, median",
         "at least 80%",
@@ -145,7 +158,7 @@ def gap_row(records: Sequence[Record]) -> tuple[str, str, str, str]:
 
 
 def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
-    """Root mean square of the mean error over a case's drives, with what was found over that without."""
+    """Return the rows of the rms of a case's mean error, with the finding over that without."""
     pairs = [each["strength"] for each in records if _matters(each) and _right_name(each)]
     rows = []
     for index, name in enumerate(("c", "tan phi")):
@@ -170,7 +183,7 @@ def bias_rows(records: Sequence[Record]) -> list[tuple[str, str, str, str]]:
 
 
 def bars(records: Sequence[Record]) -> str:
-    """The table of the bars, as Markdown."""
+    """Return the table of the bars, as Markdown."""
     rows = [each.row(records) for each in SHARES]
     rows[-1:-1] = [gap_row(records), *bias_rows(records)]
     lines = [
@@ -182,7 +195,7 @@ def bars(records: Sequence[Record]) -> str:
 
 
 def outcomes(records: Sequence[Record]) -> str:
-    """What the verdict was, by family and hidden effect, as Markdown."""
+    """Return the table of verdicts by family and hidden effect, as Markdown."""
     grouped: dict[tuple[str, str], list[Record]] = defaultdict(list)
     for each in records:
         grouped[each["family"], each["plan"]].append(each)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One hidden case from sealed bags to a record of what the workflow said of it.
+"""One hidden case, from sealed bags to the record of its verdict.
 
 What counts as right:
 
@@ -44,7 +44,7 @@ ROVER = "mars_rover"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the workflow says of a case."""
+    """Answer of the workflow to a case."""
 
     finding: Finding  # after the held-out run was asked
     asked: Finding  # before
@@ -53,7 +53,7 @@ class Answer:
 
 
 def examine(batch: Batch) -> list[Record]:
-    """Draw some cases, seal each, let the workflow look at its bags, and judge what it says."""
+    """Draw some cases, seal each, run the workflow on its bags, and judge the answer."""
     torch.set_num_threads(1)
     cases = draw_cases(batch.plan, TOGETHER, batch.seed, ROVER, batch.first)
     return [
@@ -69,7 +69,7 @@ def _examined(case: Case) -> Record:
 
 
 def investigated(bags: list[Path], soil: str) -> Answer:
-    """What the command does with these bags, the last held out: the pages that it writes are left out."""
+    """Investigate these bags like the command, the last held out; no pages are written."""
     nominal = nominal_of(load_rover(ROVER), load_soil(soil))
     found = [read_blocks(nominal, bag) for bag in bags[:-1]]
     studied = tuple(number for number, blocks in enumerate(found) if isinstance(blocks, Blocks))
@@ -86,19 +86,19 @@ def investigated(bags: list[Path], soil: str) -> Answer:
 
 
 def outcome_of(finding: Finding, truth: tuple[str, ...]) -> str:
-    """exact, set, part (one of two), wrong name, unknown or none."""
+    """Return the outcome: exact, set, part (one of two), wrong name, unknown or none."""
     judgement = finding.judgement
     if judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
         return str(judgement.verdict)
-    names, wanted = {tuple(sorted(each.names)) for each in judgement.named}, tuple(sorted(truth))
-    if wanted in names:
+    names, hidden = {tuple(sorted(each.names)) for each in judgement.named}, tuple(sorted(truth))
+    if hidden in names:
         return "exact" if len(names) == 1 else "set"
-    part = len(wanted) > 1 and all(set(each) <= set(wanted) for each in names)
+    part = len(hidden) > 1 and all(set(each) <= set(hidden) for each in names)
     return "part" if part else "wrong name"
 
 
 def right(outcome: str, plan: Plan) -> bool:
-    """Whether that is a right answer."""
+    """Return whether an outcome is right."""
     if not plan.parts:
         return outcome == "none"
     if plan.names == ("unknown",):
@@ -108,7 +108,7 @@ def right(outcome: str, plan: Plan) -> bool:
 
 
 def judged(case: Case, answer: Answer) -> Record:
-    """What is kept of a case."""
+    """Return the record of a case."""
     truth, finding = case.truth, answer.finding
     outcome = outcome_of(finding, truth.plan.names)
     gap = answer.proof.gap if answer.proof else None
@@ -132,7 +132,7 @@ def judged(case: Case, answer: Answer) -> Record:
 
 
 def _strength(finding: Finding, truth: Truth, studied: tuple[int, ...]) -> list[list[float]]:
-    """Mean error over the drives of c [kPa] and tan phi, without and with what was found."""
+    """Return the mean error of c [kPa] and tan phi, without and with the finding."""
     true = torch.tensor(
         [[truth.cohesion_pa[k] / 1000.0, truth.tan_phi[k]] for k in studied], dtype=torch.float64
     )

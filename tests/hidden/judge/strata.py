@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which hidden cases are drawn: families of plans, and how many cases of each, in an order that can be broken off anywhere."""
+"""Hidden cases to draw: families of plans and their numbers, in an order that can end anywhere."""
 
 from dataclasses import dataclass
 
@@ -22,9 +22,12 @@ WITHOUT_TORQUE = ("slope_bias", "payload", "multipass", "odometry_scale", "laten
 NOISE_TIME = 0.3
 """[s] Time constant of correlated noise: three samples."""
 TOGETHER = 4
-"""Cases that are simulated together, each soil on two terrains, one of which is hills; the next four are on the other two."""
+"""Cases that are simulated together: each soil on two terrains, one of them hills.
+
+The next four are on the other two terrains.
+"""
 SEED = 65_000
-"""Of the hidden cases; calibration has other seeds, and other ways to draw. Cases of 64_000 were looked at."""
+"""Seed of the hidden cases; calibration has other seeds. Cases of 64_000 were inspected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +41,13 @@ class Batch:
 
     @property
     def keys(self) -> list[str]:
-        """By which the results are found again."""
+        """Keys of the records."""
         name = "+".join(name for name, _ in self.plan.parts) or "none"
         return [f"{self.family}/{name}/{self.seed}/{number}" for number in range(TOGETHER)]
 
 
 def families() -> dict[str, tuple[list[Plan], int, int]]:
-    """By family: its plans, and how many cases of each are in the sample and in the whole."""
+    """Return for each family its plans, and the cases of each in the sample and in the whole."""
     return {
         "none": ([Plan()], 200, 600),
         "matters": ([Plan(((name, 1.0),)) for name in KNOWN], 8, 40),
@@ -68,7 +71,7 @@ def families() -> dict[str, tuple[list[Plan], int, int]]:
 
 
 def batches(*, whole: bool) -> list[Batch]:
-    """All cases; families advance in step, so that what comes of the first part of the list is a sample of every family."""
+    """Return all batches; families advance in step, so that any first part samples every family."""
     placed = []
     for family, (plans, few, many) in families().items():
         count = (many if whole else few) // TOGETHER

@@ -19,7 +19,7 @@ HALF_NORMAL_MEDIAN = 0.6745  # median of |x| in standard deviations
 
 
 def test_median_errors_of_the_papers_rover_on_loose_sand_are_at_most_ten_percent() -> None:
-    """100 random S1 episodes of 40 s, every row but the accelerometer's, exact soil constants, noise of the sensors as specified.
+    """100 random S1 episodes of 40 s, exact soil constants, all rows but the accelerometer's.
 
     Beside the bars of 10 %: the error is at most 1.5 times the Cramer-Rao bound, and the 95 %
     intervals cover a share whose 99 % confidence limits do not exclude 95 %.

@@ -94,7 +94,10 @@ def test_every_row_set_is_judged_and_more_rows_tell_more(figures: dict[str, Any]
 
 
 def test_intervals_cover_the_truth_and_errors_are_near_the_bound(figures: dict[str, Any]) -> None:
-    """40 episodes: fewer than 34 in the 95 % interval have a probability below 1 % if it covers 95 %, so has a ratio beyond 0.6 or 1.6."""
+    """Judge 40 episodes: fewer than 34 covered have a probability below 1 % at a coverage of 95 %.
+
+    So has a ratio beyond 0.6 or 1.6.
+    """
     assert binom.cdf(33, EPISODES, 0.95) < 0.01
     for cell in figures["cells"]:
         for name in ("cohesion", "tan_phi"):
@@ -110,7 +113,7 @@ def test_intervals_cover_the_truth_and_errors_are_near_the_bound(figures: dict[s
 
 
 def test_the_ellipse_of_both_parameters_covers_the_truth(figures: dict[str, Any]) -> None:
-    """40 episodes on regolith: fewer than 33 in the 95 % ellipse has a probability below 0.1 % where coverage is 95 %."""
+    """Judge 40 episodes: fewer than 33 in the ellipse have a probability below 0.1 % at 95 %."""
     assert binom.cdf(32, EPISODES, 0.95) < 1e-3
     for cell in figures["cells"]:
         assert cell["score"]["joint_coverage_95"]["share"] * EPISODES >= 33, cell["rows"]

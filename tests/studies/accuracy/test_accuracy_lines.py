@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the page of ``accuracy`` says of drives whose estimates, deviations and bounds are made up."""
+"""The page of ``make accuracy`` on made-up estimates, deviations and bounds."""
 
 import pytest
 import torch
@@ -17,7 +17,7 @@ PRIOR_SD = torch.tensor([1000.0, 0.2], dtype=torch.float64).repeat(DRIVES, 1)
 
 
 def judged(deviation: torch.Tensor, bound: float, off: float, velocity_sd: float) -> Judged:
-    """Drives with these deviations [N] in shares of the prior's, estimates ``off`` deviations from the truth."""
+    """Return drives with shares [N] of the prior's deviations, ``off`` deviations from truth."""
     at_times = (DRIVES, len(TIMES_S), 2)
     sd = (deviation.unsqueeze(1) * PRIOR_SD).unsqueeze(1).expand(at_times)
     velocity = torch.tensor(

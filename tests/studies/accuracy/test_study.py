@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The share of the learnt columns is that of the soil that is driven on, up to where a drive ends."""
+"""The share of the learnt columns is that of the soil under the rover, up to a drive's end."""
 
 from types import SimpleNamespace
 from typing import Any

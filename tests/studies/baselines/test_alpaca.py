@@ -22,7 +22,7 @@ def randn(*shape: int) -> torch.Tensor:
 
 
 def test_the_recursion_equals_the_gaussian_over_the_stacked_matrix() -> None:
-    """vec(K) by rows is Gaussian with covariance Sigma x Lambda^-1; condition it on all samples at once."""
+    """Condition vec(K), Gaussian of covariance Sigma x Lambda^-1, on all samples at once."""
     n_x, size, count = 2, 3, 9
     phi, x, mean = randn(1, count, size), randn(1, count, n_x), randn(n_x, size)
     root = randn(size, size)

@@ -15,7 +15,7 @@ def randn(*shape: int) -> torch.Tensor:
 
 
 def test_every_step_equals_a_textbook_kalman_filter() -> None:
-    """Constant state, scalar measurements of unit noise: gain, covariance update and innovation variance."""
+    """Filter a constant state: gain, covariance update and innovation variance at unit noise."""
     features, target, mean = randn(2, 12, 3), randn(2, 12), randn(3)
     precision = torch.diag(torch.tensor([0.5, 2.0, 4.0], dtype=torch.float64))
     posterior = regress(features, target, mean, precision)

@@ -45,7 +45,7 @@ def closed_form_drives(soil: Soil, noise: PaperNoise, count: int) -> LevelDrives
 
 
 def relative_error(parameters: torch.Tensor | None, drives: LevelDrives) -> torch.Tensor:
-    """[batch, 2] after the whole drive, in percent."""
+    """Return the errors [batch, 2] after the whole drive, in percent."""
     assert parameters is not None
     return 100.0 * ((parameters[:, -1] - drives.strength) / drives.strength).abs()
 
@@ -65,7 +65,7 @@ def test_without_noise_the_velocity_methods_recover_the_ground_of_the_closed_for
 
 
 def test_without_noise_iagnemmas_method_recovers_the_ground_of_its_own_stresses() -> None:
-    """theta_m = theta_1 / 2, wheels that carry their load; what is left is the small share of c that the method neglects."""
+    """At theta_m = theta_1 / 2, the error left is the small share of c that the method neglects."""
     constants = LOOSE.with_values(c1=0.5, c2=0.0).constants()
     drives = closed_form_drives(LOOSE.with_values(c1=0.5, c2=0.0), SILENT, 4)
     error = relative_error(Iagnemma(VEHICLE, constants).estimate(drives).parameters, drives)
@@ -73,7 +73,7 @@ def test_without_noise_iagnemmas_method_recovers_the_ground_of_its_own_stresses(
 
 
 def test_on_the_soils_own_stress_ratio_iagnemmas_method_is_far_off() -> None:
-    """The paper blames theta_m = theta_1 / 2 for its error; measured in the authors' code: c 41 %, phi 36 % on loose sand."""
+    """The authors' code has errors of c 41 %, phi 36 %, from theta_m = theta_1 / 2."""
     drives = closed_form_drives(LOOSE, SILENT, 4)
     error = relative_error(
         Iagnemma(VEHICLE, LOOSE.constants()).estimate(drives).parameters, drives
@@ -82,7 +82,10 @@ def test_on_the_soils_own_stress_ratio_iagnemmas_method_is_far_off() -> None:
 
 
 def test_iagnemmas_method_gives_the_papers_errors_on_the_authors_own_step() -> None:
-    """c 1 kPa and phi 30 degrees on loose sand: 25 % and 20 % in the paper's figure; slips and sinkages as its authors stored them."""
+    """The paper's figure has 25 % and 20 % at c 1 kPa and phi 30 degrees on loose sand.
+
+    Slips and sinkages are those that its authors stored.
+    """
     slip = torch.tensor([[0.04404599, 0.04362564, 0.1031122]], dtype=torch.float64)
     sinkage = torch.tensor([[0.00979099, 0.01042556, 0.00486403]], dtype=torch.float64)
     affine = closed_form_forces(slip, sinkage, LOOSE.constants(), VEHICLE.radius_m, VEHICLE.width_m)
@@ -98,7 +101,7 @@ def test_iagnemmas_method_gives_the_papers_errors_on_the_authors_own_step() -> N
 
 
 def test_velocity_as_a_state_meets_five_and_three_percent_where_increments_are_biased() -> None:
-    """Closed form and torques of the authors' code, exact constants, 40 s, means over 60 drives of two soils."""
+    """Closed form of the authors' code, exact constants, 40 s, means over 60 drives."""
     for soil in (LOOSE, COMPACT):
         drives = closed_form_drives(soil, PaperNoise(), 60)
         integrated = IntegratedRegression(VEHICLE, soil.constants(), PRIOR).estimate(drives)
@@ -147,9 +150,7 @@ def test_no_method_looks_at_what_is_true() -> None:
         assert torch.equal(seen, unseen), method.name
 
 
-def test_on_the_integrated_plant_the_quadrature_explains_the_velocity_and_the_closed_form_does_not() -> (
-    None
-):
+def test_on_the_integrated_plant_only_the_quadrature_explains_the_velocity() -> None:
     drives = draw_drives(
         PaperPlant.INTEGRATED, ROVER, LOOSE, NARROW, 4.0, 3, torch.Generator().manual_seed(6)
     ).drives

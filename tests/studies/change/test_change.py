@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of ground that changes: its grounds and its figures."""
+"""Grounds and figures of the study of changes."""
 
 import math
 from types import SimpleNamespace
@@ -54,7 +54,7 @@ def test_a_gradual_change_takes_its_time_at_mean_speed() -> None:
     ("above", "delay", "early"),
     [
         ({*range(32, 40)}, 1.2, 0),
-        ({*range(15, 40)}, math.inf, 1),  # stood already: tells nothing
+        ({*range(15, 40)}, math.inf, 1),  # already above: not detected
         ({5, 7, 8, *range(15, 25), 41, 50}, 2.1, 3),
     ],
 )
@@ -91,7 +91,7 @@ def test_an_alarm_has_to_rise_after_the_crossing(
 
 
 def test_a_second_in_which_nobody_drives_is_not_a_good_one() -> None:
-    """Ten drives that are exact; all end after 30 s, or know the ground from 4 s on, sooner than the last axle is there."""
+    """Ten exact drives end after 30 s, or recover from 4 s on, before the last axle crosses."""
     kind = Change("mars_rover", "loose_sand", "compact_sand")
     delay, crossing = np.full(10, 0.5), np.full(10, 9.0)
     error, covered = np.zeros((10, kind.horizon_s + 1, 2)), np.ones((10, kind.horizon_s + 1, 2))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``change`` on two drives: told at once, and a run that was ended goes on."""
+"""``make change`` on two drives: detected at once, and an ended run continues."""
 
 import json
 from pathlib import Path
@@ -40,10 +40,13 @@ def call(folder: Path, *more: str) -> int:
     )
 
 
-def test_two_sharp_changes_are_told_and_an_ended_run_goes_on(
+def test_two_sharp_changes_are_detected_and_an_ended_run_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two drives onto compact sand: each is told within 3 s; 90 % of drives take less than 1 s. One short drive without a change."""
+    """Two drives onto compact sand are detected within 3 s, where 90 % take less than 1 s.
+
+    There is one short drive without a change, too.
+    """
     monkeypatch.setattr(command, "KINDS", command.KINDS[:1])
     monkeypatch.setattr(command, "SOILS", SOILS[:1])
     monkeypatch.setattr(change, "_BEFORE_S", 10.0)

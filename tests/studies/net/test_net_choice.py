@@ -36,7 +36,7 @@ def test_the_net_starts_with_its_prior_probability_and_changes_nothing_of_the_pr
 def test_a_drive_with_a_hidden_drag_turns_to_the_net_and_one_without_does_not(
     plant: Plant | None, *, chosen: bool
 ) -> None:
-    """One drive of 10 s each."""
+    """Draw one drive of 10 s each."""
     loaded = load_model("mars_rover")
     drive = draw_tasks(
         loaded.rover,

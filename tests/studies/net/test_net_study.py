@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of what the net is worth, at its smallest size."""
+"""The study of the net, at its smallest size."""
 
 import json
 from pathlib import Path

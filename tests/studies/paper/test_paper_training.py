@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's training: its penalties against their definitions, and its promise on simulated drives."""
+"""The paper's training: penalties against their definitions, and its result on simulated drives."""
 
 import pytest
 import torch

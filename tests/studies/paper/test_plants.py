@@ -45,7 +45,7 @@ def test_the_same_seed_gives_the_same_drives(plant: PaperPlant) -> None:
 
 
 def test_the_closed_form_has_the_loads_and_sinkages_of_the_authors_stored_drive() -> None:
-    """c 1 kPa and phi 30 degrees: sinkages 9.8, 10.4 and 4.9 mm, loads that add up to the weight."""
+    """c 1 kPa, phi 30 degrees: sinkages 9.8, 10.4 and 4.9 mm; the loads add up to the weight."""
     strength = torch.tensor([[1000.0, math.tan(math.radians(30.0))]], dtype=torch.float64)
     motion = closed_form_motion(
         ROVER, SOIL.constants().expand(1, 6), strength, 40.0, torch.Generator().manual_seed(5)

@@ -46,9 +46,7 @@ def test_a_wrong_argument_is_named(
     assert words in capsys.readouterr().err
 
 
-def test_a_rover_that_rests_before_it_would_be_stuck_is_saved_and_a_stop_where_it_would_pass_is_false() -> (
-    None
-):
+def test_a_stop_in_time_saves_a_rover_and_a_stop_where_it_would_pass_is_false() -> None:
     too_late = dataclasses.replace(SAVED, rest_s=30.5)
     never_met = dataclasses.replace(TRAPPED, met_s=math.inf)
     result = score([PASSED, PASSED, TRAPPED, STOPPED, SAVED, too_late, never_met])
@@ -61,6 +59,6 @@ def test_a_rover_that_rests_before_it_would_be_stuck_is_saved_and_a_stop_where_i
     assert result.saved.low < 1.0 / 3.0 < result.saved.high
 
 
-def test_the_table_tells_drives_with_an_effect_from_those_without() -> None:
+def test_the_table_separates_drives_with_an_effect_from_those_without() -> None:
     lines = table([PASSED, SAVED]).splitlines()
     assert [line.split("|")[1].strip() for line in lines[2:]] == ["all", "no effect", "one effect"]

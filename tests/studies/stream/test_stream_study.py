@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""``stream_study`` on few drives: what the estimator foretells and claims is honest."""
+"""``make stream`` on few drives: predictions and intervals are calibrated."""
 
 import json
 from pathlib import Path
@@ -39,7 +39,7 @@ def call(folder: Path, *more: str) -> int:
 
 
 def test_forecasts_are_in_their_intervals_as_often_as_these_say(folder: Path) -> None:
-    """8 drives, 350 forecasts each: outside 93 to 97 % with less than 1 in 1000, if they cover 95 % and are independent."""
+    """8 drives of 350 predictions: outside 93 to 97 % in 1 of 1000, if independent and of 95 %."""
     cells: list[dict[str, Any]] = json.loads((folder / "figures.json").read_text())["cells"]
     assert [cell["rover"] for cell in cells] == [rover for rover in ROVERS for _ in range(2)]
     count = sum(cell["settled"]["count"] for cell in cells)

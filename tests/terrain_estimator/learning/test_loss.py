@@ -55,7 +55,7 @@ def test_rows_without_weight_do_not_count() -> None:
 
 
 def test_a_context_makes_the_rest_of_a_task_more_likely() -> None:
-    """One parameter of spread 3 under unit noise, 200 tasks: 10 blocks of context tell it to 0.3."""
+    """One parameter of spread 3 under unit noise, 200 tasks: 10 blocks determine it to 0.3."""
     features = torch.ones(200, 12, 1, 1, dtype=torch.float64)
     target = 3.0 * randn(200, 1, 1) + randn(200, 12, 1)
     valid, zero = torch.ones(200, 12, dtype=torch.float64), torch.zeros(1, dtype=torch.float64)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the truth of simulated drives comes from."""
+"""Distributions of the truth of simulated drives."""
 
 import numpy as np
 import torch
