@@ -38,7 +38,7 @@ NEAR = 0.01
 
 
 class ValuePrior(nn.Module):
-    """Gaussian prior of the V values of the effects, and the range in which their laws hold, [V] each."""
+    """Gaussian prior of the V values of the effects, and the range of their laws, [V] each."""
 
     mean: Tensor
     sd: Tensor
@@ -58,7 +58,7 @@ class PhysicsWithEffects(nn.Module):
     """
 
     def __init__(self, nominal: Physics, laws: Sequence[Law], values: ValuePrior) -> None:
-        """Take the physics without effects and the prior ``values`` of the ``laws``, one law behind the other."""
+        """Take the nominal physics and the prior ``values`` of the ``laws`` in their order."""
         super().__init__()
         self.nominal, self.values = nominal, values
         self.laws = cast("list[Law]", nn.ModuleList(laws))
@@ -111,11 +111,14 @@ class PhysicsWithEffects(nn.Module):
         ).unsqueeze(0)
 
     def varied_values(self, values: Tensor) -> Tensor:
-        """Return ``values`` [1, V] with one each a thousandth of its prior deviation larger, [V, V]."""
+        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
         return values + 1e-3 * torch.diag(self.values.sd)
 
     def undone(self, packed: Tensor, values: Tensor) -> Tensor:
-        """Return observations [n, P] without the effects of ``values`` [n or 1, V] on sensors and drives."""
+        """Return observations [n, P] without the effects on sensors and drives.
+
+        ``values`` are [n or 1, V].
+        """
         for law in self.laws:
             packed = law.undone(packed, values[:, law.first : law.first + law.count])
         return packed
@@ -152,19 +155,19 @@ class PhysicsWithEffects(nn.Module):
     def rows_under(
         self,
         packed: Tensor,
-        correction: Tensor,
+        input_correction: Tensor,
         contact: ContactModel,
         values: Tensor,
         doubt: Tensor | None = None,
     ) -> Rows:
         """Return rows of ``packed`` [n, P] with effects of these ``values`` [n or 1, V].
 
-        They are expanded at the inputs without the effects plus ``correction`` [n, P], which is in
-        ``doubt`` as in Agreement.
+        They are expanded at the inputs without the effects plus ``input_correction`` [n, P], which
+        is in ``doubt`` as in Agreement.
         """
         plain, contact = self.undone(packed, values), self.loaded(contact, values)
         frame = frame_of(plain, contact)
-        place = places(plain + correction, frame, contact)
+        place = places(plain + input_correction, frame, contact)
         where = varied_inputs(place, contact)
         rate = view_of(packed, self.axles).wheel_rate
         forces = self.forces(where.slip, where.sinkage, where.constants, rate, values)
@@ -180,22 +183,22 @@ class PhysicsWithEffects(nn.Module):
         theta: Tensor,
         chosen: Tensor,
     ) -> Rows:
-        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best, given ``theta`` [3].
+        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best.
 
-        The changes by the effects' values follow those by the constants; ``deviations`` [M + V] are
-        of both.
+        ``theta`` [3] is (c [kPa], tan phi, 1). The changes by the effects' values follow those by
+        the constants; ``deviations`` [M + V] are of both.
         """
         values, alone = self.values_at(deviations), values_alone(contact)
         plain = self.undone(packed, values)
         straight = self.rows_under(packed, torch.zeros_like(packed), alone, values)
         agreed = agreement(straight, plain, self.loaded(alone, values), theta, chosen)
-        correction = agreed.inputs - plain
-        rows = self.rows_under(packed, correction, contact, values, agreed.doubt)
+        input_correction = agreed.inputs - plain
+        rows = self.rows_under(packed, input_correction, contact, values, agreed.doubt)
         every, n = self.varied_values(values), packed.shape[0]
         many = every.shape[0]
         varied = self.rows_under(
             packed.repeat(many, 1),
-            correction.repeat(many, 1),
+            input_correction.repeat(many, 1),
             alone,
             every.repeat_interleave(n, 0),
             agreed.doubt.repeat(many, 1, 1),
@@ -205,7 +208,7 @@ class PhysicsWithEffects(nn.Module):
     def average(
         self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
     ) -> SoilRows:
-        """Return the rows of a block [n, P] on a soil, with arguments as those of the nominal physics.
+        """Return the rows of a block [n, P] on a soil; the arguments are those of Physics.
 
         ``expansion`` [2 + M + V] holds the deviations of the effects' values, too.
         """

@@ -18,7 +18,13 @@ from terrain_estimator.learning.adding import Sized, add_effects, with_effects
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import measure_tasks
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
-from terrain_estimator.model.model_file import AddedEffect, LoadedModel, ModelFileError, load_model
+from terrain_estimator.model.model_file import (
+    AddedEffect,
+    LoadedModel,
+    ModelFileError,
+    load_model,
+    running,
+)
 from terrain_estimator.model.packing import TIMING, pack, packed_size, view_of
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
@@ -33,8 +39,9 @@ from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 
 SIZES = {
-    "slope_bias": 0.02, "bulldozing": 2e4, "drive_drag": 2.0, "coulomb_drag": 1.5, "payload": 40.0, "grousers": 60.0, "slip_sinkage": 0.5,
-    "multipass": 1.0, "odometry_scale": 0.06, "sinkage_bias": 0.004, "rate_dependence": 0.3, "exit_angle": 0.2,
+    "slope_bias": 0.02, "bulldozing": 2e4, "drive_drag": 2.0, "coulomb_drag": 1.5,
+    "payload": 40.0, "grousers": 60.0, "slip_sinkage": 0.5, "multipass": 1.0,
+    "odometry_scale": 0.06, "sinkage_bias": 0.004, "rate_dependence": 0.3, "exit_angle": 0.2,
 }  # fmt: skip
 TILT = SIZES["slope_bias"]
 REPORT = (
@@ -72,12 +79,16 @@ def measured(drive: Drive, seed: int = 4) -> list[Observation]:
 
 
 def in_python(plain: LoadedModel, *effects: Sized) -> LoadedModel:
-    """The model with effects without the time that compiling takes; that the compiled one is the same has a test of its own."""
+    """Return the model with effects uncompiled, which saves time.
+
+    Another test compares the compiled one.
+    """
     added = tuple(
         AddedEffect(each.name, describe(each.name).unit, each.mean, each.sd) for each in effects
     )
     module = with_effects(plain, effects)
-    return LoadedModel(module, dataclasses.replace(plain.metadata, effects=added))  # type: ignore[arg-type]
+    metadata = dataclasses.replace(plain.metadata, effects=added)
+    return LoadedModel(module, metadata)  # type: ignore[arg-type]
 
 
 def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
@@ -86,7 +97,10 @@ def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
 
 
 def residuals(model: PAlpaca, drive: Drive, size: float) -> torch.Tensor:
-    """The most that a row of an exact drive leaves over with the effect at ``size`` times the prior mean, in units of its scale."""
+    """Return the largest residual of a row of an exact drive, in units of its scale.
+
+    The effect is at ``size`` times the prior mean.
+    """
     packed = measure_tasks(drive, Noise(factor=0.0), torch.Generator().manual_seed(0)).measured[0]
     place = packed_size(3) - TIMING
     packed = torch.cat([packed[:, :place], drive.sample.wheel_rate[0], packed[:, place:]], 1)
@@ -159,10 +173,11 @@ def test_the_exported_model_gives_the_numbers_of_the_python_model(
         ("payload", "kg", 10.0, 5.0), ("rate_dependence", "1", 0.0, 0.2)
     ]  # fmt: skip
     assert metadata.parameters[-8:] == (
-        "payload", "payload_1", "payload_2", "rate_dependence", "mass", "centre_of_mass", "acceleration_bias", "velocity"
+        "payload", "payload_1", "payload_2", "rate_dependence", "mass", "centre_of_mass",
+        "acceleration_bias", "velocity",
     )  # fmt: skip
     assert loaded.model_id == f"{plain.model_id}+payload+rate_dependence"
-    with torch.inference_mode(), torch.jit.optimized_execution(should_optimize=False):  # type: ignore[attr-defined]
+    with running():
         here, there = module.initial(), loaded.module.initial()
         for observation in measured(driven(plain, "payload", 10.0, 1.2)):
             packed = pack(observation, observation.torque, 0.1, linked=True, rates=True)
@@ -216,7 +231,8 @@ def test_a_wrong_effect_is_refused_by_name(
 def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedModel) -> None:
     values = plain.module.state_dict()
     values["of_old"] = values.pop("physics.stencil_moves")
-    old = dataclasses.replace(plain, module=SimpleNamespace(state_dict=lambda: values))  # type: ignore[arg-type]
+    module = SimpleNamespace(state_dict=lambda: values)
+    old = dataclasses.replace(plain, module=module)  # type: ignore[arg-type]
     with pytest.raises(
         ModelFileError,
         match=(
