@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The model's recursion over many drives at once: the same functions under ``torch.vmap``, block by block.
+"""The model's recursion over many drives at once, block by block, under ``torch.vmap``.
 
 The steps of a block are the model's own; what differs is the driver with the branches. The
 streaming model drops inactive hypotheses; here every drive keeps as many as the model ever holds,
@@ -46,20 +46,20 @@ CHUNK = 16
 
 
 class Trace(NamedTuple):
-    """What N drives of T observations gave; B is the largest number of blocks, K the number of chosen times."""
+    """The results of N drives of T observations, with B blocks at most and K chosen times."""
 
     mean: Tensor  # [N, K, 2] of (c [Pa], tan phi)
     covariance: Tensor  # [N, K, 2, 2]
-    misfit: Tensor  # [N, B] squared Mahalanobis distance of a block at its minimum, NaN where there is none
+    misfit: Tensor  # [N, B] squared Mahalanobis distance of a block, NaN where there is none
     degrees: Tensor  # [N, B] its degrees of freedom
-    innovation: Tensor  # [N, T] measured minus predicted velocity [m/s], NaN where the velocity was not linked
+    innovation: Tensor  # [N, T] measured minus predicted velocity [m/s], NaN where not linked
     variance: Tensor  # [N, T] of the innovation [m^2/s^2]
     final: Tensor  # [N, D] last mean of all parameters
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Blocks of each drive, [N, B]: first observation, length (0: no such block), and the observation that closes it."""
+    """The blocks of each drive [N, B]: first observation, length (0: no block), closing one."""
 
     first: Tensor
     length: Tensor
@@ -68,7 +68,7 @@ class Layout:
 
 
 def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
-    """Return the blocks of packed drives [N, T, P], of which the first ``ends`` [N] observations count."""
+    """Return the blocks of packed drives [N, T, P], of which the first ``ends`` [N] count."""
     drives, time, _ = packed.shape
     view = view_of(packed, model.axles)
     usable = _in_every_range(model, packed) & torch.isfinite(view.contact_angle)
@@ -140,13 +140,16 @@ def _in_every_range(model: PAlpaca, packed: Tensor) -> Tensor:
 
 
 def _without_unusable(model: PAlpaca, packed: Tensor) -> Tensor:
-    """Return packed drives with slips outside any soil's range as NaN: every soil has to explain the same rows."""
+    """Return packed drives with slips outside any soil's range as NaN.
+
+    Every soil has to explain the same rows.
+    """
     slip = view_of(packed, model.axles).slip
     return with_slip(packed, torch.where(_in_every_range(model, packed), slip, torch.nan))
 
 
 class _Target(NamedTuple):
-    """Where the results of one batch of blocks belong."""
+    """The place of the results of one batch of blocks."""
 
     trace: Trace
     chosen: Tensor  # [G] drives
@@ -170,7 +173,10 @@ def _empty(state: State, drives: int, time: int, blocks: int, times: int, model:
 
 
 def _groups(layout: Layout, j: int) -> Iterator[tuple[Tensor, Tensor, bool]]:
-    """Drives [G] whose j-th blocks are alike in length, first link and end, their observations [G, n], whether they close."""
+    """Yield the drives [G] whose j-th blocks are alike in length, first link and end.
+
+    With them come their observations [G, n], and whether they close.
+    """
     first, length = layout.first[:, j], layout.length[:, j]
     starts_linked = layout.linked.gather(1, first.unsqueeze(1)).squeeze(1)
     closes = layout.closed_at[:, j] < layout.linked.shape[1]
@@ -181,7 +187,7 @@ def _groups(layout: Layout, j: int) -> Iterator[tuple[Tensor, Tensor, bool]]:
 
 
 def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, target: _Target) -> None:
-    """Take the observations [G, n, P] of a block, close it, and write state and results in place."""
+    """Take the observations [G, n, P] of a block, close it, and write the results in place."""
     chosen, trace = target.chosen, target.trace
     part = {name: value[chosen] for name, value in state.items()}
     active = int((part["log_weight"] != -torch.inf).sum(1).max())
@@ -209,7 +215,7 @@ def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, targe
 
 
 _OF_HYPOTHESES = ("mean", "precision", "log_weight", "weight", "age", "kind")
-"""Fields of the state with a place for each hypothesis, behind that of the drive; inactive ones stand last."""
+"""Parts of the state with a place for each hypothesis; inactive ones stand last."""
 
 
 def _publish(
@@ -247,7 +253,7 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
 def _solve_active(
     model: PAlpaca, state: State, rows: list["_BlocksOnSoil"]
 ) -> tuple[Solved, Tensor]:
-    """Return the hypotheses of G drives after their blocks, and the degrees of freedom [G] of these."""
+    """Return the hypotheses of G drives after their blocks, and the degrees of freedom [G]."""
     drives, pieces = state["log_weight"].shape[0], []
     soils = torch.vmap(model.hypotheses.active_soils)(state)
     degrees = torch.zeros(drives, dtype=torch.float64)
@@ -281,7 +287,7 @@ def _solve_restarted(
 
 
 def _inactive_last(bank: Bank) -> Bank:
-    """Return the banks of G drives with inactive hypotheses last, as many as the fullest drive needs."""
+    """Return the banks of G drives, inactive hypotheses last, as long as the fullest drive's."""
     inactive = bank.weight == -torch.inf
     most = int((~inactive).sum(1).max())
     order = torch.argsort(inactive.long(), dim=1, stable=True)[:, :most]
@@ -290,7 +296,7 @@ def _inactive_last(bank: Bank) -> Bank:
 
 
 class _BlocksOnSoil:
-    """Rows of the blocks of G drives on one soil, averaged for a drive when they are first needed."""
+    """Rows of the blocks of G drives on one soil, averaged at their first use."""
 
     def __init__(
         self, model: PAlpaca, soil: int, packed: Tensor, mask: Tensor, expansion: Tensor
@@ -312,7 +318,7 @@ class _BlocksOnSoil:
         )  # [G, n, E, 3] of the velocity rows, zero where not needed
 
     def of(self, chosen: Tensor) -> BlockRows:
-        """Rows of the ``chosen`` drives."""
+        """Return the rows of the ``chosen`` drives."""
         missing = chosen[~self._known[chosen]]
         if missing.numel() > 0:
             missing = missing[torch.argsort(self._slowest[missing])]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cramer-Rao bound of (c, tan phi): what no unbiased estimator can beat on a drive, whatever its method.
+"""Cramer-Rao bound of (c, tan phi), which no unbiased estimator can beat on a drive.
 
 The information of all rows of every single observation at the true parameters and true inputs, the
 noise of slip, sinkage and angles propagated into the rows, velocity and accelerometer bias unknown,
@@ -32,24 +32,23 @@ from terrain_estimator.model.rows import (
 from terramechanics.contact.stresses import CONSTANTS, wheel_forces
 
 CHUNK = 500
-"""Observations whose information is computed at once, so that they stay in the processor's cache."""
+"""Observations whose information is computed at once; they stay in the processor's cache."""
 _STEP = 1e-4  # [1] relative, of the differences with respect to the soil constants
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What an estimator is given beside the observations."""
+    """The knowledge of an estimator beside the observations."""
 
-    rows: Tensor | None = (
-        None  # [S, R] 1 for the rows that each of S estimators may use, 0 for others; every row where None
-    )
+    # [S, R] 1 for the rows that each of S estimators may use, 0 for others; None: every row
+    rows: Tensor | None = None
     ends: Tensor | None = None  # [batch] observations of a drive that count
     constants: Tensor | None = None  # [batch, 6] true soil constants, those of the model where None
     constants_sd: float = 0.0  # [1] relative standard deviation of what is known of each constant
 
 
 def cramer_rao(model: PAlpaca, tasks: Tasks) -> Tensor:
-    """Bound on the covariance of (c [Pa], tan phi) after each whole drive, shape [batch, 2, 2].
+    """Return the bound on the covariance of (c [Pa], tan phi) after each drive [batch, 2, 2].
 
     Takes physics, noise and prior from ``model``, not its learnt columns and with exact soil
     constants, and the rows from ``tasks.true``.
@@ -58,7 +57,10 @@ def cramer_rao(model: PAlpaca, tasks: Tasks) -> Tensor:
 
 
 def cramer_rao_at(model: PAlpaca, tasks: Tasks, times: Tensor, known: Known) -> Tensor:
-    """The same after the observations ``times`` [K] (counted from 0, rising) with each set of rows, shape [S, batch, K, 2, 2]."""
+    """Return the bounds [S, batch, K, 2, 2] after the observations ``times`` with each set of rows.
+
+    ``times`` [K] are counted from 0 and rise.
+    """
     batch, time, _ = tasks.true.shape
     sets = (
         torch.ones(1, len(row_names(model.axles)), dtype=torch.float64)
@@ -91,7 +93,10 @@ def cramer_rao_at(model: PAlpaca, tasks: Tasks, times: Tensor, known: Known) -> 
 
 
 def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known, sets: Tensor) -> Tensor:
-    """J' S^-1 J of every observation by the rows of ``sets`` [S, R], [S, batch, time, D + 1, D + 1], at the true parameters."""
+    """Return J' S^-1 J of every observation at the true parameters [S, batch, time, D + 1, D + 1].
+
+    It is by the rows of ``sets`` [S, R].
+    """
     batch, time, size = tasks.true.shape
     packed = tasks.true.reshape(-1, size)
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
@@ -119,7 +124,10 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known, sets: Tensor
 
 
 def _by_constants(packed: Tensor, contact: ContactModel, theta: Tensor) -> Tensor:
-    """Change of the rows for a relative change of each soil constant at the true ``theta`` [n, 2], shape [n, R, 6]."""
+    """Return the change of the rows for a relative change of each soil constant [n, R, 6].
+
+    ``theta`` [n, 2] is the true one.
+    """
     frame = frame_of(packed, contact)
     homogeneous = torch.cat([theta, torch.ones_like(theta[:, :1])], 1).view(-1, 1, 3, 1)
 
@@ -143,7 +151,10 @@ def _by_constants(packed: Tensor, contact: ContactModel, theta: Tensor) -> Tenso
 
 
 def _information(model: PAlpaca, fields: tuple[Tensor, ...]) -> Tensor:
-    """J' S^-1 J of one observation: its rows, columns of unknown constants, packed [P], ``theta`` [2]."""
+    """Return J' S^-1 J of one observation.
+
+    ``fields`` are its rows, columns of unknown constants, packed [P] and ``theta`` [2].
+    """
     features, noise, *others, columns, packed, theta = fields
     alone = Rows(features[None, None], noise[None, None], *(field.unsqueeze(0) for field in others))
     view, physics = view_of(packed, model.axles), nominal_of(model.physics)

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A reference posterior whose (c, tan phi) is no Gaussian: a grid over both, all else marginalised exactly, given the model's rows.
+"""A reference posterior on a grid over (c, tan phi), given the model's rows.
 
-For a fixed (c, tan phi) the rows of a block are linear in velocity, centre of mass and
-accelerometer bias with a known covariance, so these are Gaussian and a Kalman recursion is exact.
-What is checked is what the model adds to this: its Gauss-Newton in (c, tan phi) and its bank. The
-rows themselves are the model's, expanded where it expanded them, so an error of that expansion is
-in both; soil constants are exact, the soil is one, and there is no net.
+All else is marginalised exactly. For a fixed (c, tan phi) the rows of a block are linear in
+velocity, centre of mass and accelerometer bias with a known covariance, so these are Gaussian and a
+Kalman recursion is exact. The reference checks the model's Gauss-Newton in (c, tan phi) and its
+bank. The rows are the model's, expanded where it expanded them, so an error of that expansion is in
+both; soil constants are exact, the soil is one, and there is no net.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import nominal_of
 
 POINTS, REACH = 49, 6.0
-"""Points of the grid along each axis, and its half width in standard deviations of the model's posterior."""
+"""Points of the grid along each axis, and its half width in deviations of the model's posterior."""
 
 
 class Reference(NamedTuple):
@@ -42,10 +42,10 @@ class _Bank(NamedTuple):
 
 
 def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Reference:
-    """Return the posterior of one drive [T, P] of ``end`` observations under ``model``, for exact constants and without a net.
+    """Return the posterior of one drive [T, P] of ``end`` observations.
 
-    The grid lies around the model's own posterior, along its axes. Each block's rows are those that
-    the model took: expanded at its estimate of that time.
+    The ``model`` has exact constants and no net. The grid lies around the model's own posterior,
+    along its axes. Each block's rows are those of the model: expanded at its estimate of that time.
     """
     time = packed.shape[0]
     layout = lay_out(model, packed.unsqueeze(0), torch.tensor([end]))
@@ -77,7 +77,7 @@ def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Re
 
 
 def _start(model: PAlpaca, points: Tensor) -> _Bank:
-    """The prior of the model: its mixture, not the Gaussian of the same moments."""
+    """Return the prior of the model: its mixture, not the Gaussian of the same moments."""
     prior = model.hypotheses
     component = (points.unsqueeze(1) - prior.prior_mean - prior.offsets * prior.prior_sd) / (
         prior.offset_spread * prior.prior_sd
@@ -121,7 +121,10 @@ def _rows(
 
 
 def _close(bank: _Bank, rows: BlockRows, theta: Tensor) -> _Bank:
-    """Exact update at fixed ``theta`` [P, 2]; the misfit r' S(theta)^-1 r without log det S, as in the model."""
+    """Return the exact update at fixed ``theta`` [P, 2].
+
+    Its misfit is r' S(theta)^-1 r without log det S, as in the model.
+    """
     _, covariance = row_noise(rows, torch.cat([theta, torch.ones_like(theta[:, :1])], 1))
     factor = cholesky(covariance)
     jacobian = rows.linear[:, -FIXED:].expand(theta.shape[0], -1, -1)

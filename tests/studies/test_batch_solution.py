@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recursion against the minimum of the same sum over a whole drive, found by another method with every velocity at once.
+"""The recursion against the minimum of the same sum over a whole drive, by another method.
 
 The minimum's rows are evaluated where it lies, those of the recursion where it stood when it took
 them: the distance holds what the recursion loses by never returning to a block. The soil is known.
@@ -23,7 +23,10 @@ DRIVES = 8
 
 
 def shifts(model: PAlpaca, packed: Tensor) -> Tensor:
-    """How far the recursion's last (c, tan phi) is from the minimum in each of the drives, in deviations of its posterior [N, 2]."""
+    """Return the distance of the last (c, tan phi) from the minimum of each drive [N, 2].
+
+    It is in deviations of the posterior.
+    """
     trace = run(model, packed, torch.tensor([packed.shape[1] - 1]), rows=ROWS)
     first, last, unit = (
         model.layout.first_constant,
@@ -41,7 +44,7 @@ def shifts(model: PAlpaca, packed: Tensor) -> Tensor:
 
 
 def test_the_recursion_is_near_the_minimum_over_the_whole_drive() -> None:
-    """8 drives of 40 s, exact constants, every row: within a quarter of a deviation each, a tenth in the mean."""
+    """8 drives of 40 s, exact constants, every row: within 0.25 deviations, 0.1 in the mean."""
     model, drives = (
         physics_alone(ROVER, SOIL, exact=True),
         draw_drives(ROVER, SOIL, "S1", DRIVES, 0.0, 31),
@@ -56,8 +59,9 @@ def test_the_recursion_is_near_the_minimum_over_the_whole_drive() -> None:
 
 
 def test_with_uncertain_constants_the_distance_adds_three_percent_to_a_deviation() -> None:
-    """8 drives of 20 s, constants 5 % wrong and estimated: the rms distance is below 0.25, and sqrt(1 + 0.25^2) = 1.03.
+    """8 drives of 20 s, constants 5 % wrong and estimated: the rms distance is below 0.25.
 
+    sqrt(1 + 0.25^2) = 1.03.
     Most of it are rows that were taken early: when the recursion took all at the minimum, it was
     0.11 instead of 0.20 away in tan phi (rms of 12 other drives).
     """

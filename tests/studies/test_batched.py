@@ -14,7 +14,10 @@ from terrain_estimator.model.packing import view_of
 
 @pytest.mark.parametrize("name", ["mars_rover", "paper_rover"])
 def test_a_batch_gives_what_the_exported_model_gives_for_each_drive(name: str) -> None:
-    """Estimates within 1e-6 of a standard deviation, innovations and misfits to rounding; one drive has broken links and an early end."""
+    """Estimates agree within 1e-6 of a deviation, innovations and misfits to rounding.
+
+    One drive has broken links and an early end.
+    """
     loaded = load_model(name)
     tasks = draw_tasks(
         loaded.rover, loaded.metadata.soils[0], "S1", 12.0, 4, torch.Generator().manual_seed(5)
@@ -52,7 +55,7 @@ def test_a_batch_gives_what_the_exported_model_gives_for_each_drive(name: str) -
 
 
 def test_a_masked_row_is_a_row_that_was_not_measured() -> None:
-    """Torque rows masked give the estimates of NaN torques; with every row masked the prior stays."""
+    """Masked torque rows act as NaN torques; with every row masked the prior stays."""
     loaded = load_model("mars_rover")
     tasks = draw_tasks(
         loaded.rover, loaded.metadata.soils[0], "S1", 6.0, 3, torch.Generator().manual_seed(6)
@@ -75,7 +78,7 @@ def test_a_masked_row_is_a_row_that_was_not_measured() -> None:
 
 
 def test_a_batch_changes_its_ground_as_the_exported_model_does() -> None:
-    """From loose to compact sand, sharply and at once under all axles: births, deaths, mergers and another soil in every drive."""
+    """From loose to compact sand, at once under all axles: hypotheses start, go and merge."""
     loaded = load_model("mars_rover")
     before, after = (
         draw_tasks(loaded.rover, soil, "S1", 8.0, 3, torch.Generator().manual_seed(7)).measured

@@ -11,7 +11,7 @@ from terramechanics.vehicle.rover import load_rover
 
 
 def test_the_recursion_is_within_a_fifth_of_a_standard_deviation_of_the_grid_posterior() -> None:
-    """5 drives a rover over hills of 40 s, rows v + L + M, exact constants; deviations agree within 10 %."""
+    """5 drives of 40 s over hills, rows v + L + M, exact constants: deviations within 10 %."""
     for name, soil_name in (("mars_rover", "loose_sand"), ("paper_rover", "loose_sand")):
         rover, soil = load_rover(name), load_soil(soil_name)
         drives = draw_drives(rover, soil, "S1", 5, 0.0, 11)

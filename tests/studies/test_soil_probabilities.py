@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Soil probabilities and what is published of their mixture, against a posterior over the whole drive on each soil, by its evidence.
+"""Soil probabilities and their mixture against a posterior over the whole drive on each soil.
 
 The reference knows no change of the ground. The weight of hypotheses started anew on the way is
 bounded, so that both mean the same.
@@ -29,13 +29,14 @@ BLOCKS = 10
 class Compared(NamedTuple):
     """The recursion beside the reference after one drive."""
 
-    log_probability: Tensor  # [L, 2] log probability of each soil that the recursion has left: its own, the reference's
+    # [L, 2] log probability of each remaining soil: the recursion's, the reference's
+    log_probability: Tensor
     shift: Tensor  # [2] of the published mean of (c, tan phi), in deviations of the reference
     ratio: Tensor  # [2] of the published deviation to the reference's
 
 
 class Seen(NamedTuple):
-    """The recursion's last state, and where it evaluated the rows of each block on each soil [B, K, 2 + M]."""
+    """The recursion's last state, and the expansion of each block on each soil [B, K, 2 + M]."""
 
     state: State
     expanded: Tensor
@@ -75,7 +76,10 @@ def compared(model: PAlpaca, packed: Tensor, found: Seen, *, shared: bool) -> Co
 
 
 def alike() -> PAlpaca:
-    """A model of three soils that a drive does not tell apart at once: two differ from the first by 10 % in stiffness or shear modulus."""
+    """Return a model of three soils that a drive does not separate at once.
+
+    Two differ from the first by 10 % in stiffness or shear modulus.
+    """
     loose = load_soil("loose_sand")
     stiffer = loose.with_values(k_c=1.1 * loose.k_c, k_phi=1.1 * loose.k_phi)
     model = build_model(
@@ -89,7 +93,7 @@ def alike() -> PAlpaca:
 
 
 def drives(model: PAlpaca, soil: Soil, count: int) -> Tensor:
-    """Drives whose velocities are all linked, with soil constants within 5 % of ``soil``'s [N, 10 B, size]."""
+    """Return drives [N, 10 B, P] with linked velocities and constants within 5 % of ``soil``'s."""
     generator = torch.Generator().manual_seed(31)
     packed = draw_tasks(
         load_rover("mars_rover"), soil, "S1", float(BLOCKS), count, generator, CONSTANTS_SPREAD
@@ -117,11 +121,12 @@ def test_soils_that_are_alike_have_the_probabilities_of_their_evidence() -> None
 
 
 def test_the_shipped_soils_have_the_probabilities_of_their_evidence() -> None:
-    """2 drives of 10 s on each soil, without the net, of velocity and load rows alone: all rows tell the soils apart in two seconds.
+    """2 drives of 10 s on each soil, without the net, of velocity and load rows alone.
 
-    What the recursion dropped is left out. Given its rows the bounds are those of soils that are
-    alike. Given the reference's own, means and deviations are bounded as there, odds not at all:
-    they were up to 9 nat away where a soil has to move its constants by several deviations.
+    All rows separate the soils in two seconds. Dropped soils are left out. Given its rows the
+    bounds are those of soils that are alike. Given the reference's own, means and deviations are
+    bounded as there, odds not at all: they were up to 9 nat away where a soil has to move its
+    constants by several deviations.
     """
     loaded = load_model()
     model = restore(loaded, trust=0.0)
@@ -138,7 +143,7 @@ def test_the_shipped_soils_have_the_probabilities_of_their_evidence() -> None:
 
 
 def check(found: Compared, odds: float, shift: float, ratio: float) -> None:
-    """The largest differences: of log odds of two soils [nat], of means and of deviations, in deviations."""
+    """Check the largest differences of log odds [nat], of means and of deviations."""
     difference = found.log_probability[:, 0] - found.log_probability[:, 1]
     assert float(difference.max() - difference.min()) <= odds
     assert float(found.shift.abs().max()) < shift

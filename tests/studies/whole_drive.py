@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sum that the recursion minimises block by block, over a whole drive at once: its minimum, and the posterior that belongs to it.
+"""The sum that the recursion minimises by block, over a whole drive: minimum and posterior.
 
-    k = [c (kPa), tan phi, M soil constants (prior deviations), mass, centre of mass, acceleration bias, velocities]
+    k = [c (kPa), tan phi, M soil constants (prior deviations), mass, centre of mass,
+         acceleration bias, velocities]
 
 has one velocity for each end of the B blocks. The rows of a block and their noise are the model's,
 evaluated where a method says.
@@ -27,7 +28,7 @@ STAYS = 0.05
 
 
 class Belief(NamedTuple):
-    """What a drive says of the ground if it is of one soil."""
+    """The posterior of the ground from one drive, if it is of one soil."""
 
     log_evidence: Tensor  # [] up to a constant that all soils share; of c and tan phi above zero
     mean: Tensor  # [2] c [kPa], tan phi
@@ -35,7 +36,7 @@ class Belief(NamedTuple):
 
 
 def in_one_chain(model: PAlpaca, packed: Tensor) -> Tensor:
-    """Which of the drives [N, T, size] have every velocity linked to the one before: bool [N]."""
+    """Return which of the drives [N, T, P] have every velocity linked to the one before [N]."""
     layout = lay_out(model, packed, torch.full((packed.shape[0],), packed.shape[1]))
     return layout.linked[:, 1:].all(1)
 
@@ -64,18 +65,21 @@ class WholeDrive:
         self._precision = torch.cat([*known, torch.full_like(self._velocity, 1e-6)])
 
     def start(self, place: Tensor) -> Tensor:
-        """k with c, tan phi and constants of ``place`` [2 + M], velocities as measured, and the rover as its file says."""
+        """Return k with ``place`` [2 + M], measured velocities, and the rover of the file.
+
+        ``place`` is c, tan phi and constants.
+        """
         return torch.cat([place, place.new_zeros(FIXED - 2), self._velocity])
 
     def rows(self, place: Tensor) -> BlockRows:
-        """Rows evaluated at one ``place`` [2 + M] of k, or at one for each block [B, 2 + M]; every field [B, ...]."""
+        """Return rows [B, ...] at one ``place`` [2 + M] of k, or one for each block [B, 2 + M]."""
         place = place.expand(self._blocks.shape[0], self.place)
         return torch.vmap(
             lambda block, at: self._model.average(block, self._soil, at, self._mask)[0]
         )(self._blocks, place)
 
     def minimum(self, k: Tensor) -> Tensor:
-        """k where the sum is least, the prior's Gaussian of (c, tan phi) included.
+        """Return k where the sum is least, the prior's Gaussian of (c, tan phi) included.
 
         Newton steps on automatic derivatives from ``k``; before each the rows are evaluated anew,
         at the k that it starts from.
@@ -99,11 +103,12 @@ class WholeDrive:
         raise AssertionError("Newton's method did not converge")
 
     def belief(self, place: Tensor, covariance: Tensor, expanded: Tensor | None = None) -> Belief:
-        """The posterior on a grid of (c, tan phi), for each point of which all else is solved for and marginalised as a Gaussian.
+        """Return the posterior on a grid of (c, tan phi).
 
-        The grid starts at ``place`` [2 + M] with ``covariance`` [2, 2], the place of c, tan phi and
-        constants, and is laid again around what it finds until that stays. Rows are evaluated at
-        that place, or at those ``expanded`` [B, 2 + M].
+        At each point all else is solved for and marginalised as a Gaussian. The grid starts at
+        ``place`` [2 + M] with ``covariance`` [2, 2], the place of c, tan phi and constants, and is
+        laid again around what it finds until that stays. Rows are evaluated at that place, or at
+        those ``expanded`` [B, 2 + M].
         """
         scale, axis = (
             torch.linalg.cholesky(covariance),
@@ -135,7 +140,10 @@ class WholeDrive:
         raise AssertionError("the grid did not come to rest")
 
     def _solved(self, theta: Tensor, known: Tensor, rows: BlockRows) -> tuple[Tensor, Tensor]:
-        """Log density of the rows at ``theta`` [2], and the soil constants there. A second step counts that the noise depends on these."""
+        """Return the log density of the rows at ``theta`` [2], and the soil constants there.
+
+        A second step allows for the noise, which depends on these.
+        """
         k = self.start(torch.cat([theta, known]))
         columns, free = self._columns(k, rows), k[2:]
         whitened = torch.linalg.solve(self._covariance(k, rows), columns)
@@ -154,7 +162,7 @@ class WholeDrive:
         )
 
     def _log_prior(self, theta: Tensor) -> Tensor:
-        """Of (c, tan phi) [P, 2]: the model's mixture, each part of which ends at zero."""
+        """Return the log prior [P] of (c, tan phi) [P, 2]: the mixture of parts above zero."""
         centre, deviation = (
             self._mean + self._prior.offsets * self._deviation,
             self._prior.offset_spread * self._deviation,
@@ -178,7 +186,7 @@ class WholeDrive:
         return rows.target - rows.offset - explained
 
     def _columns(self, k: Tensor, rows: BlockRows) -> Tensor:
-        """What all but c and tan phi do in the rows [B, Q, D - 2], at the c and tan phi of ``k``."""
+        """Return the columns [B, Q, D - 2] of all but c and tan phi, at those of ``k``."""
         blocks, q = rows.target.shape
         by_constant = torch.einsum("a,bax->bx", _homogeneous(k), rows.nuisance).view(blocks, q, -1)
         ends = torch.eye(blocks + 1, dtype=k.dtype).unsqueeze(1)
@@ -186,8 +194,9 @@ class WholeDrive:
         return torch.cat([by_constant, rows.linear[..., -FIXED:-2], velocity], 2)
 
     def _covariance(self, k: Tensor, rows: BlockRows) -> Tensor:
-        """S [B, Q, Q] at the c and tan phi of ``k`` and the constants of the rows, with its derivatives by the constants of ``k``.
+        """Return S [B, Q, Q] at the c and tan phi of ``k`` and the constants of the rows.
 
+        It has derivatives by the constants of ``k``.
         Their values do not enter: S to first order in them need not be definite.
         """
         blocks, q = rows.target.shape

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator: one observation in, one update out. No clock, no logging, no files: stamps decide everything."""
+"""The estimator: one observation in, one update out, without a clock, a log or a file."""
 
 import dataclasses
 import functools
@@ -15,7 +15,7 @@ from scipy.special import chdtri
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError, checked_state
 from terrain_estimator.estimator.screening import Screening, screen
-from terrain_estimator.estimator.summary import Beliefs, doubted, summarise
+from terrain_estimator.estimator.summary import Beliefs, inflated, summarise
 from terrain_estimator.model.model_file import LoadedModel, running
 from terrain_estimator.model.packing import LONGEST_GAP, ground_torque, link, pack
 from terrain_estimator.model.state import State
@@ -36,9 +36,12 @@ _PUBLISHED = ("strength_mean", "strength_covariance", "expected", "covariance")
 # parts of the state that hold the parameters prior.* and drift
 _GIVEN = ("prior_mean", "prior_sd", "random_walk", "log_soils")
 _PATIENCE = 15
-"""Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
-ground while it crosses a border passes within that time."""
-_ROUNDING = 1.0  # [1] a squared distance below zero by more is the difference of huge terms, and its posterior is none
+"""Blocks in a row that fit no ground at all, after which the prior holds again.
+
+A rover whose axles are on different ground while it crosses a border passes within that time.
+"""
+# [1] a squared distance further below zero is the difference of huge terms, without a posterior
+_ROUNDING = 1.0
 
 
 class Estimator:
@@ -80,7 +83,10 @@ class Estimator:
         self._estimate = self._summarise()
 
     def update(self, observation: Observation) -> Update:
-        """Take one observation; never raises for its content, the decision says what was done with it."""
+        """Take one observation and return the update, whose decision tells its use.
+
+        The content of an observation never raises.
+        """
         observation = self._without_unused(observation)
         screening = screen(observation, self._last_stamp, self._rover.wheel_radius, self._config)
         if screening.outcome not in (Outcome.TIME_BACKWARDS, Outcome.DUPLICATE):
@@ -101,7 +107,7 @@ class Estimator:
         return self._last_stamp
 
     def save(self) -> dict[str, NDArray[Any]]:
-        """Everything that the next update depends on, as arrays; the sequence number is the run's and stays."""
+        """Return all that the next update depends on, as arrays, but for the sequence number."""
         last = {} if self._last is None else dataclasses.asdict(self._last)
         return {
             **{f"state.{name}": value.numpy() for name, value in self._state.items()},
@@ -147,7 +153,7 @@ class Estimator:
         self._estimate = self._summarise()
 
     def unlink(self) -> None:
-        """Take what comes next whatever its stamp is, as after a pause of unknown length: all that is known of the ground stays."""
+        """Accept any stamp next, as after a pause of unknown length; the posterior stays."""
         self._last = self._last_stamp = None
         self._forecast = (_NAN, _NAN)
 
@@ -159,7 +165,9 @@ class Estimator:
             changes["acceleration"] = math.nan
         if not self._config.use_moments:
             changes["bogie_angle"] = math.nan
-        return dataclasses.replace(observation, **changes) if changes else observation  # type: ignore[arg-type]
+        if not changes:
+            return observation
+        return dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
 
     def _learn(self, screening: Screening) -> Update:
         observation = screening.observation
@@ -186,7 +194,7 @@ class Estimator:
         )
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
-        """Why the new state must not replace the old one; None where it may."""
+        """Return the reason why the new state must not replace the old one; None where it may."""
         if not _finite(state, report) or report.misfit < -_ROUNDING:
             self._discard_block()
             detail = (
@@ -214,7 +222,7 @@ class Estimator:
         return None
 
     def _refuse_block(self, report: "Report") -> Decision | None:
-        """Why the block that was closed is left out; a contradiction that lasts is believed."""
+        """Return the reason why the closed block is left out; a lasting contradiction re-opens."""
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
         threshold = _threshold(self._config.gate_probability, degrees)
@@ -247,9 +255,8 @@ class Estimator:
 
     def _accepted(self, screening: Screening, torque: Floats, report: "Report") -> Decision:
         distance, observation = report.distance, screening.observation
-        measured = np.isfinite(
-            torque
-        ).tolist()  # less what turns the wheel, which nobody knows without its rate
+        # less what turns the wheel, which is unknown without its rate
+        measured = np.isfinite(torque).tolist()
         rows = [
             "velocity",
             "load",
@@ -284,7 +291,7 @@ class Estimator:
         with running():
             values = self._module.estimate(self._state).numpy()
             sizes = self._module.effects(self._state).tolist() if self._effects else ()
-        mean, covariance = doubted(values[0], values[1:], self._beliefs, self._doubt)
+        mean, covariance = inflated(values[0], values[1:], self._beliefs, self._doubt)
         self._condition = _condition(covariance)
         soils = tuple(min(probability, 1.0) for probability in self._state["soils"].tolist())
         estimate = summarise(mean, covariance, self._beliefs, soils)
@@ -318,13 +325,13 @@ class Estimator:
 
 
 def _condition(covariance: Floats) -> float:
-    """Condition number of the 2 x 2 covariance scaled to unit diagonal, from its correlation."""
+    """Return the condition number of the 2 x 2 covariance scaled to unit diagonal."""
     correlation = abs(covariance[0, 1]) / math.sqrt(covariance[0, 0] * covariance[1, 1])
     return float((1.0 + correlation) / max(1.0 - correlation, np.finfo(np.float64).eps))
 
 
 class Report(NamedTuple):
-    """The report in the state as numbers; NaN where there was no innovation or no closed block yet."""
+    """The report in the state as numbers; NaN where there was no innovation or block yet."""
 
     velocity: float  # [m/s] forecast one step ahead
     variance: float  # [m^2/s^2]
@@ -354,13 +361,15 @@ class Report(NamedTuple):
     @property
     def distance(self) -> float:
         """Squared Mahalanobis distance of the velocity's innovation [1]."""
-        return (
-            self.innovation * self.innovation / self.innovation_variance
-        )  # a product overflows to infinity, a power raises
+        # a product overflows to infinity, a power raises
+        return self.innovation * self.innovation / self.innovation_variance
 
 
 def _finite(state: State, report: Report) -> bool:
-    """Whether all that is published is finite; the posterior moves with closed blocks only, a forecast is NaN where there is none."""
+    """Return whether all published numbers are finite.
+
+    The posterior moves with closed blocks only; a forecast is NaN where there is none.
+    """
     velocity = state["velocity"].item() + state["velocity_variance"].item()
     moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
     return math.isfinite(velocity + moved) and not math.isinf(report.velocity + report.variance)
@@ -368,5 +377,8 @@ def _finite(state: State, report: Report) -> bool:
 
 @functools.lru_cache
 def _threshold(probability: float, degrees: int) -> float:
-    """chi-square threshold that good data exceed with this probability; infinite where the gate is off."""
+    """Return the chi-square threshold that good data exceed with this probability.
+
+    It is infinite where the gate is off.
+    """
     return float(chdtri(degrees, probability)) if probability > 0.0 else math.inf

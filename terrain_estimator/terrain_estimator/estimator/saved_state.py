@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator's state as a file: what a node that starts again goes on from.
+"""The estimator's state as a file, from which a node that starts again goes on.
 
-One line of JSON says what the file is (version, model, size and sha256 of the rest); NumPy's npz of
+One line of JSON describes the file (version, model, size and sha256 of the rest); NumPy's npz of
 plain arrays follows, which is never unpickled. A file that is cut, changed, of another version or
 of another model is refused before its arrays are read.
 """
@@ -33,11 +33,11 @@ Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 class StateFileError(ValueError):
-    """A state is missing, damaged, or another model's; the message names the file and says what to do."""
+    """A state is missing, damaged, or another model's; the message names file and remedy."""
 
 
 def pack_state(arrays: Arrays, model_sha256: str) -> bytes:
-    """The content of a state file."""
+    """Return the content of a state file."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     payload = buffer.getvalue()
@@ -52,7 +52,7 @@ def pack_state(arrays: Arrays, model_sha256: str) -> bytes:
 
 
 def unpack_state(content: bytes, model_sha256: str, where: str) -> dict[str, NDArray[Any]]:
-    """The arrays of a state file's content. Raises StateFileError that begins with ``where``."""
+    """Return the arrays of a state file. Raises StateFileError that begins with ``where``."""
     line, _, payload = content.partition(b"\n")
     header = _header(line, where)
     expected = {"format": _FORMAT, "version": VERSION, "model_sha256": model_sha256}
@@ -79,7 +79,10 @@ def unpack_state(content: bytes, model_sha256: str, where: str) -> dict[str, NDA
 
 
 def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
-    """Of an npz whose entries are not larger than a state file may be. Raises what its readers do."""
+    """Return the arrays of an npz that is not larger than a state file may be.
+
+    Raises the errors of its readers.
+    """
     with zipfile.ZipFile(io.BytesIO(payload)) as archive:
         unpacked = sum(entry.file_size for entry in archive.infolist())
     if unpacked > _LARGEST_FILE:
@@ -91,11 +94,11 @@ def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
 def checked_state(
     arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str], given: Iterable[str]
 ) -> dict[str, Tensor]:
-    """The tensors of an estimator's saved state, with the names, types and ranks of its own; the number of rows changes while it runs.
+    """Return the tensors of a saved state, with the names, types and ranks of an estimator's own.
 
-    Raises StateFileError where they differ, where one of the names in ``finite`` is not, or one in
-    ``given``, which is the prior of the configuration, has other values: what was learnt from one
-    prior cannot be had from another, and the parameters would have no effect.
+    The number of rows changes while it runs. Raises StateFileError where they differ, where one of
+    the names in ``finite`` is not, or one in ``given``, which is the prior of the configuration,
+    has other values: an estimate from one prior cannot be turned into one from another.
     """
     state = {
         name: torch.from_numpy(arrays[key].copy())
@@ -130,9 +133,9 @@ def checked_state(
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether a file never was a state: one that was begins as one, or with the zeros or the nothing that a power cut may leave.
+    """Return whether a file never was a state. Raises OSError.
 
-    Raises OSError.
+    One that was begins as one, or is empty or all zeros, as a power cut may leave it.
     """
     with path.open("rb") as file:
         found = file.read(len(_BEGINNING))
@@ -140,7 +143,7 @@ def is_foreign(path: Path) -> bool:
 
 
 def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
-    """The arrays of a state file. Raises StateFileError."""
+    """Read the arrays of a state file. Raises StateFileError."""
     try:
         with path.open("rb") as file:
             content = file.read(_LARGEST_FILE + 1)
@@ -154,11 +157,17 @@ def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
 
 
 _WRITING: dict[Path, threading.Lock] = {}
-"""By file: its temporary one has one name, which a crash cannot leave behind twice. A file on a disk that hangs holds up no other."""
+"""Locks by file, so that a file on a disk that hangs holds up no other.
+
+The temporary file has one name, which a crash cannot leave behind twice.
+"""
 
 
 def write_state(path: Path, content: bytes) -> None:
-    """Replace a state file so that a crash leaves the old one or the new one. Raises OSError; the old one is untouched then."""
+    """Replace a state file so that a crash leaves the old one or the new one.
+
+    Raises OSError; the old one is untouched then.
+    """
     temporary = path.with_name(f".{path.name}.new")
     with _WRITING.setdefault(temporary, threading.Lock()):
         try:

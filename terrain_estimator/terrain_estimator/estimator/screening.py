@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decides whether an observation may enter the posterior, before any of its numbers is used.
+"""The screening of an observation before any of its numbers enters the posterior.
 
 An optional sensor that cannot be used is masked (NaN) and the rest is used; what is refused keeps
 its reason. An axle without slip, sinkage or contact angle costs the whole observation: without it
@@ -21,9 +21,10 @@ from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 
 NOISE_BOUND = 4.0
-"""[standard deviations] what noise explains: further outside the possible range a value is a sensor error."""
+"""[standard deviations] Reach of noise; a value further outside its range is a sensor error."""
 
-FASTEST = 100.0  # [m/s] no rover and no rim is faster: a broken sensor or a wrong unit, as with the other limits
+# Beyond these limits a sensor is broken or a unit is wrong.
+FASTEST = 100.0  # [m/s] of rover and rim
 STRONGEST_TORQUE = 1e6  # [N m]
 STRONGEST_ACCELERATION = 1e3  # [m/s^2]
 DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
@@ -36,7 +37,7 @@ _STANDSTILL_BOUND = (
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """The verdict: ACCEPTED, ACCEPTED_PARTIALLY (an optional sensor is masked), or why the observation is refused."""
+    """The verdict: ACCEPTED, ACCEPTED_PARTIALLY (a sensor is masked), or the reason of refusal."""
 
     outcome: Outcome
     observation: Observation  # unusable optional sensors are NaN
@@ -49,7 +50,7 @@ def screen(
     wheel_radius_m: float,
     config: CoreConfig,
 ) -> Screening:
-    """Screen one observation; ``previous_stamp_ns`` is the stamp of the one before, None at the start."""
+    """Screen one observation; ``previous_stamp_ns`` is the stamp of the last one, if any."""
     refusal = (
         _refuse_time(observation.stamp_ns, previous_stamp_ns)
         or _refuse_standstill(observation, wheel_radius_m, config.standstill_speed)
@@ -79,9 +80,10 @@ def _refuse_time(stamp_ns: int, previous_stamp_ns: int | None) -> _Refusal:
 
 
 def _refuse_standstill(observation: Observation, radius: float, threshold: float) -> _Refusal:
-    """Standing is told by the wheels' rims, which are exact; by the velocity only where no wheel rate is measured.
+    """Refuse a rover that stands.
 
-    A rover that is stuck with its wheels turning (slip near 1) does not stand.
+    The wheels' rims decide, which are exact; the velocity only where no wheel rate is measured. A
+    rover that is stuck with its wheels turning (slip near 1) does not stand.
     """
     rims = [abs(rate) * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
     if rims:
@@ -102,9 +104,10 @@ def _refuse_standstill(observation: Observation, radius: float, threshold: float
 
 
 def backwards(observation: Observation, radius: float, threshold: float) -> bool:
-    """Whether a rover that does not stand drives backwards: no rim is faster forward than ``threshold`` [m/s].
+    """Return whether a rover that does not stand drives backwards.
 
-    The model is of forward driving: its thrust would point the wrong way.
+    No rim is then faster forward than ``threshold`` [m/s]. The model is of forward driving: its
+    thrust would point the wrong way.
     """
     rims = [rate * radius for rate in observation.wheel_rate.tolist() if not math.isnan(rate)]
     if rims:
@@ -169,7 +172,7 @@ def _mask(observation: Observation, radius: float, config: CoreConfig) -> Screen
 
 
 def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
-    """Per axle: slip, its deviation, sinkage, its deviation, contact angle, its deviation."""
+    """Yield per axle: slip, its deviation, sinkage, its deviation, contact angle, its deviation."""
     return zip(
         observation.slip.tolist(),
         observation.slip_sd.tolist(),
@@ -184,7 +187,7 @@ def _wheels(observation: Observation) -> Iterable[tuple[float, ...]]:
 def _wheel_fault(
     wheel: tuple[float, ...], radius: float, config: CoreConfig
 ) -> tuple[Outcome, str] | None:
-    """Why one wheel cannot be used; None where it can."""
+    """Return the reason why one wheel cannot be used; None where it can."""
     slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd = wheel
     for name, value in (("slip", slip), ("sinkage", sinkage), ("contact angle", angle)):
         if not math.isfinite(value):
@@ -223,7 +226,10 @@ def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
 def _mask_rates(
     observation: Observation, radius: float, changes: dict[str, Floats | float]
 ) -> list[str]:
-    """Mask wheel rates that no wheel has; what turns the wheel's own inertia is not known then, and the torque no use."""
+    """Mask wheel rates that no wheel has, and the torques with them.
+
+    Without the rate the part of the torque that turns the wheel's own inertia is unknown.
+    """
     rates = observation.wheel_rate
     absurd = [not math.isnan(rate) and not abs(rate) * radius <= FASTEST for rate in rates.tolist()]
     if not any(absurd):
@@ -238,7 +244,10 @@ def _mask_rates(
 
 
 def _mask_optional(observation: Observation, changes: dict[str, Floats | float]) -> list[str]:
-    """Mask torque, acceleration and bogie angle that are given but unusable. NaN is a sensor that is not there, and no fault."""
+    """Mask torque, acceleration and bogie angle that are given but unusable.
+
+    NaN is an absent sensor, and no fault.
+    """
     details = []
     torque, acceleration, bogie = (
         observation.torque,
@@ -272,6 +281,9 @@ def _mask_optional(observation: Observation, changes: dict[str, Floats | float])
 
 
 def _worst(outcomes: Iterable[Outcome]) -> Outcome:
-    """One outcome for wheels that all failed: the range where any wheel had usable numbers, else the first reason."""
+    """Return one outcome for wheels that failed.
+
+    It is the range where any wheel had usable numbers, else the first reason.
+    """
     all_outcomes = list(outcomes)
     return Outcome.OUT_OF_RANGE if Outcome.OUT_OF_RANGE in all_outcomes else all_outcomes[0]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the posterior says about the ground: intervals, and whether the data or the prior set them."""
+"""The posterior of the ground as intervals, and whether the data or the prior set them."""
 
 import math
 from dataclasses import dataclass
@@ -16,14 +16,17 @@ from terrain_estimator.observation import Floats
 from terrain_estimator.update import Estimate
 
 IDENTIFIED_VARIANCE = 0.1
-"""[1] A parameter counts as identified when the data left this share of its prior variance, or less."""
+"""[1] Largest share of the prior variance that the data leave of an identified parameter."""
 MOST_CORRELATED = 1.0 - 1e-9
-"""[1] What is published stays definite in double precision where two sharp hypotheses leave but a line between them."""
+"""[1] Largest published correlation.
+
+It keeps a covariance definite where two sharp hypotheses leave but a line between them.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Beliefs:
-    """The prior of (c [Pa], tan phi), each of shape [2]: the user's where given, else the model's; and the soils that it knows."""
+    """The prior of (c [Pa], tan phi) [2], the user's where given, and of the known soils."""
 
     prior_mean: Floats
     prior_sd: Floats
@@ -55,17 +58,20 @@ class Beliefs:
         )
 
 
-def doubted(
+def inflated(
     mean: Floats, covariance: Floats, beliefs: Beliefs, doubt: float
 ) -> tuple[Floats, Floats]:
-    """Moments of (c, tan phi) where with probability ``doubt`` the ground is another, of which only the prior is known."""
+    """Return moments of (c, tan phi), inflated by the prior with probability ``doubt`` [1].
+
+    So much is the probability that the ground is another, of which only the prior is known.
+    """
     shift = beliefs.prior_mean - mean
     between = (1.0 - doubt) * covariance + doubt * np.diag(beliefs.prior_sd**2)
     return mean + doubt * shift, definite(between + doubt * (1.0 - doubt) * np.outer(shift, shift))
 
 
 def definite(covariance: Floats) -> Floats:
-    """``covariance`` [2, 2] of correlation MOST_CORRELATED at most, exactly symmetric, with the same variances."""
+    """Return ``covariance`` [2, 2] symmetric, with a correlation of MOST_CORRELATED at most."""
     (cohesion, one), (other, friction) = covariance.tolist()
     most = MOST_CORRELATED * math.sqrt(cohesion) * math.sqrt(friction)
     shared = max(-most, min(0.5 * (one + other), most))
@@ -75,9 +81,9 @@ def definite(covariance: Floats) -> Floats:
 def summarise(
     mean: Floats, covariance: Floats, beliefs: Beliefs, soil_probability: tuple[float, ...]
 ) -> Estimate:
-    """The record of a marginal posterior: ``mean`` [2] and ``covariance`` [2, 2] of (c [Pa], tan phi), and of the soils.
+    """Return the record of a marginal posterior of (c [Pa], tan phi) and of the soils.
 
-    What a caller has counted is left for it to fill in.
+    ``mean`` is [2], ``covariance`` [2, 2]. The caller fills in its own counts.
     """
     sd = np.sqrt(np.diagonal(covariance))
     lower, upper = credible_interval(mean, sd, 0.05)

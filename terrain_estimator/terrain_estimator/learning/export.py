@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Exports a trained model as TorchScript with its metadata, and checks that the file gives the same numbers."""
+"""Export of a trained model as TorchScript with its metadata, and the check of the file."""
 
 import dataclasses
 import warnings
@@ -28,13 +28,16 @@ from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
 VERSION = "10"
-"""Of the model's structure and training, part of the model's id."""
+"""Version of the model's structure and training, part of the model's id."""
 
 
 def export(
     model: PAlpaca, rover: Rover, soils: Sequence[Soil], training: Training, path: Path
 ) -> Metadata:
-    """Write ``path`` (.pt) and the .json beside it; returns the metadata. The name of the file is that of the model."""
+    """Write ``path`` (.pt) and the .json beside it, and return the metadata.
+
+    The name of the file is that of the model.
+    """
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
     constants = UNCERTAIN[: model.layout.constants]
     metadata = Metadata(
@@ -66,7 +69,7 @@ def export(
 
 
 def save(model: PAlpaca, metadata: Metadata, path: Path) -> Metadata:
-    """Write ``path`` (.pt) and ``metadata`` beside it; returns that with the size and sha256 of the file."""
+    """Write ``path`` (.pt) and ``metadata`` beside it, and return that with size and sha256."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"`torch.jit.\w+` is deprecated", DeprecationWarning)
@@ -78,7 +81,7 @@ def save(model: PAlpaca, metadata: Metadata, path: Path) -> Metadata:
 
 
 def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:
-    """The exported file gives the Python model's numbers for packed ``observations`` [n, P].
+    """Check that the exported file gives the Python model's numbers for ``observations`` [n, P].
 
     Raises ModelFileError with the largest difference where it does not.
     """

@@ -23,9 +23,13 @@ from terrain_estimator.model.rows import PA_PER_UNIT, regression_rows, row_names
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Blocks of a batch of tasks: rows velocity, load, torques, moments; Q = A + 4 of them a block. Zero where a block is not valid."""
+    """Blocks of a batch of tasks, zero where a block is not valid.
 
-    nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, uncertain soil constants [prior deviations]
+    Each has Q = A + 4 rows: velocity, load, torques, moments; M uncertain soil constants, in prior
+    deviations.
+    """
+
+    nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, soil constants
     target: Tensor  # [tasks, blocks, Q] less the constant features
     covariance: Tensor  # [tasks, blocks, Q, Q] of the rows' noise
     inputs: Tensor  # [tasks, blocks, P] mean measured observations, inputs of the network
@@ -33,22 +37,25 @@ class Regression:
 
     @classmethod
     def join(cls, pieces: Sequence["Regression"]) -> "Regression":
-        """The tasks of all."""
+        """Return the tasks of all ``pieces``."""
         return cls(
             *(torch.cat([getattr(piece, field.name) for piece in pieces]) for field in fields(cls))
         )
 
     def of(self, chosen: Tensor) -> "Regression":
-        """The tasks with the indices ``chosen``."""
+        """Return the tasks with the indices ``chosen``."""
         return Regression(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def to(self, device: torch.device) -> "Regression":
-        """The same on a device."""
+        """Return the tasks on a device."""
         return Regression(*(getattr(self, field.name).to(device) for field in fields(self)))
 
 
 def distinct_rows(axles: int) -> list[int]:
-    """Places of the rows that the net learns from: all but the imu's, which is the velocity row once more."""
+    """Return the places of the rows that the net learns from.
+
+    These are all but the imu's, which is the velocity row once more.
+    """
     return [place for place, name in enumerate(row_names(axles)) if name != "acceleration"]
 
 

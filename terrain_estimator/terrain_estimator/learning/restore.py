@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The Python model behind a model file, for what a TorchScript module cannot do: torch.vmap and masked rows."""
+"""The Python model behind a model file, for torch.vmap and masked rows, which TorchScript lacks."""
 
 import dataclasses
 
@@ -15,8 +15,9 @@ from terramechanics.vehicle.rover import Rover
 
 
 def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
-    """The same model with the same numbers as a Python module; ``trust`` replaces the prior probability [1] that the net has a say.
+    """Return a loaded model as a Python module with the same numbers.
 
+    ``trust`` replaces the prior probability [1] of the hypotheses with the net.
     Raises ModelFileError where it has named effects.
     """
     if loaded.effects:
@@ -38,9 +39,9 @@ def restore(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
 
 
 def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
-    """The model without learnt features: one column, in which no hypothesis believes.
+    """Return the model without learnt features: one column, of prior probability zero.
 
-    ``exact`` takes the soil constants for exact; else they are parameters with the prior of the
+    ``exact`` makes the soil constants exact; else they are parameters with the prior of the
     trained models.
     """
     prior = dataclasses.replace(DEFAULT_PRIOR, constants_sd=0.0) if exact else DEFAULT_PRIOR

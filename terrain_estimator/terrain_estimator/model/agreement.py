@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where all rows of an instant agree best on slip and sinkage: the place at which they are expanded."""
+"""The slip and sinkage on which all rows of an instant agree best, where the rows are expanded."""
 
 from typing import NamedTuple
 
@@ -16,10 +16,11 @@ LARGEST_ERROR = 3.0
 
 
 class Agreement(NamedTuple):
-    """Where all rows of an instant agree best, of n observations."""
+    """Slips and sinkages on which all rows of an instant agree best, of n observations."""
 
     inputs: Tensor  # [n, P] packed observations with slips and sinkages there
-    doubt: Tensor  # [n, 3, A] variances of what is left of the errors of slip and sinkage, in those as measured, and their covariance
+    # variances of the remaining errors of slip and sinkage in measured ones, and their covariance
+    doubt: Tensor  # [n, 3, A]
 
 
 def agreement(
@@ -30,8 +31,9 @@ def agreement(
     chosen: Tensor,
     largest: float = LARGEST_ERROR,
 ) -> Agreement:
-    """Slips and sinkages where the ``rows``, taken at the measured ones, agree best, given ``theta`` = (c [kPa], tan phi, 1).
+    """Return the slips and sinkages on which the ``rows`` agree best, given ``theta`` [3].
 
+    The ``rows`` are those at the measured inputs, ``theta`` is (c [kPa], tan phi, 1).
     One step of the projection that orthogonal distance regression makes, e = G' S^-1 r, by the rows
     that are ``chosen`` [R] (1 or 0), without the velocity's, whose dv/dt no single instant
     measures. What is left has the covariance I - G' S^-1 G. As a place to expand the rows around,

@@ -82,10 +82,10 @@ def join(known: Solved, new: Solved) -> Solved:
 
 
 def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
-    """Return the log of the mass [H] of each Gaussian [H, D] on c > 0 and tan phi > 0, as if independent.
+    """Return the log of the mass [H] of each Gaussian [H, D] on c > 0 and tan phi > 0.
 
-    A prior that ends at zero multiplies the evidence of a posterior by its mass above zero over
-    that of its prior.
+    The two are taken as independent. A prior that ends at zero multiplies the evidence of a
+    posterior by its mass above zero over that of its prior.
     """
     variance = torch.diagonal(covariance, dim1=-2, dim2=-1).narrow(1, 0, 2)
     mass = 0.5 * torch.special.erfc(-mean.narrow(1, 0, 2) / (2.0 * variance).sqrt())
@@ -123,7 +123,7 @@ def take(bank: Bank, chosen: Tensor) -> Bank:
 
 
 def prune(bank: Bank, negligible: float) -> Bank:
-    """Return the bank without the weight of hypotheses that are ``negligible`` [nat] below the best."""
+    """Return the bank without weight where a hypothesis is ``negligible`` [nat] below the best."""
     lost = bank.weight < bank.weight.amax() - negligible
     weight = torch.where(lost, torch.full_like(bank.weight, -float("inf")), bank.weight)
     return Bank(bank.mean, bank.covariance, bank.precision, weight, bank.age, bank.kind)

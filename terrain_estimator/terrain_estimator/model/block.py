@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One block of observations as a few rows, and the Gauss-Newton solution of its posterior. Scripted with the model."""
+"""One block of observations as a few rows, and the Gauss-Newton solution of its posterior."""
 
 from typing import NamedTuple
 
@@ -24,17 +24,18 @@ class Posterior(NamedTuple):
 
 
 class BlockRows(NamedTuple):
-    """Q = R + 1 rows of a block over D + 1 parameters: those of Posterior, then the velocity at the block's end.
+    """Q = R + 1 rows of a block over D + 1 parameters.
 
-    Row 0 is the mean of the measured velocities, row 1 carries the velocity over the block (its
-    target is zero), the others are means of the observations' rows. With G_a [Q, S] the change of
-    the rows for the S = n E sources of noise, affine in theta = (c, tan phi, 1), their covariance
-    is SUM_ab theta_a theta_b G_a G_b'. C as in Rows.
+    These are the parameters of Posterior, then the velocity at the block's end. Row 0 is the mean
+    of the measured velocities, row 1 carries the velocity over the block (its target is zero), the
+    others are means of the observations' rows. With G_a [Q, S] the change of the rows for the S = n
+    E sources of noise, affine in theta = (c, tan phi, 1), their covariance is SUM_ab theta_a
+    theta_b G_a G_b'. C as in Rows.
     """
 
     linear: Tensor  # [Q, D + 1]; zero for the soil constants, whose columns depend on theta
     offset: Tensor  # [Q]
-    nuisance: Tensor  # [3, Q M] change of the columns of theta for one deviation of each of M soil constants
+    nuisance: Tensor  # [3, Q M] change of the columns of theta by one deviation of each constant
     expansion: Tensor  # [M] soil constants, in deviations, at which the rows were evaluated
     gram: Tensor  # [3, C 3 Q Q] G_a of each of C with the G_b' of the values, for b, then C, a
     target: Tensor  # [Q]
@@ -43,19 +44,20 @@ class BlockRows(NamedTuple):
 
 
 LINK_VARIANCE = 1e-8
-"""[m^2/s^2] Of the velocity carried through a block, beside the noise of its features: (0.1 mm/s)^2."""
+"""[m^2/s^2] Variance of the velocity carried through a block, beside its features' noise."""
 
 
 FIXED = 5
-"""Parameters after the soil constants whose columns do not depend on the observation, in the order of fixed_columns."""
+"""Number of parameters whose columns do not depend on the observation, see fixed_columns."""
 
 
 def fixed_columns(axles: int, wheelbase: float) -> Tensor:
-    """Columns [R + 1, FIXED] of mass, centre of mass, acceleration bias, velocity before and velocity after the block.
+    """Return the columns [R + 1, FIXED] of the parameters that are the rover's own.
 
-    Mass [1] relative to the rover file's and more, centre of mass [m] ahead of the rover file's:
-    what they change in the load and in the moment, with 1 for the cosine of the pitch. In the
-    velocity row a wrong mass changes little.
+    They are mass, centre of mass, acceleration bias, velocity before and after the block. Mass [1]
+    relative to the rover file's and more, centre of mass [m] ahead of the rover file's: what they
+    change in the load and in the moment, with 1 for the cosine of the pitch. In the velocity row a
+    wrong mass changes little.
     """
     names = ("mean_velocity", *row_names(axles))
     columns = torch.zeros(len(names), FIXED, dtype=torch.float64)
@@ -68,9 +70,9 @@ def fixed_columns(axles: int, wheelbase: float) -> Tensor:
 
 
 def row_weights(used: Tensor, step: Tensor) -> Tensor:
-    """Weight [n, Q] of each of n observations in the rows of their block, from ``used`` [n, R] and ``step`` [n].
+    """Return the weight [n, Q] of each of n observations in the rows of their block.
 
-    Both may have leading dimensions.
+    ``used`` [n, R] and ``step`` [n] may have leading dimensions.
     """
     n = step.shape[-1]
     remaining = torch.arange(n, 0, -1, dtype=step.dtype) / n
@@ -87,7 +89,7 @@ def block_rows(
     fixed: Tensor,
     link_variance: float,
 ) -> BlockRows:
-    """Average the rows of n observations.
+    """Return the mean of the rows of n observations.
 
     ``columns`` [n, R, net] are the learnt features; ``step`` [n] [s] the time that an observation
     covers, 0 where its velocity is not linked to the one before; ``velocity`` [n, 2] measured [m/s]
@@ -133,7 +135,7 @@ def block_rows(
 
 
 def velocity_twice(values: Tensor, dim: int) -> Tensor:
-    """What belongs to R rows along ``dim``, with that of the velocity's row doubled: a block has two rows of it."""
+    """Return ``values`` of R rows along ``dim``, the velocity row's twice, as in a block."""
     return torch.cat([values.narrow(dim, 0, 1), values], dim)
 
 
@@ -157,16 +159,20 @@ class Solution(NamedTuple):
 
 
 def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
-    """Covariance S(theta) [H, Q, Q] of the rows at ``theta`` [H, 3], and its halves G_a G(theta)' [H, C, 3, Q, Q]."""
+    """Return the halves G_a G(theta)' [H, C, 3, Q, Q] and the rows' covariance S(theta) [H, Q, Q].
+
+    ``theta`` is [H, 3].
+    """
     q = rows.target.shape[0]
     half = (theta @ rows.gram).view(theta.shape[0], -1, 3, q, q)
     return half, (half[:, 0] * theta.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
 
 
 def nuisance_columns(rows: BlockRows, shift: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the derivatives of the soil constants' part of the rows, SUM_m shift_m nuisance_m theta.
+    """Return the derivatives of the soil constants' part of the rows.
 
-    ``shift`` [H, M] is from the expansion. They are its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
+    That part is SUM_m shift_m nuisance_m theta. ``shift`` [H, M] is from the expansion. The
+    derivatives are by theta [H, Q, 2] and by each constant [H, Q, M].
     """
     q, m = rows.target.shape[0], rows.expansion.shape[0]
     by_theta = (
@@ -178,9 +184,10 @@ def nuisance_columns(rows: BlockRows, shift: Tensor, theta: Tensor) -> tuple[Ten
 def gauss_newton(
     prior: Posterior, mean: Tensor, rows: BlockRows, longest_step: Tensor, fixed: int = FIXED
 ) -> GaussNewtonStep:
-    """One step from ``mean`` [H, D + 1] towards the minimum of (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r.
+    """Return one Gauss-Newton step from ``mean`` [H, D + 1].
 
-    ``prior`` has D + 1 parameters, of the last it knows nothing. The sources of noise that explain
+    It goes towards the minimum of (k - k_0)' Lambda_0 (k - k_0) + r' S(theta)^-1 r. The ``prior``
+    has D + 1 parameters, the last of them unknown. The sources of noise that explain
     the residual best are e = G(theta)' S^-1 r. The features at the inputs so corrected are Phi +
     G_a e, and with them the gradient is J' S^-1 r exactly, the dependence of S on theta included.
     """
@@ -225,16 +232,16 @@ def gauss_newton(
 
 
 MOST_APPARENT = 0.5
-"""[1] Of the variance of (c, tan phi) after a block: what is taken for apparent is not more."""
+"""[1] Largest share of the information about (c, tan phi) after a block that counts as apparent."""
 
 
 def without_apparent(
     step: GaussNewtonStep, rows: BlockRows, most: float = MOST_APPARENT
 ) -> GaussNewtonStep:
-    """Take off what noise in the columns of (c, tan phi) looks like information about them.
+    """Return the step without the information that noise in the columns of (c, tan phi) mimics.
 
-    Of the noise G_a in a column the residual tells the part G_a G' S^-1 r, which the columns are
-    corrected by. What is left adds N_ab = tr S^-1 (G_a G_b' - G_a G' S^-1 G G_b') to J' S^-1 J on
+    Of the noise G_a in a column the residual shows the part G_a G' S^-1 r, by which the columns are
+    corrected. The rest adds N_ab = tr S^-1 (G_a G_b' - G_a G' S^-1 G G_b') to J' S^-1 J on
     average, also where the columns are nothing but noise: the second derivative of the sum has it
     with the other sign, Gauss and Newton's approximation leaves it out (Nakamura 1990, corrected
     scores).
@@ -270,7 +277,7 @@ CONVERGED = 1e-3
 
 
 def extended(prior: Posterior) -> Posterior:
-    """Return ``prior`` over D parameters with an unknown velocity at the block's end as the last of D + 1.
+    """Return ``prior`` over D parameters with an unknown velocity at the block's end behind them.
 
     All may have leading dimensions.
     """
@@ -289,9 +296,9 @@ def has_converged(step: GaussNewtonStep, converged: float = CONVERGED) -> Tensor
 def solve_block(
     prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = MOST_STEPS
 ) -> Solution:
-    """Return the posterior by Gauss-Newton from the prior mean until every hypothesis has converged.
+    """Return the posterior after a block, by Gauss-Newton until every hypothesis has converged.
 
-    No step is longer than ``longest_step`` [2] in (c, tan phi).
+    It starts from the prior mean.     No step is longer than ``longest_step`` [2] in (c, tan phi).
     """
     start = extended(prior)
     step = gauss_newton(start, start.mean, rows, longest_step)

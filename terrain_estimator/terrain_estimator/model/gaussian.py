@@ -13,13 +13,14 @@ from terramechanics.numerics.batching import any_of
 
 
 def symmetrize(matrix: Tensor) -> Tensor:
-    """The symmetric part of [..., D, D]."""
+    """Return the symmetric part of [..., D, D]."""
     return 0.5 * (matrix + matrix.transpose(-1, -2))
 
 
 def cholesky(matrix: Tensor) -> Tensor:
-    """Lower Cholesky factor of [..., D, D]; where rounding made one indefinite, 1e-12 to 1e-6 of its diagonal is added.
+    """Return the lower Cholesky factor of [..., D, D].
 
+    Where rounding made a matrix indefinite, 1e-12 to 1e-6 of its diagonal is added.
     A matrix with NaN, or one that stays indefinite, gives NaN: a model never raises for its
     numbers, so callers check their result with ``isfinite``.
     """
@@ -44,19 +45,22 @@ def cholesky(matrix: Tensor) -> Tensor:
 
 
 def log_determinant(factor: Tensor) -> Tensor:
-    """log det of L L' from its Cholesky factor [..., D, D]."""
+    """Return log det of L L' from its Cholesky factor [..., D, D]."""
     return 2.0 * torch.log(torch.diagonal(factor, dim1=-2, dim2=-1)).sum(-1)
 
 
 def project(mean: Tensor, precision: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-    """Means [H, K] and covariances [H, K, K] of K linear functions ``directions`` [K, D] of the parameters."""
+    """Return means [H, K] and covariances [H, K, K] of K linear functions ``directions`` [K, D]."""
     columns = directions.T.expand(mean.shape[0], -1, -1)
     covariance = directions @ torch.cholesky_solve(columns, cholesky(precision))
     return mean @ directions.T, symmetrize(covariance)
 
 
 def mixture(log_weight: Tensor, mean: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
-    """Means [..., K] and covariances [..., K, K] of the mixtures with weights softmax(log_weight [..., H])."""
+    """Return means [..., K] and covariances [..., K, K] of mixtures.
+
+    Their weights are softmax(log_weight [..., H]).
+    """
     weight = torch.softmax(log_weight, -1)
     centre = weight @ mean
     spread = mean - centre.unsqueeze(-2)
@@ -65,7 +69,7 @@ def mixture(log_weight: Tensor, mean: Tensor, covariance: Tensor) -> tuple[Tenso
 
 
 def drop(mean: Tensor, precision: Tensor, index: int) -> tuple[Tensor, Tensor]:
-    """Marginalise parameter ``index`` out (Schur complement); returns [H, D - 1] and [H, D - 1, D - 1]."""
+    """Marginalise parameter ``index`` out by Schur complement: [H, D - 1] and [H, D - 1, D - 1]."""
     size = mean.shape[-1]
     keep = torch.cat([torch.arange(index), torch.arange(index + 1, size)])
     cross = precision.select(2, index)
@@ -76,8 +80,9 @@ def drop(mean: Tensor, precision: Tensor, index: int) -> tuple[Tensor, Tensor]:
 
 
 def random_walk(precision: Tensor, variance: Tensor) -> Tensor:
-    """Precision [H, D, D] after the first K parameters took a random step of ``variance`` [K] each; zero: none did.
+    """Return the precision [H, D, D] after a random step of the first K parameters.
 
+    Each is of ``variance`` [K], which may be zero.
     (Lambda^-1 + E Q E')^-1 = Lambda - Lambda E (Q^-1 + E' Lambda E)^-1 E' Lambda, written so that Q
     may be singular.
     """

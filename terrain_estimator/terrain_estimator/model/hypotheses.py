@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The hypotheses about the ground: the first ones, those started anew on the way, and the selection."""
+"""The hypotheses about the ground: the first ones, those started anew, and the selection."""
 
 import torch
 from torch import Tensor, nn
@@ -36,7 +36,7 @@ NEAREST = 0.3
 HAZARD = 1e-3
 """[1] Prior probability that the ground changes within one block."""
 SURPRISE = 0.95
-"""[1] Where the known posteriors fit a block better than this share of honest blocks would, none is started anew.
+"""[1] Share of honest blocks that fit worse than one at which no hypothesis is started anew.
 
 At this quantile of chi-square a new one that fitted like the average honest block would have a
 twentieth of the weight at most, and less for its prior.
@@ -93,7 +93,7 @@ class Hypotheses(nn.Module):
         self.register_buffer("net_log_weight", trust)
 
     def first(self, state: dict[str, Tensor]) -> Bank:
-        """Return the bank at the start: on each soil a grid over the prior, without the net and with it."""
+        """Return the first bank: on each soil a grid over the prior, without and with the net."""
         mean, sd = state["prior_mean"], state["prior_sd"]
         start = torch.zeros(
             self.known_soils, self.offsets.shape[0], self.layout.size, dtype=torch.float64
@@ -120,7 +120,7 @@ class Hypotheses(nn.Module):
         return Bank(bank.mean, bank.covariance, bank.precision, weight, age, kind)
 
     def diagonal(self, strength: Tensor, net: Tensor, rover: Tensor) -> Tensor:
-        """Return the precision [D, D] of independent parameters; that of constants and effects is 1."""
+        """Return the precision [D, D] of independent parameters, 1 for constants and effects."""
         layout = self.layout
         others = layout.size - layout.first_constant - rover.shape[0]
         return torch.diag(torch.cat([strength, net, torch.ones(others, dtype=net.dtype), rover]))
@@ -139,7 +139,7 @@ class Hypotheses(nn.Module):
         return torch.where(active, state["kind"] % self.known_soils, -1)
 
     def surprised(self, solution: Solution, degrees: Tensor) -> Tensor:
-        """Return whether a block fits the posteriors worse than a share SURPRISE of honest blocks."""
+        """Return whether a block fits worse than a share SURPRISE of honest blocks."""
         misfit = torch.dot(torch.softmax(solution.posterior.log_weight, 0), solution.misfit)
         return torch.special.gammainc(0.5 * degrees, 0.5 * misfit.clamp(min=0.0)) > self.surprise
 
@@ -221,7 +221,7 @@ class Hypotheses(nn.Module):
     def expansion(
         self, mean: Tensor, weight: Tensor, share: Tensor, soils: Tensor, prior: Tensor
     ) -> Tensor:
-        """Return the values [K, 2 + M + V] at which the next block's rows on each soil are evaluated.
+        """Return the values [K, 2 + M + V] at which the next block's rows are evaluated.
 
         Args:
             mean: of each hypothesis [H, D].

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The model file: a TorchScript module and, beside it, a JSON file that says what it is.
+"""The model file: a TorchScript module and a JSON file that describes it.
 
 ``NAME.pt`` holds the whole model; ``NAME.json`` holds rover, soil, rows, versions, how it was
 trained, and the size and sha256 of the module. The two are checked against each other before torch
@@ -44,12 +44,15 @@ _LARGEST_FILE = 64 << 20
 
 
 class ModelFileError(ValueError):
-    """A model file is missing, damaged, foreign or of another version; the message says which and what to do."""
+    """A model file is missing, damaged, foreign or of another version.
+
+    The message names the file, the fault, and the remedy.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """How the learnt part came about."""
+    """The training of the learnt part."""
 
     seed: int
     iterations: int
@@ -76,7 +79,7 @@ class AddedEffect:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What stands in the JSON file beside the module."""
+    """The content of the JSON file beside the module."""
 
     format: int
     model_id: str
@@ -128,7 +131,7 @@ class LoadedModel:
 
     @property
     def sha256(self) -> str:
-        """Of the module file."""
+        """Return the sha256 of the module file."""
         return self.metadata.sha256
 
     @property
@@ -144,22 +147,22 @@ class LoadedModel:
 
 @contextmanager
 def running() -> Iterator[None]:
-    """How the methods of a module are called: without gradients, and as they are written.
+    """Run the methods of a module without gradients and without torch's optimiser.
 
-    What torch's optimiser makes of their graphs is a tenth faster, but making it takes every
-    process 3 s and 80 MB.
+    Optimised graphs are a tenth faster, but making them takes every process 3 s and 80 MB.
     """
-    with torch.inference_mode(), torch.jit.optimized_execution(should_optimize=False):  # type: ignore[attr-defined]
+    as_written = torch.jit.optimized_execution(should_optimize=False)  # type: ignore[attr-defined]
+    with torch.inference_mode(), as_written:
         yield
 
 
 def model_names() -> tuple[str, ...]:
-    """Names of the models that come with the package."""
+    """Return the names of the models that come with the package."""
     return tuple(sorted(path.stem for path in MODELS.glob("*.pt")))
 
 
 def model_path(name: str) -> Path:
-    """The module file of an installed model's name, of a path, or of '' (the default model)."""
+    """Return the module file of an installed model's name, of a path, or of '' for the default."""
     installed = MODELS / f"{name or DEFAULT_MODEL}.pt"
     path = installed if installed.is_file() else Path(name)
     if not path.is_file():
@@ -177,7 +180,8 @@ def load_model(name: str = "") -> LoadedModel:
     metadata = read_metadata(path.with_suffix(".json"))
     content = _checked_bytes(path, metadata)
     try:
-        module = torch.jit.load(io.BytesIO(content), map_location="cpu")  # type: ignore[no-untyped-call]
+        load = torch.jit.load
+        module = load(io.BytesIO(content), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
         raise ModelFileError(
             f"{path}: not a TorchScript module: {str(error).splitlines()[0]}"
@@ -189,7 +193,7 @@ def load_model(name: str = "") -> LoadedModel:
 
 
 def read_metadata(path: Path) -> Metadata:
-    """The JSON file beside a module. Raises ModelFileError that names file, key and value."""
+    """Read the JSON file beside a module. Raises ModelFileError that names file, key and value."""
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -217,13 +221,16 @@ def write_metadata(path: Path, metadata: Metadata) -> None:
 
 
 def fingerprint(path: Path) -> tuple[str, int]:
-    """sha256 and size of a file."""
+    """Return sha256 and size of a file."""
     content = path.read_bytes()
     return hashlib.sha256(content).hexdigest(), len(content)
 
 
 def _checked_bytes(path: Path, metadata: Metadata) -> bytes:
-    """The file's content, read once: what was checked is what is loaded, even where the file is replaced meanwhile."""
+    """Return the file's content after its checks.
+
+    It is read once, so that the checked bytes are loaded even where the file is replaced meanwhile.
+    """
     size = path.stat().st_size
     if size != metadata.size or size > _LARGEST_FILE:
         raise ModelFileError(
@@ -241,7 +248,7 @@ def _checked_bytes(path: Path, metadata: Metadata) -> bytes:
 
 
 def _check_interface(path: Path, model: LoadedModel) -> None:
-    """Methods and shapes are those of this version."""
+    """Check that methods and shapes are those of this version."""
     missing = [name for name in _METHODS if not hasattr(model.module, name)]
     if missing:
         raise ModelFileError(

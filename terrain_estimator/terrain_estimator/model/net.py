@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The meta-learnt features Phi_net: a small network from one observation to columns of the regression rows."""
+"""The meta-learnt features Phi_net: a small network from an observation to columns of the rows."""
 
 import torch
 from torch import Tensor, nn
@@ -9,10 +9,10 @@ from torch import Tensor, nn
 class NetFeatures(nn.Module):
     """tanh network from slip, sinkage, contact angles and pitch to ``width`` columns in every row.
 
-    The rows are those of ``terrain_estimator.model.rows``; the imu row sees the columns of the
-    velocity row, because both are the same force. Columns come out in units of ``row_scale`` of the
-    others, the size that an effect may have there. A net of before the moment rows has A + 2 of
-    them and says nothing of the moments, else it has A + 4.
+    The rows are those of ``terrain_estimator.model.rows``; the imu row has the columns of the
+    velocity row, because both are the same force. Columns are in units of ``row_scale``, the size
+    that an effect may have in a row. A net with columns in the moment rows has A + 4 distinct rows,
+    one without them A + 2.
     """
 
     input_scale: Tensor
@@ -21,7 +21,11 @@ class NetFeatures(nn.Module):
     def __init__(
         self, axles: int, columns: int, hidden: int, sinkage_scale: float, row_scale: Tensor
     ) -> None:
-        """``sinkage_scale`` [m] makes the sinkage of order one; ``row_scale`` [A + 4] or [A + 2] in the units of the rows."""
+        """Build the net of ``columns`` columns with two layers of ``hidden`` units.
+
+        ``sinkage_scale`` [m] makes the sinkage of order one; ``row_scale`` [A + 4] or [A + 2] is in
+        the units of the rows.
+        """
         super().__init__()
         self.columns = columns
         self.axles, self.rows = axles, row_scale.shape[0]
@@ -43,7 +47,7 @@ class NetFeatures(nn.Module):
         )
 
     def forward(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:
-        """Inputs [..., A] and pitch [..., 1]; returns [..., A + 5, columns]."""
+        """Return columns [..., A + 5, columns] of inputs [..., A] and pitch [..., 1]."""
         columns, before = self.distinct(slip, sinkage, angle, pitch), self.axles + 2
         if self.rows == before:
             return torch.cat(
@@ -54,7 +58,7 @@ class NetFeatures(nn.Module):
         )
 
     def distinct(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:
-        """The same without the rows that repeat another's or are zero: that of the velocity comes first."""
+        """Return the columns of distinct rows alone; that of the velocity comes first."""
         x = torch.cat([slip, sinkage, angle, pitch], dim=-1) / self.input_scale
         return self.layers(x).unflatten(-1, [self.rows, self.columns]) * self.row_scale.unsqueeze(
             -1

@@ -42,7 +42,11 @@ PACKED_SCALAR_FIELDS = (
     "step",
     "linked",
 )
-"""``step`` [s]: time since the observation before. ``linked``: 1 where that one was used and the step is short."""
+"""The scalars, of which two are about the time.
+
+``step`` [s] is the time since the observation before; ``linked`` is 1 where that one was used and
+the step is short.
+"""
 
 GROUPS = len(PACKED_WHEEL_FIELDS)
 """Number of values per wheel, without its rate."""
@@ -53,7 +57,7 @@ TIMING = len(PACKED_SCALAR_FIELDS) - MEASURED
 
 
 def scalar_fields(wheels: int, *, rates: bool) -> tuple[str, ...]:
-    """Return the scalars of a model; with ``rates`` the wheel rates [rad/s] stand before ``step``."""
+    """Return the scalars of a model; ``rates`` puts the wheel rates [rad/s] before ``step``."""
     turning = tuple(f"wheel_rate_{wheel}" for wheel in range(wheels)) if rates else ()
     return (*PACKED_SCALAR_FIELDS[:MEASURED], *turning, *PACKED_SCALAR_FIELDS[MEASURED:])
 
@@ -102,21 +106,21 @@ def view_of(
     grouped, scalars, wheel_rate, time = packed.split_with_sizes(
         [groups * wheels, measured, rates, timing], -1
     )
-    slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd = grouped.unflatten(  # type: ignore[no-untyped-call]
-        -1, [groups, wheels]
-    ).unbind(-2)
+    by_wheel = grouped.unflatten(-1, [groups, wheels])  # type: ignore[no-untyped-call]
+    slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd = by_wheel.unbind(-2)
     velocity, velocity_sd, pitch, pitch_sd, acceleration, acceleration_sd, bogie = scalars.unbind(
         -1
     )
     step, linked = time.unbind(-1)
     return PackedView(
-        packed, slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd, velocity,
-        velocity_sd, pitch, pitch_sd, acceleration, acceleration_sd, bogie, wheel_rate, step, linked,
+        packed, slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd,
+        velocity, velocity_sd, pitch, pitch_sd, acceleration, acceleration_sd, bogie,
+        wheel_rate, step, linked,
     )  # fmt: skip
 
 
 def replaced(packed: Tensor, first: int, values: Tensor) -> Tensor:
-    """Return packed observations [..., P] with ``values`` [..., J] in the J places from ``first`` on."""
+    """Return packed observations [..., P] with ``values`` [..., J] from the place ``first`` on."""
     end = first + values.shape[-1]
     return torch.cat([packed[..., :first], values, packed[..., end:]], -1)
 
@@ -152,14 +156,18 @@ def with_pitch(packed: Tensor, pitch: Tensor, wheels: int, groups: int = GROUPS)
 
 
 def with_stand_in(packed: Tensor, usable: Tensor, stand_in: Tensor, groups: int = GROUPS) -> Tensor:
-    """Return packed observations [..., P] with the values ``stand_in`` [8, 1] for wheels that are not ``usable`` [..., W]."""
+    """Return packed observations [..., P] with stand-in values for unusable wheels.
+
+    ``usable`` is [..., W] bool, ``stand_in`` [8, 1].
+    """
     wheels = usable.shape[-1]
-    values = packed.narrow(-1, 0, groups * wheels).unflatten(-1, [groups, wheels])  # type: ignore[no-untyped-call]
+    grouped = packed.narrow(-1, 0, groups * wheels)
+    values = grouped.unflatten(-1, [groups, wheels])  # type: ignore[no-untyped-call]
     return replaced(packed, 0, torch.where(usable.unsqueeze(-2), values, stand_in).flatten(-2))
 
 
 def without_link(packed: Tensor, timing: int = TIMING) -> Tensor:
-    """Return packed observations [..., P] that cover no time and are not linked to the ones before."""
+    """Return packed observations [..., P] that cover no time and are not linked."""
     place = packed.shape[-1] - timing
     return torch.cat([packed[..., :place], torch.zeros_like(packed[..., place:])], -1)
 
@@ -169,9 +177,9 @@ LONGEST_GAP = 2.5
 
 
 def link(stamp_ns: int, last: Observation | None, step_s: float) -> tuple[float, bool]:
-    """Return the time since the observation ``last`` that entered, and whether its velocity carries over.
+    """Return the time since the observation ``last``, and whether its velocity carries over.
 
-    The time is ``step_s`` where there is none.
+    ``last`` is the last one that entered. The time is ``step_s`` where there is none.
     """
     if last is None:
         return step_s, False

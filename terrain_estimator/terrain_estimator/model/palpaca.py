@@ -5,7 +5,7 @@
 Parameters k = [c (kPa), tan phi, net weights, soil constants, mass, centre of mass, acceleration
 bias, velocity]; the rows are affine in k,
 
-    y = [Phi_nom Phi_net] k + phi_nom + eps                                   (Banerjee et al. eq. 19)
+    y = [Phi_nom Phi_net] k + phi_nom + eps                        (Banerjee et al. eq. 19)
 
 with k ~ N(mean, precision^-1) in information form (eqs. 20 and 21). Two things differ from the
 paper, both because its recursion is biased by noise in the regressors (slip and sinkage are
@@ -102,7 +102,7 @@ class PAlpaca(nn.Module):
 
     @torch.jit.export
     def initial(self) -> dict[str, Tensor]:
-        """Return the state before the first observation, with the model's own prior and no drift."""
+        """Return the state at the start, with the model's own prior and no drift."""
         soils = torch.full((self.known_soils,), 1.0 / self.known_soils, dtype=torch.float64)
         own = self.hypotheses
         return self.initial_with_prior(own.prior_mean, own.prior_sd, soils, 0.0)
@@ -153,7 +153,10 @@ class PAlpaca(nn.Module):
 
     @torch.jit.export
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
-        """Return the state after one packed observation [P]; every tenth closes a block and moves the posterior."""
+        """Return the state after one packed observation [P].
+
+        Every tenth closes a block and moves the posterior.
+        """
         view = view_of(observation, self.axles)
         usable = self.physics.usable(view, state["constants"])
         linked = (
@@ -183,14 +186,14 @@ class PAlpaca(nn.Module):
 
     @torch.jit.export
     def predict(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
-        """Return mean [m/s] and variance [2] of the velocity that ``observation`` [P] will measure."""
+        """Return mean [m/s] and variance [2] of the velocity that ``observation`` [P] measures."""
         view = view_of(observation, self.axles)
         motion = self.motion(state, view)
         return torch.stack([motion.velocity, motion.velocity_variance + view.velocity_sd**2])
 
     @torch.jit.export
     def discard(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Return the state without the open block: the posterior of before it, an unknown velocity."""
+        """Return the state without the open block, with an unknown velocity."""
         unknown = 1.0 / self.hypotheses.rover_precision[-1]
         state = self.velocity.unlink(state, state["velocity"], unknown)
         state["block"] = state["block"][:0]
@@ -198,14 +201,17 @@ class PAlpaca(nn.Module):
 
     @torch.jit.export
     def estimate(self, state: dict[str, Tensor]) -> Tensor:
-        """Return the marginal posterior of (c, tan phi) over every soil, [3, 2]: mean [Pa, 1], then covariance."""
+        """Return the marginal posterior of (c, tan phi) over every soil [3, 2].
+
+        The first row is the mean [Pa, 1], the others are the covariance.
+        """
         unit = self.hypotheses.unit
         mean, covariance = state["strength_mean"] * unit, state["strength_covariance"] * unit
         return torch.cat([mean.unsqueeze(0), covariance * unit.unsqueeze(-1)])
 
     @torch.jit.export
     def effects(self, state: dict[str, Tensor]) -> Tensor:
-        """Return mean and variance of the size of each of J effects in SI units [J, 2], over the whole bank."""
+        """Return mean and variance of the size of each of J effects in SI units [J, 2]."""
         layout = self.layout
         own = torch.eye(layout.size, dtype=torch.float64)[layout.first_effect : layout.first_fixed]
         means, covariances = project(state["mean"], state["precision"], own)
@@ -234,7 +240,7 @@ class PAlpaca(nn.Module):
         return self.velocity.track(state, motion, view.velocity, view.velocity_sd, view.step)
 
     def first_of_block(self, view: PackedView, usable: Tensor) -> Tensor:
-        """Return an observation [P] that covers no time, with the slip of ``usable`` wheels [W] alone.
+        """Return an observation [P] that covers no time and has the slips of ``usable`` wheels [W].
 
         Every soil has to explain the same rows.
         """
@@ -251,7 +257,7 @@ class PAlpaca(nn.Module):
         return self.physics.average(packed, self.learnt(packed), soil, expansion, chosen)
 
     def publish(self, state: dict[str, Tensor], bank: Bank) -> dict[str, Tensor]:
-        """Return the state with another bank, its mixtures, and the constants of the leading soil."""
+        """Return the state with another bank, its mixtures, and the leading soil's constants."""
         state = self.hypotheses.publish(state, bank)
         leading = self.hypotheses.leading(state["soils"]).to(torch.float64)
         deviations = state["expansion"][:, 2 : 2 + self.layout.constants]
@@ -262,7 +268,7 @@ class PAlpaca(nn.Module):
     def finish(
         self, state: dict[str, Tensor], noise: Tensor, misfit: Tensor, degrees: Tensor
     ) -> dict[str, Tensor]:
-        """Return the state after a block: the velocity goes on from the posterior, the misfit is reported.
+        """Return the state after a block, with its misfit and the velocity of the posterior.
 
         ``noise`` [n, E, 3] is that of the velocity rows on the leading soil.
         """
@@ -271,7 +277,7 @@ class PAlpaca(nn.Module):
         return state
 
     def close(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Return the state after the open block; of the block's two velocities the newest goes on."""
+        """Return the state after the open block; of its two velocities the newest goes on."""
         packed = state["block"]
         state = self.hypotheses.diffuse(state, view_of(packed, self.axles).step.sum())
         learnt = self.learnt(packed)
@@ -291,7 +297,7 @@ class PAlpaca(nn.Module):
     def solve_active(
         self, state: dict[str, Tensor], packed: Tensor, learnt: Tensor
     ) -> tuple[Solved, dict[int, SoilRows]]:
-        """Return the bank's hypotheses after a block [n, P], and the rows on each of their soils."""
+        """Return the bank's hypotheses after a block [n, P], and the rows on their soils."""
         members, soils = members_of(state), self.hypotheses.active_soils(state)
         active: list[int] = soils.tolist()
         soil_rows: dict[int, SoilRows] = {}
@@ -328,7 +334,7 @@ class PAlpaca(nn.Module):
         return solution, averaged
 
     def expansion_after(self, posterior: Posterior) -> Tensor:
-        """Return the mean [2 + M + V] of (c [kPa], tan phi), soil constants and effects over hypotheses."""
+        """Return the mean [2 + M + V] of (c [kPa], tan phi), soil constants and effects."""
         mean = torch.softmax(posterior.log_weight, 0) @ posterior.mean
         layout = self.layout
         return torch.cat([mean[:2], mean[layout.first_constant : layout.first_fixed]])
@@ -341,7 +347,7 @@ class PAlpaca(nn.Module):
         solved: Solved,
         soil_rows: dict[int, SoilRows],
     ) -> tuple[Solved, dict[int, SoilRows]]:
-        """Return ``solved`` with hypotheses on every possible soil that are started anew, and the rows of all."""
+        """Return ``solved`` with hypotheses started anew on every possible soil, and all rows."""
         for soil in range(self.known_soils):
             if bool(state["log_soils"][soil] == -float("inf")):
                 continue
@@ -357,6 +363,9 @@ class PAlpaca(nn.Module):
 
 
 def without_inactive(bank: Bank) -> Bank:
-    """Return the hypotheses with a weight; all where none has one, as after a number beyond all bounds."""
+    """Return the hypotheses with a weight.
+
+    Where none has one, as after a number beyond all bounds, all are kept, and NaN follows.
+    """
     active = torch.nonzero(bank.weight != -float("inf")).squeeze(1)
     return take(bank, active) if 0 < active.shape[0] < bank.weight.shape[0] else bank

@@ -11,10 +11,11 @@ ROVER_PARAMETERS = FIXED - 1
 
 
 class ParameterLayout(NamedTuple):
-    """First place of each group of k = [c (kPa), tan phi, net weights, soil constants, effects, rover's own].
+    """First place of each group of parameters.
 
-    The velocity is the last of the rover's own. What stands from ``first_effect`` on belongs to the
-    rover and stays when the ground changes.
+    k = [c (kPa), tan phi, net weights, soil constants, effects, rover's own]. The velocity is
+    the last of the rover's own. All from ``first_effect`` on belong to the rover and stay when the
+    ground changes.
     """
 
     first_constant: int
@@ -25,7 +26,7 @@ class ParameterLayout(NamedTuple):
 
 
 def parameter_layout(net: int, constants: int, effects: int) -> ParameterLayout:
-    """Return the layout with these numbers of net weights, uncertain soil constants and values of effects."""
+    """Return the layout with these numbers of net weights, soil constants and effects' values."""
     first_effect = 2 + net + constants
     first_fixed = first_effect + effects
     return ParameterLayout(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The physics of a rover on some soils as a TorchScript module: contact models and the rows of a block."""
+"""The physics of a rover on some soils: contact models and the rows of a block."""
 
 from typing import NamedTuple
 
@@ -94,7 +94,7 @@ class Physics(nn.Module):
             self.register_buffer(name, getattr(body.geometry, name))
 
     def contact(self, soil: int, deviations: Tensor) -> ContactModel:
-        """Return the contact model of a soil whose constants have these ``deviations`` [M or more]."""
+        """Return the contact model of a soil with these ``deviations`` [M or more]."""
         known = deviations[: self.uncertain_constants]
         return self.contact_of(
             self.constants[soil] + known @ self.uncertain[soil], self.varied[soil]
@@ -108,7 +108,8 @@ class Physics(nn.Module):
         geometry = Geometry(self.axle_x, self.centre, self.pivot, self.radius)
         return ContactModel(
             constants, varied, differences, self.nodes, self.column_unit, geometry,
-            self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius, self.width,
+            self.body_scale, self.moment_variance, self.stand_in, self.gravity, self.radius,
+            self.width,
         )  # fmt: skip
 
     def nominal_contact(self, soil: int = 0) -> ContactModel:
@@ -116,7 +117,10 @@ class Physics(nn.Module):
         return self.contact_of(self.constants[soil], self.varied[soil])
 
     def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the constants [6] of the ``chosen`` soil [K] (1 or 0) with ``deviations`` [K, M], and their changes."""
+        """Return the constants [6] of the ``chosen`` soil and their changes [C, 6].
+
+        ``chosen`` [K] is 1 or 0, ``deviations`` are [K, M].
+        """
         by_soil = chosen.view(-1, 1, 1)
         uncertain = (by_soil * self.uncertain).sum(0)
         constants = chosen @ self.constants + (chosen @ deviations) @ uncertain
@@ -145,7 +149,7 @@ class Physics(nn.Module):
         deviations: Tensor,
         strength: Tensor,
     ) -> Tensor:
-        """Return the velocity row of one observation and its changes, see :func:`drive_row`.
+        """Return the velocity row of one observation and its changes, as rows.drive_row does.
 
         ``constants`` [6] are those of the soil with all ``deviations``, ``varied`` [C, 6] their
         changes; ``strength`` [2] is (c [Pa], tan phi), for laws of effects.
@@ -155,7 +159,10 @@ class Physics(nn.Module):
         return drive_row(view.slip, view.sinkage, view.contact_angle, contact)
 
     def rows(self, packed: Tensor, contact: ContactModel, theta: Tensor, chosen: Tensor) -> Rows:
-        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best, given ``theta`` [3]."""
+        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best.
+
+        ``theta`` [3] is (c [kPa], tan phi, 1).
+        """
         frame = frame_of(packed, contact)
         agreed = agreement(
             rows_at(frame, packed, values_alone(contact)), packed, contact, theta, chosen
@@ -184,7 +191,7 @@ class Physics(nn.Module):
     def averaged(
         self, rows: Rows, packed: Tensor, learnt: Tensor, deviations: Tensor, chosen: Tensor
     ) -> SoilRows:
-        """Return the mean of the ``rows`` of a block [n, P], evaluated at these ``deviations`` [M or more]."""
+        """Return the mean of the ``rows`` of a block [n, P] at ``deviations`` [M or more]."""
         rows = Rows(rows.features, rows.noise, rows.target, rows.variance, rows.used * chosen)
         view = view_of(packed, self.axles)
         velocity = torch.stack([view.velocity, view.velocity_sd**2], 1)
@@ -197,10 +204,10 @@ class Physics(nn.Module):
         return SoilRows(averaged, rows.noise[0, :, 0])
 
     def has_moved(self, before: Tensor, after: Tensor) -> bool:
-        """Return whether the deviations moved so far that the rows of a block have to be evaluated anew: never."""
+        """Return False: without effects the rows of a block are evaluated once."""
         del before, after
         return False
 
     def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
-        """Return mean and variance of the size of each named effect [J, 2]: there is none."""
+        """Return the moments [J, 2] of the sizes of J = 0 named effects."""
         return torch.stack([mean, variance], 1)

@@ -28,7 +28,7 @@ NEAR = 0.01
 
 
 class ValuePrior(nn.Module):
-    """Gaussian prior of the V values of the effects, and the range in which their laws hold, [V] each."""
+    """Gaussian prior of the V values of the effects, and the range of their laws, [V] each."""
 
     mean: Tensor
     sd: Tensor
@@ -50,7 +50,7 @@ class PhysicsWithEffects(nn.Module):
     def __init__(
         self, nominal: Physics, laws: Sequence[Law], values: ValuePrior, mass_kg: float
     ) -> None:
-        """Take the physics without effects, the laws with the prior of their values, and the rover's mass.
+        """Take the nominal physics, the laws with the prior of their values, and the mass.
 
         ``values`` are those of the ``laws``, one law behind the other.
         """
@@ -99,7 +99,7 @@ class PhysicsWithEffects(nn.Module):
         ).unsqueeze(0)
 
     def varied_values(self, values: Tensor) -> Tensor:
-        """Return ``values`` [1, V] with one each a thousandth of its prior deviation larger, [V, V]."""
+        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
         return values + 1e-3 * torch.diag(self.values.sd)
 
     def rows(
@@ -139,7 +139,7 @@ class PhysicsWithEffects(nn.Module):
     def average(
         self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
     ) -> SoilRows:
-        """Return the rows of a block [n, P] on a soil, with arguments as those of the nominal physics.
+        """Return the rows of a block [n, P] on a soil; the arguments are those of Physics.
 
         ``expansion`` [2 + M + V] holds the deviations of the effects' values, too.
         """

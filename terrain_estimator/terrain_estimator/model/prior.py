@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The knowledge before any measurement: the rover, the spread of ground, and how well a soil is known."""
+"""The knowledge before any measurement: the rover, the spread of ground and of soil constants."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from terramechanics.vehicle.suspension import Geometry
 
 
 class RoverBody(NamedTuple):
-    """What the rows need of a rover."""
+    """The numbers of a rover that the rows need."""
 
     axles: int
     wheels_per_axle: int
@@ -69,13 +69,16 @@ constants within 5 %.
 """
 
 UNCERTAIN = ("n", "k_phi", "shear_modulus", "c1", "c2")
-"""Soil constants that can be parameters; k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both."""
+"""Soil constants that can be parameters.
+
+k_c acts through the stiffness k_c / b + k_phi alone, so k_phi carries both.
+"""
 
 
 def uncertain_constants(constants: Tensor, relative_sd: float, width: float) -> Tensor:
-    """Prior deviations [K, M, 6] of the constants UNCERTAIN of K soils [K, 6], where each of the six is known to ``relative_sd``.
+    """Return prior deviations [K, M, 6] of the constants UNCERTAIN of K soils [K, 6].
 
-    M = 0 where that is zero.
+    Each of the six is known to ``relative_sd`` [1]. M = 0 where that is zero.
     """
     if relative_sd == 0.0:
         return torch.zeros(constants.shape[0], 0, 6, dtype=torch.float64)

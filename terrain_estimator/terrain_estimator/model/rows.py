@@ -5,18 +5,21 @@
 Rows (A axles, p wheels per axle, m mass, g gravity, al = contact angle relative to the body, ab =
 pitch)::
 
-    0        dv/dt + g sin ab = SUM_k p (T_k cos al_k - N_k sin al_k) / m       [m/s^2]   longitudinal balance
-    1        cos ab           = SUM_k p (N_k cos al_k + T_k sin al_k) / (m g)   [1]       balance normal to the body
-    2..A+1   torque_k         = M_k                                             [N m]     drive torque of one wheel
-    A+2      acceleration     = SUM_k p (T_k cos al_k - N_k sin al_k) / m       [m/s^2]   specific force of the imu
-    A+3      0                = moment of the rover about its centre of mass / (m g b)     [1]
-    A+4      0                = moment of the bogie about its pivot / (m g b)              [1]       b wheelbase
+    0       dv/dt + g sin ab = SUM_k p (T_k cos al_k - N_k sin al_k) / m      [m/s^2]
+    1       cos ab           = SUM_k p (N_k cos al_k + T_k sin al_k) / (m g)  [1]
+    2..A+1  torque_k         = M_k                                            [N m]
+    A+2     acceleration     = SUM_k p (T_k cos al_k - N_k sin al_k) / m      [m/s^2]
+    A+3     0                = moment of the rover about its centre of mass / (m g b)  [1]
+    A+4     0                = moment of the bogie about its pivot / (m g b)           [1]
+
+They are the longitudinal balance, the balance normal to the body, the drive torque of one wheel,
+the specific force of the imu, and two moments; b is the wheelbase.
 
 (Banerjee et al. eqs. 1, 15 and 17 with gravity along the slope; Iagnemma et al. 2004 for the
 torque; the moments are those of terramechanics.vehicle.suspension.) The load and moment rows need
-no force sensor: together they say what each axle carries. Each measured slip, sinkage and angle
+no force sensor: together they give the load of each axle. Each measured slip, sinkage and angle
 enters several rows, so its error is carried along as one unit-variance source per value and turned
-into the full covariance of the rows, not into a variance of each. The bogie's encoder is taken for
+into the full covariance of the rows, not into a variance of each. The bogie's encoder counts as
 exact.
 
 The rows are linear in those errors only near the true inputs: a sinkage of 1.3 mm measured to 0.3
@@ -50,25 +53,29 @@ PA_PER_UNIT = 1000.0
 """c is carried in kPa, so that both parameters are of order one."""
 
 MOMENT_VARIANCE = 1e-6
-"""[1] Of a moment row of one observation: what the joints' friction and a rolling wheel's own inertia may amount to, 0.1 % of m g b."""
+"""[1] Variance of a moment row of one observation, (0.1 % of m g b)^2.
+
+It covers the friction of the joints and a rolling wheel's own inertia.
+"""
 
 
 class Rows(NamedTuple):
-    """The rows of n observations: R = A + 5 rows, E = 3 A + 1 sources of noise, each of unit variance.
+    """The rows of n observations: R = A + 5 rows, E = 3 A + 1 sources of noise.
 
-    The leading C = 1 + M: first the values, then their change for one prior deviation of each
-    uncertain soil constant.
+    Each source is of unit variance. The leading C = 1 + M: first the values, then their change for
+    one prior deviation of each uncertain soil constant.
     """
 
     features: Tensor  # [C, n, R, 3] columns c [kPa], tan phi, 1
-    noise: Tensor  # [C, n, R, E, 3] change of a row for one standard deviation of a source, affine in (c, tan phi)
+    # change of a row for one standard deviation of a source, affine in (c, tan phi)
+    noise: Tensor  # [C, n, R, E, 3]
     target: Tensor  # [n, R] what the row has to equal; row 0: g sin ab, to be subtracted from dv/dt
     variance: Tensor  # [n, R] of the target itself
     used: Tensor  # [n, R] 1 where the row holds, else 0
 
 
 def row_names(axles: int) -> tuple[str, ...]:
-    """Names of the rows, in their order."""
+    """Return the names of the rows, in their order."""
     return (
         "velocity",
         "load",
@@ -80,17 +87,16 @@ def row_names(axles: int) -> tuple[str, ...]:
 
 
 class ContactModel(NamedTuple):
-    """What the rows need to know of rover and soil."""
+    """The numbers of rover and soil that the rows need."""
 
-    constants: Tensor  # [6] of the soil, in the order of terramechanics.contact.stresses.CONSTANTS; or [n, 1, 6]
-    varied: Tensor  # [C, 6] nothing, then a thousandth of the prior deviation of each of M uncertain constants
+    constants: Tensor  # [6] or [n, 1, 6] of the soil, in the order of stresses.CONSTANTS
+    # nothing, then a thousandth of the prior deviation of each of M uncertain constants
+    varied: Tensor  # [C, 6]
     stencil: Stencil
     nodes: Tensor  # of terramechanics.contact.stresses.quadrature
     column_unit: Tensor  # [3] Pa per kPa, 1, 1
     geometry: Geometry
-    body_scale: (
-        Tensor  # [4] p / m [1/kg], p / (m g) [1/N], and twice p / (m g b) [1/(N m)]; or [n, 4]
-    )
+    body_scale: Tensor  # [4] or [n, 4] p / m [1/kg], p / (m g) [1/N], twice p / (m g b) [1/(N m)]
     moment_variance: float  # [1] of the moment rows themselves
     stand_in: Tensor  # [8, 1] harmless values of the packed groups, for a wheel that is not usable
     gravity: float  # [m/s^2]
@@ -99,7 +105,7 @@ class ContactModel(NamedTuple):
 
 
 def usable_wheels(packed: Tensor, contact: ContactModel) -> Tensor:
-    """Return which wheels [n, W] of observations [n, P] are measured and inside the model's range."""
+    """Return which wheels [n, W] of observations [n, P] are measured and in the model's range."""
     view = view_of(packed, contact.geometry.axle_x.shape[0])
     return are_usable(view.slip, view.sinkage, view.contact_angle, contact)
 
@@ -124,7 +130,7 @@ def drive_row(slip: Tensor, sinkage: Tensor, angle: Tensor, contact: ContactMode
 
 
 class Variation(NamedTuple):
-    """Inputs at which the forces of n x A wheels are evaluated, and what is needed to read changes from them: K as in Stencil."""
+    """Inputs at which the forces of n x A wheels are evaluated, K as in Stencil."""
 
     slip: Tensor  # [K, n, A]
     sinkage: Tensor  # [K, n, A] [m]
@@ -133,7 +139,7 @@ class Variation(NamedTuple):
 
 
 def varied_inputs(place: PackedView, contact: ContactModel) -> Variation:
-    """Return slip and sinkage with and without a deviation of each, for every set of soil constants.
+    """Return slip and sinkage with and without a deviation, for every set of constants.
 
     ``place`` holds n observations. A sinkage smaller than its deviation is varied by less.
     """
@@ -159,7 +165,10 @@ class Forces(NamedTuple):
 
 
 def changes(forces: Tensor, scale: Tensor, contact: ContactModel) -> Forces:
-    """Forces and their changes from those [K, n, A, 3, 3] at the inputs of a Variation with its ``scale``."""
+    """Return forces and their changes from those [K, n, A, 3, 3] at the inputs of a Variation.
+
+    ``scale`` is the variation's.
+    """
     weights = contact.stencil.weights
     read = (weights.flatten(0, 1) @ (forces * contact.column_unit).flatten(1)).view(
         weights.shape[:2] + forces.shape[1:]
@@ -169,7 +178,10 @@ def changes(forces: Tensor, scale: Tensor, contact: ContactModel) -> Forces:
 
 
 def values_alone(contact: ContactModel, own: int = OWN) -> ContactModel:
-    """The same without the changes for uncertain constants (TorchScript has no ``_replace``)."""
+    """Return the contact model without the changes for uncertain constants.
+
+    TorchScript has no ``_replace``.
+    """
     stencil = contact.stencil
     first = Stencil(
         stencil.moves[:own],
@@ -178,25 +190,28 @@ def values_alone(contact: ContactModel, own: int = OWN) -> ContactModel:
         stencil.curvature[:, :own],
     )
     return ContactModel(
-        contact.constants, contact.varied[:1], first, contact.nodes, contact.column_unit, contact.geometry, contact.body_scale,
-        contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
+        contact.constants, contact.varied[:1], first, contact.nodes, contact.column_unit,
+        contact.geometry, contact.body_scale, contact.moment_variance, contact.stand_in,
+        contact.gravity, contact.radius, contact.width,
     )  # fmt: skip
 
 
 def with_body(contact: ContactModel, geometry: Geometry, body_scale: Tensor) -> ContactModel:
-    """The same with another body."""
+    """Return the contact model with another body."""
     return ContactModel(
-        contact.constants, contact.varied, contact.stencil, contact.nodes, contact.column_unit, geometry, body_scale,
-        contact.moment_variance, contact.stand_in, contact.gravity, contact.radius, contact.width,
+        contact.constants, contact.varied, contact.stencil, contact.nodes, contact.column_unit,
+        geometry, body_scale, contact.moment_variance, contact.stand_in, contact.gravity,
+        contact.radius, contact.width,
     )  # fmt: skip
 
 
 def without_excess(
     forces: Forces, evaluated: Tensor, scale: Tensor, doubt: Tensor, contact: ContactModel
 ) -> Forces:
-    """Less what the values come out too large on average where slip and sinkage are in ``doubt`` [n, 3, A], see :class:`Agreement`.
+    """Return the forces without their mean excess where slip and sinkage are in ``doubt``.
 
-    ``evaluated`` [K, n, A, 3, 3] are the forces at the inputs of a Variation with its ``scale``.
+    ``doubt`` [n, 3, A] is as in Agreement. ``evaluated`` [K, n, A, 3, 3] are the forces at the
+    inputs of a Variation with its ``scale``.
     """
     weights = contact.stencil.curvature
     halves = (weights @ (evaluated * contact.column_unit).flatten(1)).view(
@@ -216,17 +231,18 @@ def without_excess(
 def read_forces(
     evaluated: Tensor, scale: Tensor, contact: ContactModel, doubt: Tensor | None = None
 ) -> Forces:
-    """What :func:`changes` reads from the forces, without their excess where slip and sinkage are in ``doubt``."""
+    """Return what :func:`changes` returns, without the excess where inputs are in ``doubt``."""
     forces = changes(evaluated, scale, contact)
     return forces if doubt is None else without_excess(forces, evaluated, scale, doubt, contact)
 
 
 class Frame(NamedTuple):
-    """What in the rows of n observations does not depend on the forces between wheels and ground. R as in Rows."""
+    """The parts of n observations' rows that do not depend on the forces, R as in Rows."""
 
     measured: PackedView  # of n observations, harmless where a wheel is not usable
     usable: Tensor  # [n, A] bool
-    levers: Tensor  # [n, A, 2, R, 3] what N, T, M of a wheel do in a row, and the change for one deviation of the contact angle
+    # effect of N, T, M of a wheel in a row, and its change for one deviation of the contact angle
+    levers: Tensor  # [n, A, 2, R, 3]
     tilt: Tensor  # [n, R] change of a row for one standard deviation of the pitch
     target: Tensor  # as in Rows
     variance: Tensor
@@ -234,7 +250,10 @@ class Frame(NamedTuple):
 
 
 def frame_of(packed: Tensor, contact: ContactModel) -> Frame:
-    """Return the frame of observations [n, P]. Where a wheel is not usable, no row that needs it holds."""
+    """Return the frame of observations [n, P].
+
+    Where a wheel is not usable, no row that needs it holds.
+    """
     axles = contact.geometry.axle_x.shape[0]
     usable = usable_wheels(packed, contact)
     view = view_of(with_stand_in(packed, usable, contact.stand_in), axles)
@@ -263,7 +282,10 @@ def frame_of(packed: Tensor, contact: ContactModel) -> Frame:
 
 
 def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: ContactModel) -> Tensor:
-    """What N, T, M of each wheel do in each row at contact angles [n, A], and its change for one deviation of these: [n, A, 2, R, 3]."""
+    """Return the effect of N, T, M of each wheel in each row [n, A, 2, R, 3].
+
+    It is at contact angles [n, A]; then follows its change for one deviation of these.
+    """
     axles = angle.shape[1]
     action = directions(angle)
     along, up, turn = action.unbind(-2)
@@ -286,12 +308,12 @@ def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: ContactM
 
 
 def places(likely: Tensor, frame: Frame, contact: ContactModel) -> PackedView:
-    """Return the view of the observations ``likely`` [n, P], harmless where a wheel is not usable."""
+    """Return the view of observations ``likely`` [n, P], harmless where a wheel is not usable."""
     return view_of(with_stand_in(likely, frame.usable, contact.stand_in), frame.usable.shape[1])
 
 
 def measured_forces(frame: Frame, place: PackedView, forces: Forces) -> Forces:
-    """Return ``forces`` at ``place`` with the values moved, to first order, to the measured slips and sinkages."""
+    """Return ``forces`` at ``place`` with the values moved, to first order, to measured inputs."""
     measured = frame.measured
     faster = (measured.slip - place.slip) / measured.slip_sd
     deeper = (measured.sinkage - place.sinkage) / measured.sinkage_sd
@@ -311,7 +333,7 @@ def regression_rows(packed: Tensor, likely: Tensor, contact: ContactModel) -> Ro
 def rows_at(
     frame: Frame, likely: Tensor, contact: ContactModel, doubt: Tensor | None = None
 ) -> Rows:
-    """What :func:`regression_rows` returns, from the frame of the measured observations, without the excess that ``doubt`` makes."""
+    """Return the rows in a frame, expanded at ``likely`` [n, P], less the excess of ``doubt``."""
     place = places(likely, frame, contact)
     where = varied_inputs(place, contact)
     evaluated = wheel_forces(
@@ -323,12 +345,12 @@ def rows_at(
 
 
 def features_of(frame: Frame, values: Tensor) -> Tensor:
-    """Features [..., n, R, F] of forces [..., n, A, 3, F]."""
+    """Return features [..., n, R, F] of forces [..., n, A, 3, F]."""
     return (frame.levers[:, :, 0] @ values).sum(-3)
 
 
 def rows_of_forces(frame: Frame, forces: Forces) -> Rows:
-    """Rows of n observations, given the forces of :func:`measured_forces`."""
+    """Return rows of n observations, given the forces of :func:`measured_forces`."""
     n, axles, _, rows, _ = frame.levers.shape
     by_source = torch.stack([forces.by_slip, forces.by_sinkage, forces.values]).permute(
         2, 3, 4, 0, 1, 5

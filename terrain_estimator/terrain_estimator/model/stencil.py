@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finite differences of the forces between wheel and ground, over slip, sinkage and soil constants."""
+"""Finite differences of the forces on a wheel, over slip, sinkage and soil constants."""
 
 from typing import NamedTuple
 
@@ -8,23 +8,23 @@ import torch
 from torch import Tensor
 
 OWN = 6
-"""Of the inputs, those with the soil constants as given; they stand first."""
+"""Number of inputs with the soil constants as given; they stand first."""
 
 
 class Stencil(NamedTuple):
-    """At which K = 3 + 3 C inputs forces are evaluated, and how changes are read from them: see :func:`stencil`."""
+    """K = 3 + 3 C inputs at which forces are evaluated, and the weights that give changes."""
 
     moves: Tensor  # [K, 2] deviations by which slip and sinkage are moved
     constants: Tensor  # [K] int: which of the C sets of soil constants
-    weights: Tensor  # [3, C, K] of the evaluations in the values and in their changes by slip and by sinkage
-    curvature: (
-        Tensor  # [3, K] in half the second differences by slip and by sinkage, and in the mixed one
-    )
+    weights: Tensor  # [3, C, K] in the values and in their changes by slip and by sinkage
+    # in half the second differences by slip and by sinkage, and in the mixed one
+    curvature: Tensor  # [3, K]
 
 
 def stencil(uncertain: int) -> Stencil:
-    """Finite differences over slip, sinkage and M = ``uncertain`` soil constants, each varied by a thousandth of its deviation.
+    """Return finite differences over slip, sinkage and M = ``uncertain`` soil constants.
 
+    Each constant is varied by a thousandth of its deviation.
     With the constants as given both sides are taken: a central difference over plus and minus one
     deviation averages a curved law over the spread of its input. For the changes by the constants
     one side is enough.

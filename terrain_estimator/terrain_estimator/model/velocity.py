@@ -36,10 +36,10 @@ class VelocityFilter(nn.Module):
     def predict(
         self, state: dict[str, Tensor], row: Tensor, learnt: Tensor, pitch: Tensor, step: Tensor
     ) -> Motion:
-        """Return the true velocity after ``step`` [s] and the acceleration, as the posterior predicts them.
+        """Return the predicted true velocity after ``step`` [s] and the predicted acceleration.
 
         ``row`` [1 + M + V, 3] is the velocity row and its changes by the uncertain values, as
-        :func:`~terrain_estimator.model.rows.drive_row` returns it; ``learnt`` [net] its net columns.
+        rows.drive_row returns it; ``learnt`` [net] its net columns.
         """
         expected = state["expected"]
         by_cohesion, by_friction, alone = row.unbind(1)
@@ -120,7 +120,7 @@ class VelocityFilter(nn.Module):
     def unlink(
         self, state: dict[str, Tensor], velocity: Tensor, variance: Tensor
     ) -> dict[str, Tensor]:
-        """Return the state with an unknown velocity in the posterior, and ``velocity`` [] in the filter."""
+        """Return the state with ``velocity`` [] in the filter and none in the posterior."""
         index = state["mean"].shape[1] - 1
         mean, precision = drop(state["mean"], state["precision"], index)
         opened = nn.functional.pad(precision, [0, 1, 0, 1])

@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def assert_publishable(update: Update) -> None:
 def test_a_drive_narrows_both_intervals_around_the_truth(
     model: LoadedModel, drive: list[Observation]
 ) -> None:
-    """One drive, so the bound is wide: 4 standard deviations are exceeded once in 16 000 honest estimates."""
+    """One drive, so the bound is wide: one in 16 000 honest estimates exceeds 4 deviations."""
     updates = run(model, drive)
     first, last = updates[0].estimate, updates[-1].estimate
     deviation = np.sqrt(np.diagonal(last.covariance))
@@ -270,7 +271,10 @@ def test_what_fits_no_ground_for_long_brings_the_prior_back(
 
 
 def test_a_change_of_the_ground_is_told_and_followed(model: LoadedModel) -> None:
-    """Eight drives from c 0.8 kPa, tan phi 0.5 to 2.5 kPa, 0.8 at one place; the truth may miss one interval of 4 sd."""
+    """Eight drives from c 0.8 kPa, tan phi 0.5 to 2.5 kPa, 0.8 at one place.
+
+    The truth may miss one interval of 4 deviations.
+    """
     soil = model.metadata.soils[0]
     weak, strong = (
         torch.tensor(values, dtype=torch.float64).expand(8, 2)
@@ -309,7 +313,10 @@ def test_a_change_of_the_ground_is_told_and_followed(model: LoadedModel) -> None
 def test_the_soil_under_the_rover_is_found_among_those_that_the_model_knows(
     model: LoadedModel, name: str
 ) -> None:
-    """One drive of 20 s. Loose sand and regolith may look alike for that long; the true one is not excluded, compact sand is told apart."""
+    """One drive of 20 s: the true soil is not excluded, compact sand is told apart.
+
+    Loose sand and regolith may look alike for that long.
+    """
     soils = [soil.name for soil in model.metadata.soils]
     estimate = run(model, drive_observations(model.rover, load_soil(name), 20.0, seed=21))[
         -1
@@ -341,7 +348,10 @@ def test_a_known_soil_is_the_only_one_that_is_considered(
 
 
 def test_a_rover_that_reaches_compact_sand_finds_the_new_soil(model: LoadedModel) -> None:
-    """Six drives of the benchmark's change; every one that told it knows compact sand 10 s after all axles have reached it."""
+    """Six drives of the benchmark's change.
+
+    Each that reported it has compact sand 10 s after all axles have reached it.
+    """
     change = Change("mars_rover", "loose_sand", "compact_sand")
     generator = torch.Generator().manual_seed(5)
     drives = drive_over(model.rover, change, 6, generator)
@@ -387,7 +397,8 @@ def test_random_hostile_numbers_never_give_a_covariance_that_is_none(
             changed: object = (
                 np.full(3, value) if isinstance(getattr(observation, name), np.ndarray) else value
             )
-            observation = dataclasses.replace(observation, **{name: changed})  # type: ignore[arg-type]
+            changes: dict[str, Any] = {name: changed}
+            observation = dataclasses.replace(observation, **changes)
         stamp += STEP_NS
         update = estimator.update(dataclasses.replace(observation, stamp_ns=stamp))
         used += update.decision.outcome.used

@@ -33,7 +33,10 @@ def decisions(gate_probability: float) -> list[Decision]:
 
 @pytest.mark.parametrize("probability", [0.1, 0.02])
 def test_the_gate_of_the_velocity_rejects_the_share_that_it_may(probability: float) -> None:
-    """Three drives of 30 s, 900 observations: the count lies in the binomial's central 99.9 %, if innovations are white and honest."""
+    """Three drives of 30 s, 900 observations: the count lies in the binomial's central 99.9 %.
+
+    That holds if innovations are white and honest.
+    """
     tested = [
         each
         for each in decisions(probability)
@@ -50,7 +53,10 @@ def test_the_gate_of_the_velocity_rejects_the_share_that_it_may(probability: flo
 
 
 def test_the_gate_of_the_blocks_rejects_no_more_than_it_may() -> None:
-    """The same drives, 90 blocks: the count is below the binomial's 99.9 % limit. A block is fitted before it is judged."""
+    """90 blocks of those drives: the count is below the binomial's 99.9 % limit.
+
+    A block is fitted before it is judged.
+    """
     rejected = [
         each
         for each in decisions(0.1)

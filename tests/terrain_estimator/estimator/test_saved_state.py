@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A saved state goes on to the bit; what is damaged or another model's is refused, and never unpickled."""
+"""A saved state goes on to the bit; a damaged or foreign one is refused, never unpickled."""
 
 import hashlib
 import io

@@ -161,7 +161,7 @@ def test_a_sinkage_that_noise_makes_negative_is_told_from_a_sensor_error() -> No
 
 
 def test_the_screening_refuses_only_what_no_model_can_take() -> None:
-    """A threshold inside the range would cut the noise on one side only, and bias the mean of what is left."""
+    """A threshold inside the range would cut the noise on one side only, and bias the mean."""
     draw = np.random.default_rng(1)
     true, sd = 0.00014, 0.00006
     kept = []

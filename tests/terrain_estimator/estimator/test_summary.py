@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
-from terrain_estimator.estimator.summary import Beliefs, doubted, summarise
+from terrain_estimator.estimator.summary import Beliefs, inflated, summarise
 
 BELIEFS = Beliefs(np.array([2750.0, 0.6]), np.array([1300.0, 0.22]), ("sand",), (1.0,))
 
@@ -50,9 +50,9 @@ def test_mass_below_zero_is_that_of_both_parameters() -> None:
 
 
 def test_two_sharp_hypotheses_still_give_a_definite_covariance() -> None:
-    """They leave only the line between them: its outer product with itself has a correlation of 1 up to rounding."""
+    """They leave only the line between them, whose correlation is 1 up to rounding."""
     along = np.array([140.63, -2.8582e-3])
-    _, found = doubted(BELIEFS.prior_mean, np.outer(along, along), BELIEFS, 0.0)
+    _, found = inflated(BELIEFS.prior_mean, np.outer(along, along), BELIEFS, 0.0)
     np.linalg.cholesky(found)
     assert found[0, 1] == found[1, 0] == pytest.approx(along[0] * along[1])
     assert np.diagonal(found) == pytest.approx(along**2, rel=0.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the stamps do, case by case, through pairing and estimator: every line of the table in docs/estimator.md."""
+"""Stamps case by case through pairing and estimator: the table in docs/estimator.md."""
 
 import math
 from typing import Any

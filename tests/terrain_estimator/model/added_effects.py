@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a model with a named effect is worth online: ``python -m tests.terrain_estimator.model.added_effects [NAME ...]``.
+"""The value of a model with a named effect online.
+
+``python -m tests.terrain_estimator.model.added_effects [NAME ...]``
 
 The same drives three times: without the effect, with the library's law at the size that is
 equivalent to the hidden one, and with the hidden law of that name. The model as shipped and the one
@@ -116,7 +118,7 @@ def estimated(model: LoadedModel, run: Run) -> Estimate:
 def line(
     name: str, law: str, found: Sequence[Run], before: Sequence[Estimate], after: Sequence[Estimate]
 ) -> str:
-    """What came of the drives of one law."""
+    """The results of the drives of one law."""
     size = np.array([run.size for run in found])
     mean, sd = np.array([(each.effects[0].mean, each.effects[0].sd) for each in after]).T
     truth = np.array([[run.cohesion_pa, run.tan_phi] for run in found])

@@ -85,7 +85,7 @@ def test_recursion_over_blocks_equals_the_batch_solution_and_a_textbook_kalman_f
 
 
 def test_log_weight_is_the_log_evidence_up_to_what_no_parameter_changes() -> None:
-    """Two priors on the same data: the difference of their log weights is that of the exact log evidences."""
+    """Two priors on the same data: log weights differ as the exact log evidences do."""
     block = linear_block(5)
     means = torch.tensor([[0.0, 0.0, 0.0, 0.0], [1.5, -1.0, 0.5, 0.2]], dtype=torch.float64)
     precision = torch.stack([torch.eye(4), 3.0 * torch.eye(4)]).to(torch.float64)

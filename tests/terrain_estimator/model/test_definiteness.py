@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A million random updates of the recursion, over nine orders of magnitude of noise, residuals and features."""
+"""A million random updates over nine orders of magnitude of noise, residuals and features."""
 
 import torch
 from torch import Tensor

@@ -35,7 +35,8 @@ observation = torch.tensor([float(x) for x in sys.argv[2].split(",")], dtype=tor
 for _ in range(25):
     state = model.update(state, observation)
 print(*model.estimate(state).flatten().tolist(), *model.predict(state, observation).tolist())
-assert not {name.split(".")[0] for name in sys.modules} & {"terrain_estimator", "terramechanics", "rclpy"}
+packages = {name.split(".")[0] for name in sys.modules}
+assert not packages & {"terrain_estimator", "terramechanics", "rclpy"}
 """
 STEADY = [
     0.1,
@@ -177,7 +178,8 @@ class OtherArguments(torch.nn.Module):
         return {"mean": mean}
 
     @torch.jit.export
-    def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:  # noqa: ARG002
+    def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
+        del observation
         return state
 
     @torch.jit.export

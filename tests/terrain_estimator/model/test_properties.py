@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What holds of conversion, screening and posterior for every input that there is."""
+"""Properties of conversion, screening and posterior for every possible input."""
 
 import dataclasses
 import math
@@ -147,7 +147,7 @@ def test_a_set_of_messages_of_any_form_is_an_observation_or_a_refusal(data: st.D
 def test_gaussians_of_any_numbers_give_definite_matrices_or_nan(
     matrix: np.ndarray[Any, Any], mean: np.ndarray[Any, Any], weight: np.ndarray[Any, Any]
 ) -> None:
-    """They never raise, and hand on no covariance that is indefinite: a caller asks for finite numbers only."""
+    """They never raise, and no covariance is indefinite: a caller asks for finite numbers only."""
     precision = torch.from_numpy(matrix) @ torch.from_numpy(matrix).mT
     factor = cholesky(precision)
     for one in factor:

@@ -50,7 +50,10 @@ def strength(found: MeasuredDrives) -> Tensor:
 
 
 def test_every_balance_of_the_simulated_rover_holds_at_the_true_inputs() -> None:
-    """The simulator solves the same equations to 1e-6 of the weight, with twice the quadrature points; torques are per mille."""
+    """The simulator solves the same equations to 1e-6 of the weight.
+
+    It has twice the quadrature points; torques agree to a per mille.
+    """
     found = drives("loose_sand")
     packed = flat(found.tasks.true, found)
     model = physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True)
@@ -67,8 +70,9 @@ def test_every_balance_of_the_simulated_rover_holds_at_the_true_inputs() -> None
 
 
 def test_rows_expanded_where_they_agree_are_unbiased_where_the_sinkage_is_shallow() -> None:
-    """On compact sand (1.3 mm measured to 0.3 mm) rows expanded where they were measured have torques 1 to 2 % too large.
+    """Rows expanded at measured inputs have torques 1 to 2 % too large on compact sand.
 
+    The sinkage there is 1.3 mm, measured to 0.3 mm.
     20 drives, about 8000 observations: the mean is known to 0.2 % (one standard error), 0.8 % is
     four of them.
     """
@@ -98,10 +102,10 @@ def test_rows_expanded_where_they_agree_are_unbiased_where_the_sinkage_is_shallo
 
 @pytest.mark.parametrize("rows", ["v", "v+L", "v+L+M"])
 def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None:
-    """What differs from the true row and is not linear in the true errors, over the row's noise: 20 drives, about 8000 observations.
+    """The error of a row that is not linear in the true errors has a small mean.
 
-    Its mean is within four standard errors of a quarter of what it is where the place of expansion
-    is taken for certain.
+    It is over the row's noise, of 20 drives, about 8000 observations. Its mean is within four
+    standard errors of a quarter of what it is where the place of expansion is taken for certain.
     """
     found = drives("loose_sand")
     model, axles = physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True), 3
