@@ -11,8 +11,15 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
+from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage, free_rolling
 from terramechanics.simulation.sample import Sample
-from terramechanics.simulation.schedules import Command
+from terramechanics.simulation.schedules import (
+    HIGHEST_SLIP,
+    HIGHEST_TORQUE,
+    Command,
+    TorqueBands,
+    make_schedule,
+)
 from terramechanics.simulation.simulation import (
     SLOWEST,
     STUCK_SLIP,
@@ -188,6 +195,33 @@ def test_named_schedules_start_settled_and_own_ones_as_they_are_given() -> None:
     assert same is schedule
     assert again.time_step == 0.02
     assert torch.equal(again.velocity, schedule.start_velocity)
+
+
+@pytest.mark.parametrize("soil", ["loose_sand", "compact_sand"])
+def test_the_torques_of_s2_are_shares_of_what_an_even_load_needs(soil: str) -> None:
+    """From a third of the way between rolling freely and the highest torque, for 20 s; then half."""
+    ground, batch = Ground.constant(load_soil(soil)), 400
+    schedule = make_schedule("S2", ROVER, ground, batch, torch.Generator().manual_seed(1))
+    assert isinstance(schedule, TorqueBands)
+    wheel = WheelGround.of(ROVER, load_soil(soil).constants(), load_soil(soil).strength(), 8)
+    load = numbers(ROVER.weight / len(ROVER.wheels))
+    free = wheel.forces(*free_rolling(wheel, load))[:, 2]
+    slip = torch.full_like(load, HIGHEST_SLIP)
+    most = wheel.forces(slip, equilibrium_sinkage(wheel, slip, load))[:, 2]
+    high = min(float(HIGHEST_TORQUE * free), float(most))
+    low = float(free) + (high - float(free)) / 3.0
+    torch.testing.assert_close(
+        schedule.high, torch.full((batch,), high).double(), rtol=1e-6, atol=0.0
+    )
+    torch.testing.assert_close(
+        schedule.low, torch.full((batch,), low).double(), rtol=1e-6, atol=0.0
+    )
+    for time, part in ((0.1, 1.0), (20.0, 1.0), (20.1, 0.5)):
+        drawn = schedule.command(time)
+        assert drawn.shape == (batch, ROVER.axles)
+        width = part * (high - low)
+        assert part * low <= float(drawn.min()) < part * low + 0.02 * width
+        assert part * high - 0.02 * width < float(drawn.max()) <= part * high
 
 
 # statics

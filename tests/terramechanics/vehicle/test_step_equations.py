@@ -274,6 +274,24 @@ def test_a_bracket_is_closed_in_few_evaluations() -> None:
     assert len(values) <= 2 + 22
 
 
+@pytest.mark.parametrize(
+    ("function", "low", "high", "root"),
+    [
+        (lambda x: torch.exp(x) - 5.0, -3.0, 4.0, math.log(5.0)),
+        (lambda x: 0.5 - torch.exp(-x), -1.0, 4.0, math.log(2.0)),
+    ],
+)
+def test_an_end_that_stays_put_counts_half_so_that_curved_functions_are_as_quick(
+    function: Callable[[Tensor], Tensor], low: float, high: float, root: float
+) -> None:
+    """Convex and concave: the chords alone would take twice as many evaluations."""
+    value, values = counted(function)
+    ends = torch.tensor([low]).double(), torch.tensor([high]).double()
+    found = bracketed_root(value, *ends, tolerance=1e-6, evaluations=60)
+    assert float(found) == pytest.approx(root, abs=1e-6)
+    assert len(values) <= 14
+
+
 def test_a_root_at_an_end_costs_no_trial() -> None:
     value, values = counted(lambda x: x - torch.tensor([0.0, 1.0, 2.0, -2.0]).double())
     ends = torch.zeros(4).double(), torch.ones(4).double()
