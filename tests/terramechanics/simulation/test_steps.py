@@ -29,7 +29,7 @@ from terramechanics.simulation.simulation import (
     start,
 )
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled
+from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled, random_hills
 from terramechanics.terrain.soil import Soil, load_soil
 from terramechanics.vehicle.rover import Rover, load_rover
 from terramechanics.vehicle.suspension import (
@@ -242,6 +242,30 @@ def test_loads_and_balances_follow_the_pose_of_each(batch: int) -> None:
     target = balance_target(body, pose.pitch, torch.full((batch,), push).double())
     torch.testing.assert_close(acting, target, rtol=1e-7, atol=1e-6)
     assert bool((load[:, 2] > load[:, 0]).all())
+
+
+@dataclasses.dataclass
+class Counted:
+    """A profile that counts how often it is asked."""
+
+    profile: Profile
+    asked: int = 0
+
+    def shape(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        self.asked += 1
+        return self.profile.shape(x)
+
+
+def test_a_pose_is_found_in_a_few_steps_of_newton() -> None:
+    """It converges quadratically: six evaluations of hills, from a level pose and from one before."""
+    x = torch.linspace(0.3, 9.7, 24, dtype=torch.float64)
+    hills = random_hills(24, torch.ones(24).double(), torch.Generator().manual_seed(5))
+    fresh = Counted(hills)
+    pose = solve_pose(ROVER, fresh, x, level_pose(ROVER, x))
+    assert fresh.asked <= 6
+    moved = Counted(hills)
+    solve_pose(ROVER, moved, x + 0.01, pose)
+    assert moved.asked <= 6
 
 
 def test_ground_that_is_curved_more_sharply_than_a_wheel_is_refused() -> None:
