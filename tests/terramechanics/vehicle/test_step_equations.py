@@ -3,7 +3,7 @@
 """What the solvers of one time step are given and how quickly they get there: derivatives by differences."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
@@ -55,16 +55,18 @@ def start_depth() -> Tensor:
 class Recorder:
     """Stands in for the solver: keeps what it is given, and solves."""
 
-    def __init__(self, *, failing: bool = False) -> None:
+    def __init__(self, failing: Sequence[int] = ()) -> None:
+        """Episodes that are ``failing`` at first."""
         self.calls: list[tuple[Any, ...]] = []
-        self._failing = failing
+        self._failing = list(failing)
 
     def __call__(self, *arguments: Any) -> tuple[Tensor, Tensor]:
         self.calls.append(arguments)
-        if self._failing and len(self.calls) == 1:
-            start = arguments[2]
-            return start.clone(), torch.zeros(start.shape[0], dtype=torch.bool)
-        return quasi_newton(*arguments)
+        unknown, solved = quasi_newton(*arguments)
+        if len(self.calls) == 1:
+            unknown[self._failing] = arguments[2][self._failing]
+            solved[self._failing] = False
+        return unknown, solved
 
 
 @pytest.fixture(name="recorder")
@@ -144,7 +146,7 @@ def test_where_newton_fails_a_search_begins_close_to_the_solution(
 ) -> None:
     step = step_equations()
     direct = solve_rates(step, rates(), start_depth(), SPEED)
-    failing = Recorder(failing=True)
+    failing = Recorder(range(BATCH))
     monkeypatch.setattr(equilibrium, "quasi_newton", failing)
     far = torch.full((BATCH, A), 0.002, dtype=torch.float64)
     if kind == "rates":
@@ -164,6 +166,21 @@ def test_where_newton_fails_a_search_begins_close_to_the_solution(
     torch.testing.assert_close(searched, wanted, rtol=0.0, atol=0.02)
     torch.testing.assert_close(found.slip, direct.slip, rtol=1e-6, atol=1e-8)
     torch.testing.assert_close(found.sinkage, direct.sinkage, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("episode", range(BATCH))
+def test_a_single_episode_that_newton_misses_is_searched_for_alone(
+    episode: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = step_equations()
+    direct = solve_rates(step, rates(), start_depth(), SPEED)
+    failing = Recorder([episode])
+    monkeypatch.setattr(equilibrium, "quasi_newton", failing)
+    found = solve_rates(step, rates(), start_depth(), SPEED)
+    assert bool(found.solved.all())
+    assert failing.calls[1][2].shape[0] == 1
+    torch.testing.assert_close(found.sinkage, direct.sinkage, rtol=1e-6, atol=1e-8)
+    torch.testing.assert_close(found.velocity, direct.velocity, rtol=1e-6, atol=1e-8)
 
 
 def test_torques_beyond_what_the_ground_takes_are_not_obeyed() -> None:
