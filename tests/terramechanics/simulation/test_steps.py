@@ -11,8 +11,15 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError
+from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage, free_rolling
 from terramechanics.simulation.sample import Sample
-from terramechanics.simulation.schedules import Command
+from terramechanics.simulation.schedules import (
+    HIGHEST_SLIP,
+    HIGHEST_TORQUE,
+    Command,
+    TorqueBands,
+    make_schedule,
+)
 from terramechanics.simulation.simulation import (
     SLOWEST,
     STUCK_SLIP,
@@ -22,7 +29,7 @@ from terramechanics.simulation.simulation import (
     start,
 )
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled
+from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled, random_hills
 from terramechanics.terrain.soil import Soil, load_soil
 from terramechanics.vehicle.rover import Rover, load_rover
 from terramechanics.vehicle.suspension import (
@@ -190,6 +197,33 @@ def test_named_schedules_start_settled_and_own_ones_as_they_are_given() -> None:
     assert torch.equal(again.velocity, schedule.start_velocity)
 
 
+@pytest.mark.parametrize("soil", ["loose_sand", "compact_sand"])
+def test_the_torques_of_s2_are_shares_of_what_an_even_load_needs(soil: str) -> None:
+    """From a third of the way between rolling freely and the highest torque, for 20 s; then half."""
+    ground, batch = Ground.constant(load_soil(soil)), 400
+    schedule = make_schedule("S2", ROVER, ground, batch, torch.Generator().manual_seed(1))
+    assert isinstance(schedule, TorqueBands)
+    wheel = WheelGround.of(ROVER, load_soil(soil).constants(), load_soil(soil).strength(), 8)
+    load = numbers(ROVER.weight / len(ROVER.wheels))
+    free = wheel.forces(*free_rolling(wheel, load))[:, 2]
+    slip = torch.full_like(load, HIGHEST_SLIP)
+    most = wheel.forces(slip, equilibrium_sinkage(wheel, slip, load))[:, 2]
+    high = min(float(HIGHEST_TORQUE * free), float(most))
+    low = float(free) + (high - float(free)) / 3.0
+    torch.testing.assert_close(
+        schedule.high, torch.full((batch,), high).double(), rtol=1e-6, atol=0.0
+    )
+    torch.testing.assert_close(
+        schedule.low, torch.full((batch,), low).double(), rtol=1e-6, atol=0.0
+    )
+    for time, part in ((0.1, 1.0), (20.0, 1.0), (20.1, 0.5)):
+        drawn = schedule.command(time)
+        assert drawn.shape == (batch, ROVER.axles)
+        width = part * (high - low)
+        assert part * low <= float(drawn.min()) < part * low + 0.02 * width
+        assert part * high - 0.02 * width < float(drawn.max()) <= part * high
+
+
 # statics
 
 
@@ -208,6 +242,30 @@ def test_loads_and_balances_follow_the_pose_of_each(batch: int) -> None:
     target = balance_target(body, pose.pitch, torch.full((batch,), push).double())
     torch.testing.assert_close(acting, target, rtol=1e-7, atol=1e-6)
     assert bool((load[:, 2] > load[:, 0]).all())
+
+
+@dataclasses.dataclass
+class Counted:
+    """A profile that counts how often it is asked."""
+
+    profile: Profile
+    asked: int = 0
+
+    def shape(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        self.asked += 1
+        return self.profile.shape(x)
+
+
+def test_a_pose_is_found_in_a_few_steps_of_newton() -> None:
+    """It converges quadratically: six evaluations of hills, from a level pose and from one before."""
+    x = torch.linspace(0.3, 9.7, 24, dtype=torch.float64)
+    hills = random_hills(24, torch.ones(24).double(), torch.Generator().manual_seed(5))
+    fresh = Counted(hills)
+    pose = solve_pose(ROVER, fresh, x, level_pose(ROVER, x))
+    assert fresh.asked <= 6
+    moved = Counted(hills)
+    solve_pose(ROVER, moved, x + 0.01, pose)
+    assert moved.asked <= 6
 
 
 def test_ground_that_is_curved_more_sharply_than_a_wheel_is_refused() -> None:

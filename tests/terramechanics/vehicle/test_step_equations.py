@@ -3,7 +3,7 @@
 """What the solvers of one time step are given and how quickly they get there: derivatives by differences."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
@@ -55,16 +55,18 @@ def start_depth() -> Tensor:
 class Recorder:
     """Stands in for the solver: keeps what it is given, and solves."""
 
-    def __init__(self, *, failing: bool = False) -> None:
+    def __init__(self, failing: Sequence[int] = ()) -> None:
+        """Episodes that are ``failing`` at first."""
         self.calls: list[tuple[Any, ...]] = []
-        self._failing = failing
+        self._failing = list(failing)
 
     def __call__(self, *arguments: Any) -> tuple[Tensor, Tensor]:
         self.calls.append(arguments)
-        if self._failing and len(self.calls) == 1:
-            start = arguments[2]
-            return start.clone(), torch.zeros(start.shape[0], dtype=torch.bool)
-        return quasi_newton(*arguments)
+        unknown, solved = quasi_newton(*arguments)
+        if len(self.calls) == 1:
+            unknown[self._failing] = arguments[2][self._failing]
+            solved[self._failing] = False
+        return unknown, solved
 
 
 @pytest.fixture(name="recorder")
@@ -144,7 +146,7 @@ def test_where_newton_fails_a_search_begins_close_to_the_solution(
 ) -> None:
     step = step_equations()
     direct = solve_rates(step, rates(), start_depth(), SPEED)
-    failing = Recorder(failing=True)
+    failing = Recorder(range(BATCH))
     monkeypatch.setattr(equilibrium, "quasi_newton", failing)
     far = torch.full((BATCH, A), 0.002, dtype=torch.float64)
     if kind == "rates":
@@ -164,6 +166,21 @@ def test_where_newton_fails_a_search_begins_close_to_the_solution(
     torch.testing.assert_close(searched, wanted, rtol=0.0, atol=0.02)
     torch.testing.assert_close(found.slip, direct.slip, rtol=1e-6, atol=1e-8)
     torch.testing.assert_close(found.sinkage, direct.sinkage, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("episode", range(BATCH))
+def test_a_single_episode_that_newton_misses_is_searched_for_alone(
+    episode: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = step_equations()
+    direct = solve_rates(step, rates(), start_depth(), SPEED)
+    failing = Recorder([episode])
+    monkeypatch.setattr(equilibrium, "quasi_newton", failing)
+    found = solve_rates(step, rates(), start_depth(), SPEED)
+    assert bool(found.solved.all())
+    assert failing.calls[1][2].shape[0] == 1
+    torch.testing.assert_close(found.sinkage, direct.sinkage, rtol=1e-6, atol=1e-8)
+    torch.testing.assert_close(found.velocity, direct.velocity, rtol=1e-6, atol=1e-8)
 
 
 def test_torques_beyond_what_the_ground_takes_are_not_obeyed() -> None:
@@ -272,6 +289,24 @@ def test_a_bracket_is_closed_in_few_evaluations() -> None:
     found = bracketed_root(value, low, high, tolerance=1e-10)
     assert found.tolist() == pytest.approx([math.atanh(0.3) / 5.0] * 2, abs=1e-9)
     assert len(values) <= 2 + 22
+
+
+@pytest.mark.parametrize(
+    ("function", "low", "high", "root"),
+    [
+        (lambda x: torch.exp(x) - 5.0, -3.0, 4.0, math.log(5.0)),
+        (lambda x: 0.5 - torch.exp(-x), -1.0, 4.0, math.log(2.0)),
+    ],
+)
+def test_an_end_that_stays_put_counts_half_so_that_curved_functions_are_as_quick(
+    function: Callable[[Tensor], Tensor], low: float, high: float, root: float
+) -> None:
+    """Convex and concave: the chords alone would take twice as many evaluations."""
+    value, values = counted(function)
+    ends = torch.tensor([low]).double(), torch.tensor([high]).double()
+    found = bracketed_root(value, *ends, tolerance=1e-6, evaluations=60)
+    assert float(found) == pytest.approx(root, abs=1e-6)
+    assert len(values) <= 14
 
 
 def test_a_root_at_an_end_costs_no_trial() -> None:
