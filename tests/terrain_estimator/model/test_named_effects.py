@@ -23,7 +23,6 @@ from terrain_estimator.model.model_file import (
     LoadedModel,
     ModelFileError,
     load_model,
-    running,
 )
 from terrain_estimator.model.packing import TIMING, pack, packed_size, view_of
 from terrain_estimator.model.palpaca import PAlpaca
