@@ -22,12 +22,12 @@ BAKED_NUMPY = re.compile(r'/opt/python/[^;"\s]*/numpy/_?core/include')
 HEADER = """\
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-# Written by ros2_ws/prepare in place of /opt/ros/jazzy/setup.sh, for the wheels in this environment.
+# Written by ros2_ws/prepare; stands in for /opt/ros/jazzy/setup.sh with the wheels.
 """
 
 # Quoted and expanded only where set, so that it holds under `set -u` and in folders with spaces.
-# With _ROS_WHEELS_BOOTSTRAP_COMPLETE the wheels leave LD_LIBRARY_PATH alone, which saves each process
-# a second exec.
+# With _ROS_WHEELS_BOOTSTRAP_COMPLETE the wheels leave LD_LIBRARY_PATH alone, which saves each
+# process a second exec.
 BODY = """
 _te_venv={venv}
 _te_prepend() {{

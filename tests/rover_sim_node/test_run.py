@@ -112,7 +112,8 @@ def test_every_message_of_a_step_has_the_same_stamp_and_its_frame() -> None:
         assert stamps == {(0, (n + 1) * 100_000_000)}
         assert step["wheel_slip"].sequence == step["wheel_sinkage"].sequence == n
         assert {topic: message.header.frame_id for topic, message in step.items()} == {
-            "wheel_slip": "base_link", "wheel_sinkage": "base_link", "odom": "odom", "joint_states": "base_link", "imu": "base_link",
+            "wheel_slip": "base_link", "wheel_sinkage": "base_link", "odom": "odom",
+            "joint_states": "base_link", "imu": "base_link",
         }  # fmt: skip
         assert step["odom"].child_frame_id == "base_link"
 

@@ -238,7 +238,8 @@ def test_a_recorder_ends_on_a_disk_that_never_answers(
     start: Starter, listener: Listener, tmp_path: Path
 ) -> None:
     process = start.command(
-        sys.executable, "-c", HANGS_ON_DEMAND, "--ros-args", "-p", f"output:={tmp_path / 'run'}", "-p", "topics:=wheel_slip",
+        sys.executable, "-c", HANGS_ON_DEMAND, "--ros-args",
+        "-p", f"output:={tmp_path / 'run'}", "-p", "topics:=wheel_slip",
     )  # fmt: skip
     publisher = listener.publisher(WheelSlip, "wheel_slip")
     process.wait_for_output("recording 1 topics")

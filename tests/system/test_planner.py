@@ -124,7 +124,7 @@ def test_the_documented_subscriber_goes_by_a_clock_that_nobody_sets_back_or_stop
     assert {each.linear.x for each in commands} == {0.0}
 
 
-def test_the_documented_subscriber_stops_the_rover_before_a_soft_patch_traps_it_and_creeps_on_when_told_to(
+def test_the_documented_subscriber_stops_before_a_soft_patch_and_creeps_on_when_told_to(
     start: Starter, listener: Listener
 ) -> None:
     found = listener.collect(TractionAdvice, "traction_advice")

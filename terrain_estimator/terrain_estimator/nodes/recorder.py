@@ -55,8 +55,8 @@ class RecorderNode(ManagedNode):
 
     The log time is the node's clock at reception: with ``use_sim_time`` simulated time, and the
     node subscribes once /clock runs, so that a player's clock agrees with the stamps. The publish
-    time is that of the publisher's DDS. "Configure" opens a bag, "activate" records to it, "clean up"
-    finishes it.
+    time is that of the publisher's DDS. "Configure" opens a bag, "activate" records to it, and
+    "clean up" finishes it.
     """
 
     config: RecorderConfig

@@ -142,7 +142,8 @@ def measure(
     force, force_sd = measured(sample.specific_force(rover.gravity) + bias, 0.0, noise.acceleration)
     return Measurement(
         slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, sample.wheel_rate, torque, torque_sd,
-        velocity, velocity_sd, pitch, pitch_sd, force, math.sqrt(2.0) * force_sd, sample.bogie_angle,
+        velocity, velocity_sd, pitch, pitch_sd, force, math.sqrt(2.0) * force_sd,
+        sample.bogie_angle,
     )  # fmt: skip
 
 

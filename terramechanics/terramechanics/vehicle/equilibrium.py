@@ -129,7 +129,7 @@ class StepEquations:
 
 
 def slip_at(rover: Rover, velocity: Tensor, rate: Tensor) -> Tensor:
-    """Return slip 1 - v / (r w); ``rate`` w [batch, axles] [rad/s], ``velocity`` v [batch] [m/s]."""
+    """Return slip 1 - v / (r w) at ``rate`` w [batch, axles] [rad/s], ``velocity`` v [batch]."""
     return 1.0 - velocity.unsqueeze(-1) / (rover.wheel_radius * rate)
 
 

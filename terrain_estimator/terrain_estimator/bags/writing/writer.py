@@ -169,8 +169,8 @@ class BagWriter:
         Args:
             topic: from :meth:`add_topic`.
             data: CDR with its encapsulation header.
-            log_time_ns: time of reception [ns]; players go by it.
             log_time_ns: time of reception [ns], the time that players use.
+            publish_time_ns: time of sending [ns]; that of reception where it is not given.
 
         Raises:
             OSError: the disk is full or broken.

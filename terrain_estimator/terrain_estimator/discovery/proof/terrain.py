@@ -33,9 +33,9 @@ class SlopeTrack:
 
 
 def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
-    """The track of linked observations [n, P]: a smoothing spline through the slopes below all wheels.
+    """Return the track of linked observations [n, P]: a smoothing spline through wheel slopes.
 
-    How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and
+    Its smoothness follows from the slopes themselves (generalised cross-validation, Craven and
     Wahba 1979).
     """
     view = view_of(packed, rover.axles)
@@ -58,7 +58,7 @@ def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
 
 
 def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
-    """The observations [n, P] with their angles measured once more: what that changes is what their noise does."""
+    """Return the observations [n, P] with noise added to their angles once more."""
     view, count = view_of(packed, axles), len(packed)
     noise = torch.randn(count, axles, generator=generator, dtype=torch.float64)
     again = with_contact_angle(packed, view.contact_angle + view.contact_angle_sd * noise)
