@@ -15,7 +15,8 @@ from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_rover import Floats, NumpyTrack
 from terramechanics.effects import make_effect
 from terramechanics.simulation.plant import Plant
-from terramechanics.simulation.simulation import TIME_STEP, simulate, start
+from terramechanics.simulation.sample import TIME_STEP
+from terramechanics.simulation.simulation import simulate, start
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Hills
 from terramechanics.terrain.soil import load_soil

@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import ESTIMATE, HEALTH, Message
-from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.simulation.sample import TIME_STEP
 from tests.system.processes import Process, Starter
 
 FACTOR = 4.0

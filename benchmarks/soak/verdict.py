@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.soak.core import ProcessSample
 from benchmarks.soak.live import FACTOR, RoverSeries
 from benchmarks.trend import Trend, counted, trend
-from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.simulation.sample import TIME_STEP
 
 HOURS, DDS_HOURS = 24.0, 2.0
 """Simulated hours of every rover, through the core and over DDS."""

@@ -29,8 +29,9 @@ from terrain_estimator.learning.tasks import (
 )
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.prior import DEFAULT_PRIOR
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Noise
-from terramechanics.simulation.simulation import STUCK_TIME, TIME_STEP, simulate
+from terramechanics.simulation.simulation import STUCK_TIME, simulate
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 

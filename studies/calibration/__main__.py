@@ -40,8 +40,9 @@ from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics.effects import describe, make_effect
 from terramechanics.simulation import sample as simulated
 from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Noise
-from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 

@@ -24,9 +24,9 @@ from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Estimate
-from terramechanics.simulation.sample import Drive
+from terramechanics.simulation.sample import TIME_STEP, Drive
 from terramechanics.simulation.sensors import Noise, measure_drive
-from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover

@@ -14,7 +14,7 @@ from studies.paper.cases import PAPER_STRENGTH, strength_name
 from studies.paper.experiment import CellResult
 from studies.paper.plants import PaperPlant
 from studies.paper.published import TRADE_OFF
-from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.simulation.sample import TIME_STEP
 
 SHOWN = (
     "linear",

@@ -23,8 +23,9 @@ from torch import Tensor
 from studies.baselines.drives import LevelDrives, Vehicle
 from terrain_estimator.learning.tasks import PAPER, StrengthRange, degrees
 from terramechanics.contact.stresses import in_range, wheel_forces_linear_stress
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.schedules import BAND_DURATION
-from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from studies.baselines.drives import LevelDrives
 from studies.baselines.interface import Estimates
-from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.simulation.sample import TIME_STEP
 
 TIMES_S = (5.0, 10.0, 20.0, 40.0)
 """[s] Times at which estimates are compared."""

@@ -28,9 +28,9 @@ from terrain_estimator.update import Estimate
 from terramechanics.contact.sinkage import drawbar_capability
 from terramechanics.effects import make_effect
 from terramechanics.simulation.plant import Plant
-from terramechanics.simulation.sample import Sample
+from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
-from terramechanics.simulation.simulation import STUCK_TIME, TIME_STEP, simulate
+from terramechanics.simulation.simulation import STUCK_TIME, simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import random_hills
 from terramechanics.terrain.soil import load_soil

@@ -20,8 +20,9 @@ from terrain_estimator.learning.tasks import random_ground
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Noise, measure_drive
-from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.soil import Soil
 
 DURATION_S = 40.0

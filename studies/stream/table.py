@@ -13,8 +13,8 @@ from scipy.stats import norm
 from studies.accuracy.scores import Share, share_of
 from studies.stream.drives import Streamed
 from studies.tables import licence, table
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Noise
-from terramechanics.simulation.simulation import TIME_STEP
 
 SETTLED_S = 5.0
 """[s] Predictions before and after this time are judged separately."""

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from terramechanics.simulation.plant import Effect, Plant
-from terramechanics.simulation.sample import Drive
+from terramechanics.simulation.sample import TIME_STEP, Drive
 from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
-from terramechanics.simulation.simulation import STUCK_TIME, TIME_STEP, simulate
+from terramechanics.simulation.simulation import STUCK_TIME, simulate
 from terramechanics.vehicle.rover import Rover, load_rover
 from tests.hidden.equivalent import equivalent_size
 from tests.hidden.generators import GENERATORS, Draw, sizes_of

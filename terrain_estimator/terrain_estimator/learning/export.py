@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.model_file import (
     FORMAT,
     Metadata,
@@ -20,10 +21,10 @@ from terrain_estimator.model.model_file import (
     write_metadata,
 )
 from terrain_estimator.model.packing import PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
-from terrain_estimator.model.palpaca import BLOCK, PAlpaca
+from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.prior import UNCERTAIN
 from terrain_estimator.model.rows import row_names
-from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 

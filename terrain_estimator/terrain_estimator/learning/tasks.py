@@ -11,9 +11,9 @@ from torch import Tensor
 
 from terrain_estimator.model.packing import PackedView, pack_measurement, view_of
 from terramechanics.simulation.plant import Plant
-from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
-from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover

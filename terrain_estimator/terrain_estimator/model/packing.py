@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.observation import Floats, Observation
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Measurement
-from terramechanics.simulation.simulation import TIME_STEP
 
 PACKED_WHEEL_FIELDS = (
     "slip",

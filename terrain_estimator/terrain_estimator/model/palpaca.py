@@ -36,7 +36,7 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.bank import Bank, Solved, join, members_of, restarted, take, taken
-from terrain_estimator.model.block import Posterior, Solution, solve_block
+from terrain_estimator.model.block import BLOCK, Posterior, Solution, solve_block
 from terrain_estimator.model.gaussian import mixture, project
 from terrain_estimator.model.hypotheses import Hypotheses
 from terrain_estimator.model.net import NetFeatures
@@ -53,10 +53,8 @@ from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
 from terrain_estimator.model.prior import Prior
 from terrain_estimator.model.rows import row_names
 from terrain_estimator.model.velocity import Motion, VelocityFilter
-from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.simulation.sample import TIME_STEP
 
-BLOCK = 10
-"""Observations in a block: one second at 10 Hz."""
 RECENT = 3
 """[blocks] Age up to which a posterior counts for a change of the ground."""
 LEAST_KNOWN = 0.5

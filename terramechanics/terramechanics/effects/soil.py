@@ -19,7 +19,7 @@ from terramechanics.simulation.plant import (
     with_exponent,
     with_stiffness,
 )
-from terramechanics.simulation.simulation import SLOWEST
+from terramechanics.simulation.sample import SLOWEST
 from terramechanics.vehicle.rover import Rover
 
 GROUSER_SLIP = 0.1

@@ -9,6 +9,11 @@ from torch import Tensor
 
 from terramechanics.vehicle.rover import Rover
 
+TIME_STEP = 0.1
+"""[s] Step of the simulation, the period of the samples, unless another is asked for."""
+SLOWEST = 1e-3
+"""[m/s] Circumferential speed below which a wheel stands."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sample:

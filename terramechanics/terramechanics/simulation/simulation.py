@@ -16,7 +16,7 @@ from torch import Tensor
 from terramechanics.contact.sinkage import DEEPEST, WheelGround, equilibrium_sinkage
 from terramechanics.contact.stresses import in_range
 from terramechanics.simulation.plant import Plant, Situation
-from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.sample import SLOWEST, TIME_STEP, Drive, Sample
 from terramechanics.simulation.schedules import Command, Schedule, make_profile, make_schedule
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Profile
@@ -31,8 +31,6 @@ from terramechanics.vehicle.suspension import (
     wheel_loads,
 )
 
-TIME_STEP = 0.1
-"""[s] Step of the simulation, the period of the samples, unless another is asked for."""
 POINTS = 12
 """Quadrature points of the simulated forces: 2e-8 of the largest force."""
 COARSE_POINTS = 3
@@ -41,8 +39,6 @@ STUCK_SLIP = 0.9
 """[1] Mean slip above which a rover is stuck, when it stays there."""
 STUCK_TIME = 1.0
 """[s] Time after which it counts as stuck."""
-SLOWEST = 1e-3
-"""[m/s] Circumferential speed below which a wheel stands."""
 LONG_STEP = 1e3
 """[s] Step that lets a drive start in its steady state."""
 

@@ -16,8 +16,8 @@ import torch
 
 from terrain_estimator.discovery import Proof, RecordedRun, Study, cut, nominal_of, prove, singles
 from terrain_estimator.model.packing import pack_measurement
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Measurement
-from terramechanics.simulation.simulation import TIME_STEP
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case, Plan, draw_cases

@@ -29,8 +29,8 @@ from terrain_estimator.learning.tasks import (
     random_ground,
     uniform,
 )
+from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.packing import AXLE_FIELDS, SCALAR_FIELDS
-from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import row_names
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover

@@ -10,10 +10,11 @@ from torch import Tensor
 
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import draw_tasks
+from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.hypotheses import HAZARD, NO_SAY
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.model.packing import SCALAR_FIELDS, SCALARS
-from terrain_estimator.model.palpaca import BLOCK, PAlpaca
+from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.velocity import MEMORY, OPEN
 
 State = dict[str, Tensor]

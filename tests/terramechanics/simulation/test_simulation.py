@@ -12,9 +12,9 @@ from torch import Tensor
 
 from terramechanics.contact.sinkage import WheelGround
 from terramechanics.contact.stresses import quadrature, wheel_forces
-from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.schedules import Command, make_schedule
-from terramechanics.simulation.simulation import TIME_STEP, Simulation, simulate
+from terramechanics.simulation.simulation import Simulation, simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Flat, Ramp
 from terramechanics.terrain.soil import Soil, load_soil, soil_names

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage, free_rolling
-from terramechanics.simulation.sample import Sample
+from terramechanics.simulation.sample import SLOWEST, TIME_STEP, Sample
 from terramechanics.simulation.schedules import (
     HIGHEST_SLIP,
     HIGHEST_TORQUE,
@@ -20,14 +20,7 @@ from terramechanics.simulation.schedules import (
     TorqueBands,
     make_schedule,
 )
-from terramechanics.simulation.simulation import (
-    SLOWEST,
-    STUCK_SLIP,
-    STUCK_TIME,
-    TIME_STEP,
-    Simulation,
-    start,
-)
+from terramechanics.simulation.simulation import STUCK_SLIP, STUCK_TIME, Simulation, start
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled, random_hills
 from terramechanics.terrain.soil import Soil, load_soil

@@ -14,9 +14,10 @@ from terrain_estimator.discovery.runs import RecordedRun
 from terrain_estimator.model.packing import pack_measurement
 from terramechanics.contact.sinkage import drawbar_capability
 from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.schedules import Command
 from terramechanics.simulation.sensors import Noise, measure_drive
-from terramechanics.simulation.simulation import TIME_STEP, simulate
+from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Hills
 

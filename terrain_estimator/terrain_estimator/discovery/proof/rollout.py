@@ -17,9 +17,9 @@ from terrain_estimator.discovery.hypotheses.rows import Nominal, corrected
 from terrain_estimator.discovery.proof.held_out import PIECE, GroundEstimate, Half, Model
 from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
+from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.gaussian import cholesky
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.schedules import Command

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from terrain_estimator.discovery.proof.held_out import PIECE
 from terrain_estimator.discovery.proof.scores import Predicted
+from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.model.palpaca import BLOCK
 
 
 @dataclass(frozen=True, slots=True)
