@@ -244,7 +244,7 @@ def _check_rows(rows: Sequence[Row], reference: frozenset[str], *, by_trial: boo
         )
     if by_trial and not reference and len({row.trial for row in rows}) < 2:
         raise WheelTableError(
-            "--hold-out-by trial: there is only one trial, so nothing would be left to fit; hold"
+            "--hold-out-by trial: there is one trial, so nothing would be left to fit; hold"
             " out by cell"
         )
 
