@@ -81,8 +81,12 @@ def _marked(line: re.Match[str]) -> str:
     return f"{line['begin']}{_MARKS[changed]} <!-- code {code} -->"
 
 
+@cache
 def commit() -> str:
-    """Return the commit of the work tree, with ``-dirty`` where files differ from it."""
+    """Return the commit of the work tree, with ``-dirty`` where files differ from it.
+
+    It is that of the first call: a process keeps the code that it has loaded.
+    """
     command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
     found = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     return found.stdout.strip() or "unknown"
