@@ -49,16 +49,16 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
     """
     pieces, every = replicates(lengths, NEIGHBOURS), np.arange(len(before.count))[None]
     first, floor = (
-        _mean_square(before, before.misfit.numpy()),
-        _mean_square(before, before.expected.numpy()),
+        _root_mean_square(before, before.misfit.numpy()),
+        _root_mean_square(before, before.expected.numpy()),
     )
     if after is None:
         return Gap(
             float(first(every)[0]), None, float(floor(every)[0]), None, None, None, None, pieces
         )
     second, floor = (
-        _mean_square(after, after.misfit.numpy()),
-        _mean_square(after, after.expected.numpy()),
+        _root_mean_square(after, after.misfit.numpy()),
+        _root_mean_square(after, after.expected.numpy()),
     )
     start, end, least = (float(error(every)[0]) for error in (first, second, floor))
 
@@ -89,7 +89,7 @@ def gap_of(before: Predicted, after: Predicted | None, lengths: Sequence[int], s
     )
 
 
-def _mean_square(predicted: Predicted, total: Floats) -> Callable[[Rows], Floats]:
-    """Return the root mean square of ``total`` [N] over the values of chosen seconds."""
+def _root_mean_square(predicted: Predicted, total: Floats) -> Callable[[Rows], Floats]:
+    """Return the root mean square over chosen seconds, from the sums of squares ``total`` [N]."""
     count = predicted.count.numpy()
     return lambda rows: np.sqrt(total[rows].sum(1) / count[rows].sum(1))
