@@ -13,6 +13,7 @@ from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Adam, Floats, TaskArrays, loss_and_gradients
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.learning.training import Recipe, build_model, train
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -83,7 +84,7 @@ def loops_step(model: PAlpaca, data: Regression, recipe: Recipe) -> None:
 
 def random_data(model: PAlpaca, generator: torch.Generator) -> Regression:
     """Of the right shapes: no number changes how long it takes."""
-    rows, columns = len(distinct_rows(model.axles)), 2 + model.uncertain.shape[1]
+    rows, columns = len(distinct_rows(model.axles)), 2 + model.layout.constants
 
     def draw(*shape: int) -> Tensor:
         return torch.randn(TASKS, BLOCKS, *shape, generator=generator, dtype=torch.float64)
@@ -110,23 +111,19 @@ def weights_of(model: PAlpaca, log_precision: Tensor, log_noise: Tensor) -> list
 
 def tasks_of(model: PAlpaca, data: Regression) -> TaskArrays:
     """The same regressions for the loops."""
-    axles, inputs = model.axles, data.inputs.numpy()
-    wheels = inputs[..., : 8 * axles].reshape(*inputs.shape[:2], 8, axles)
-    pitch = inputs[..., 8 * axles + 2 : 8 * axles + 3]
-    seen = (
-        np.concatenate([wheels[..., 0, :], wheels[..., 2, :], wheels[..., 4, :], pitch], -1)
-        / model.net.input_scale.numpy()
-    )
+    inputs, prior = view_of(data.inputs, model.axles), model.hypotheses
+    pitch = inputs.pitch.unsqueeze(-1)
+    seen = torch.cat([inputs.slip, inputs.sinkage, inputs.contact_angle, pitch], -1)
     others = data.nominal.shape[-1] - 2
     return TaskArrays(
         data.nominal.numpy(),
         data.target.numpy(),
         data.covariance.numpy(),
-        seen,
+        (seen / model.net.input_scale).numpy(),
         data.valid.numpy() > 0.0,
         model.net.row_scale.numpy(),
         np.concatenate(
-            [(model.prior_mean / model.unit).numpy(), np.zeros(others + model.net.columns)]
+            [(prior.prior_mean / prior.unit).numpy(), np.zeros(others + model.net.columns)]
         ),
-        np.concatenate([((model.prior_sd / model.unit) ** -2.0).numpy(), np.ones(others)]),
+        np.concatenate([((prior.prior_sd / prior.unit) ** -2.0).numpy(), np.ones(others)]),
     )

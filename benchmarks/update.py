@@ -21,7 +21,7 @@ ROUNDS = 3  # the fastest counts: what else the machine does only slows it down
 
 
 def microseconds(model: LoadedModel, packed: torch.Tensor) -> tuple[float, float]:
-    """Mean over all observations, and median of those that close a block; packed drives [N, T, 8 A + 9]."""
+    """Mean over all observations, and median of those that close a block; packed drives [N, T, P]."""
     module, block = model.module, model.metadata.block
     means, closing = [], []
     with torch.inference_mode():

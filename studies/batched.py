@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model's recursion over many drives at once: the same functions under ``torch.vmap``, block by block.
 
-The streaming model drops hypotheses that died; here every drive keeps as many as the model ever
-holds, dead ones behind, with a log weight of -inf. Where drives differ in what has to be solved, as
-many are solved as the drive with the most of them needs.
+The steps of a block are the model's own; what differs is the driver with the branches. The
+streaming model drops inactive hypotheses; here every drive keeps as many as the model ever holds,
+inactive ones last, with a log weight of -inf. Where drives differ in what has to be solved, as many
+are solved as the drive with the most of them needs.
 
 Drives differ in where their blocks end, because an observation without a usable wheel breaks the
 chain of velocities and closes its block early. So the blocks are laid out first, and the j-th
@@ -14,27 +15,32 @@ blocks of all drives that have the same length are run as one batch.
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from terrain_estimator.model.agreement import LARGEST_ERROR
-from terrain_estimator.model.bank import Bank, Solved, join
+from terrain_estimator.model.bank import Bank, Solved, join, members_of, restarted
 from terrain_estimator.model.block import (
-    CONVERGED,
     MOST_STEPS,
     BlockRows,
     GaussNewtonStep,
     Posterior,
     Solution,
+    extended,
     gauss_newton,
+    has_converged,
     solution_of,
-    without_apparent,
 )
-from terrain_estimator.model.palpaca import PAlpaca, State
+from terrain_estimator.model.packing import view_of, with_slip, without_link
+from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics import SoilRows
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.state import State
 
+_FieldsT = TypeVar("_FieldsT", Posterior, BlockRows)
 CHUNK = 16
 """Blocks whose rows are computed at once, so that they stay in the processor's cache."""
 
@@ -62,28 +68,27 @@ class Layout:
 
 
 def lay_out(model: PAlpaca, packed: Tensor, ends: Tensor) -> Layout:
-    """Blocks of packed drives [N, T, 8 A + 9], of which only the first ``ends`` [N] observations count."""
-    drives, time, size = packed.shape
-    axles = model.axles
-    wheels = packed[..., : 8 * axles].reshape(-1, 8, axles)
-    usable = (model.in_every_range(wheels) & torch.isfinite(wheels[:, 4])).all(1).view(drives, time)
-    linked = usable & (packed[..., size - 1] > 0.0)
+    """Return the blocks of packed drives [N, T, P], of which the first ``ends`` [N] observations count."""
+    drives, time, _ = packed.shape
+    view = view_of(packed, model.axles)
+    usable = _in_every_range(model, packed) & torch.isfinite(view.contact_angle)
+    linked = usable.all(2) & (view.linked > 0.0)
     linked[:, 0] = False
     count = torch.zeros(drives, dtype=torch.long)
     block = torch.full((drives,), -1)
     first, length, closed_at = (torch.full((drives, time), fill) for fill in (0, 0, time))
     every = torch.arange(drives)
     for t in range(time):
-        alive = t < ends
-        opens = alive & (~linked[:, t] | (count == model.block_size))
+        running = t < ends
+        opens = running & (~linked[:, t] | (count == model.block_size))
         broken = every[opens & (count > 0) & (count < model.block_size)]
         closed_at[broken, block[broken]] = t
         block = block + opens.long()
         count = torch.where(opens, 1, count + 1)
-        here = every[alive]
+        here = every[running]
         first[every[opens], block[opens]] = t
         length[here, block[here]] = count[here]
-        full = every[alive & (count == model.block_size)]
+        full = every[running & (count == model.block_size)]
         closed_at[full, block[full]] = t
     most = int(block.max()) + 1
     return Layout(first[:, :most], length[:, :most], closed_at[:, :most], linked)
@@ -96,7 +101,7 @@ def run(
     ends: Tensor | None = None,
     rows: Tensor | None = None,
 ) -> Trace:
-    """Run ``model`` over packed drives [N, T, 8 A + 9] from its own prior.
+    """Run ``model`` over packed drives [N, T, P] from its own prior.
 
     The estimates are those published after the observations ``times`` [K] (counted from 0). A drive
     ends with its first ``ends`` [N] observations and keeps its last estimate. ``rows`` [R] is 1 for
@@ -104,12 +109,8 @@ def run(
     """
     drives, time, _ = packed.shape
     layout = lay_out(model, packed, torch.full((drives,), time) if ends is None else ends)
-    packed = _blinded(model, packed)
-    packed = torch.where(
-        layout.linked.unsqueeze(-1),
-        packed,
-        torch.cat([packed[..., :-2], torch.zeros_like(packed[..., -2:])], -1),
-    )
+    packed = _without_unusable(model, packed)
+    packed = torch.where(layout.linked.unsqueeze(-1), packed, without_link(packed))
     mask = torch.ones(len(row_names(model.axles)), dtype=torch.float64) if rows is None else rows
     with torch.inference_mode():
         state = {
@@ -131,13 +132,17 @@ def run(
     return trace
 
 
-def _blinded(model: PAlpaca, packed: Tensor) -> Tensor:
-    """Slips outside the range of any soil as not measured: every soil has to explain the same rows."""
-    slip = packed[..., : model.axles]
-    usable = model.in_every_range(packed[..., : 8 * model.axles].reshape(-1, 8, model.axles)).view(
-        slip.shape
-    )
-    return torch.cat([torch.where(usable, slip, torch.nan), packed[..., model.axles :]], -1)
+def _in_every_range(model: PAlpaca, packed: Tensor) -> Tensor:
+    """Return which wheels [N, T, W] of packed drives are in the range of every soil."""
+    view = view_of(packed, model.axles)
+    slip, sinkage = (field.reshape(-1, model.axles) for field in (view.slip, view.sinkage))
+    return nominal_of(model.physics).in_every_range(slip, sinkage).view(view.slip.shape)
+
+
+def _without_unusable(model: PAlpaca, packed: Tensor) -> Tensor:
+    """Return packed drives with slips outside any soil's range as NaN: every soil has to explain the same rows."""
+    slip = view_of(packed, model.axles).slip
+    return with_slip(packed, torch.where(_in_every_range(model, packed), slip, torch.nan))
 
 
 class _Target(NamedTuple):
@@ -176,26 +181,24 @@ def _groups(layout: Layout, j: int) -> Iterator[tuple[Tensor, Tensor, bool]]:
 
 
 def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, target: _Target) -> None:
-    """Take the observations [G, n, 8 A + 9] of a block, close it, and write state and results of its drives in place."""
+    """Take the observations [G, n, P] of a block, close it, and write state and results in place."""
     chosen, trace = target.chosen, target.trace
     part = {name: value[chosen] for name, value in state.items()}
-    alive = int((part["log_weight"] != -torch.inf).sum(1).max())
-    part |= {name: part[name][:, :alive] for name in _OF_HYPOTHESES}
+    active = int((part["log_weight"] != -torch.inf).sum(1).max())
+    part |= {name: part[name][:, :active] for name in _OF_HYPOTHESES}
     for i in range(packed.shape[1]):
-        if i == 0 and not bool(packed[0, 0, -1] > 0.0):
-            measured = packed[:, 0, 8 * model.axles :]
-            part = torch.vmap(model.unlink)(part, measured[:, 0], measured[:, 1] ** 2)
+        view = view_of(packed[:, i], model.axles)
+        if i == 0 and not bool(view.linked[0] > 0.0):
+            part = torch.vmap(model.velocity.unlink)(part, view.velocity, view.velocity_sd**2)
             continue
-        part = torch.vmap(model.track)(part, packed[:, i])
-        trace.innovation[chosen, target.place[:, i]], trace.variance[chosen, target.place[:, i]] = (
-            part["innovation"].unbind(1)
-        )
+        part = torch.vmap(model.track)(part, view)
+        trace.innovation[chosen, target.place[:, i]] = part["innovation"]
+        trace.variance[chosen, target.place[:, i]] = part["innovation_variance"]
     if not target.closes:
         return
     part = close(model, part, packed, mask)
-    trace.misfit[chosen, target.block], trace.degrees[chosen, target.block] = part["misfit"].unbind(
-        1
-    )
+    trace.misfit[chosen, target.block] = part["misfit"]
+    trace.degrees[chosen, target.block] = part["degrees"]
     for name, value in part.items():
         if name in _OF_HYPOTHESES:
             state[name][chosen, : value.shape[1]] = value
@@ -206,7 +209,7 @@ def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, targe
 
 
 _OF_HYPOTHESES = ("mean", "precision", "log_weight", "weight", "age", "kind")
-"""Fields of the state with a place for each hypothesis, behind that of the drive; dead ones stand last."""
+"""Fields of the state with a place for each hypothesis, behind that of the drive; inactive ones stand last."""
 
 
 def _publish(
@@ -224,48 +227,69 @@ def _publish(
 
 
 def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
-    """``PAlpaca.close`` for blocks [G, n, 8 A + 9] of G drives."""
-    drives, pieces = packed.shape[0], []
-    state = torch.vmap(model.wander)(state, packed[..., -2].sum(1))
+    """Return the states of G drives after blocks [G, n, P], by the steps of ``PAlpaca.close``."""
+    seconds = view_of(packed, model.axles).step.sum(1)
+    state = torch.vmap(model.hypotheses.diffuse)(state, seconds)
     rows = [
-        _SoilRows(model, soil, packed, mask, state["expansion"][:, soil])
+        _BlocksOnSoil(model, soil, packed, mask, state["expansion"][:, soil])
         for soil in range(model.known_soils)
     ]
+    solved, degrees = _solve_active(model, state, rows)
+    solved = _solve_restarted(model, state, rows, solved, degrees)
+    bank, misfit = torch.vmap(model.hypotheses.select)(solved)
+    state = torch.vmap(model.publish)(state, _inactive_last(bank))
+    leading = state["soils"].argmax(1)
+    noise = [(leading == soil).view(-1, 1, 1, 1) * each.noise for soil, each in enumerate(rows)]
+    finish = torch.vmap(model.finish)
+    return finish(state, functools.reduce(torch.add, noise), misfit, degrees)
+
+
+def _solve_active(
+    model: PAlpaca, state: State, rows: list["_BlocksOnSoil"]
+) -> tuple[Solved, Tensor]:
+    """Return the hypotheses of G drives after their blocks, and the degrees of freedom [G] of these."""
+    drives, pieces = state["log_weight"].shape[0], []
+    soils = torch.vmap(model.hypotheses.active_soils)(state)
     degrees = torch.zeros(drives, dtype=torch.float64)
-    for soil in range(model.known_soils):
-        members = (state["kind"] % model.known_soils == soil) & (state["log_weight"] != -torch.inf)
+    for soil, each in enumerate(rows):
+        members = soils == soil
         chosen = torch.nonzero(members.any(1)).squeeze(1)
         if chosen.numel() > 0:
-            averaged = rows[soil].of(chosen)
+            averaged = each.of(chosen)
             degrees[chosen] = averaged.present.sum(-1) - 1.0
             pieces.append(
                 _scatter(_solve_members(model, state, members, chosen, averaged), chosen, drives)
             )
-    solved = functools.reduce(torch.vmap(join), pieces)
-    surprised = torch.nonzero(torch.vmap(model.surprised)(solved.solution, degrees)).squeeze(1)
-    for soil in range(model.known_soils if surprised.numel() > 0 else 0):
-        born = torch.vmap(functools.partial(model.born, soil=soil))(
-            {name: value[surprised] for name, value in state.items()}
-        )
-        solution = solve_blocks(born, rows[soil].of(surprised), model.longest_step)
-        age = torch.zeros_like(solution.misfit)
-        new = Solved(solution, age, torch.full_like(age, soil, dtype=torch.long))
-        solved = torch.vmap(join)(solved, _scatter(new, surprised, drives))
-    bank, misfit = torch.vmap(model.survive)(solved)
-    dead = bank.weight == -torch.inf
-    order = torch.argsort(dead.long(), dim=1, stable=True)[:, : int((~dead).sum(1).max())]
-    every = torch.arange(drives).unsqueeze(1)
-    state = torch.vmap(model.commit)(state, Bank(*(field[every, order] for field in bank)))
-    leading = state["soils"].argmax(1)
-    noise = [
-        (leading == soil).view(-1, 1, 1, 1) * rows[soil].noise for soil in range(model.known_soils)
-    ]
-    state = torch.vmap(model.steer)(state, functools.reduce(torch.add, noise))
-    state["misfit"] = torch.stack([misfit, degrees], 1)
-    return state
+    return functools.reduce(torch.vmap(join), pieces), degrees
 
 
-class _SoilRows:
+def _solve_restarted(
+    model: PAlpaca, state: State, rows: list["_BlocksOnSoil"], solved: Solved, degrees: Tensor
+) -> Solved:
+    """Return ``solved`` with hypotheses started anew, for the drives whose block surprises."""
+    surprised = torch.vmap(model.hypotheses.surprised)(solved.solution, degrees)
+    chosen = torch.nonzero(surprised).squeeze(1)
+    if chosen.numel() == 0:
+        return solved
+    part = {name: value[chosen] for name, value in state.items()}
+    for soil, each in enumerate(rows):
+        start = torch.vmap(functools.partial(model.hypotheses.restart, soil=soil))(part)
+        solution = solve_blocks(start, each.of(chosen), model.longest_step)
+        new = _scatter(restarted(solution, soil), chosen, degrees.shape[0])
+        solved = torch.vmap(join)(solved, new)
+    return solved
+
+
+def _inactive_last(bank: Bank) -> Bank:
+    """Return the banks of G drives with inactive hypotheses last, as many as the fullest drive needs."""
+    inactive = bank.weight == -torch.inf
+    most = int((~inactive).sum(1).max())
+    order = torch.argsort(inactive.long(), dim=1, stable=True)[:, :most]
+    every = torch.arange(order.shape[0]).unsqueeze(1)
+    return Bank(*(field[every, order] for field in bank))
+
+
+class _BlocksOnSoil:
     """Rows of the blocks of G drives on one soil, averaged for a drive when they are first needed."""
 
     def __init__(
@@ -279,8 +303,8 @@ class _SoilRows:
             expansion,
         )
         self._known = torch.zeros(packed.shape[0], dtype=torch.bool)
-        wheels = packed[..., : 2 * model.axles].nan_to_num()
-        slowest = wheels[..., : model.axles] - LARGEST_ERROR * wheels[..., model.axles :]
+        view = view_of(packed, model.axles)
+        slowest = view.slip.nan_to_num() - LARGEST_ERROR * view.slip_sd.nan_to_num()
         self._slowest = slowest.amin((1, 2))  # braked wheels cost a chunk more: they go together
         self._rows: BlockRows | None = None
         self.noise = packed.new_zeros(
@@ -304,10 +328,10 @@ class _SoilRows:
         assert self._rows is not None
         return BlockRows(*(field[chosen] for field in self._rows))
 
-    def _average(self, chosen: Tensor) -> tuple[BlockRows, Tensor]:
+    def _average(self, chosen: Tensor) -> SoilRows:
         packed, expansion = self._packed[chosen], self._expansion[chosen]
         average = functools.partial(self._model.average, soil=self._soil, chosen=self._mask)
-        averaged: tuple[BlockRows, Tensor] = torch.vmap(
+        averaged: SoilRows = torch.vmap(
             lambda block, at: average(block, expansion=at), chunk_size=CHUNK
         )(packed, expansion)
         return averaged
@@ -316,17 +340,19 @@ class _SoilRows:
 def _solve_members(
     model: PAlpaca, state: State, members: Tensor, chosen: Tensor, rows: BlockRows
 ) -> Solved:
-    """Solve the hypotheses ``members`` [G, H] of the ``chosen`` drives; where a drive has fewer, its first one again, dead."""
+    """Return the solved hypotheses ``members`` [G, H] of the ``chosen`` drives.
+
+    A drive that has fewer has its first one again, inactive.
+    """
     here = members[chosen]
     place = torch.argsort((~here).long(), dim=1, stable=True)[:, : int(here.sum(1).max())]
-    alive = here.gather(1, place)
-    place = torch.where(alive, place, place[:, :1])
-    mean, precision, log_weight, age, kind = (
-        state[name][chosen.unsqueeze(1), place]
-        for name in ("mean", "precision", "log_weight", "age", "kind")
+    active = here.gather(1, place)
+    place = torch.where(active, place, place[:, :1])
+    (mean, precision, log_weight), age, kind = members_of(
+        {name: state[name][chosen.unsqueeze(1), place] for name in _OF_HYPOTHESES}
     )
     solution = solve_blocks(
-        Posterior(mean, precision, torch.where(alive, log_weight, -torch.inf)),
+        Posterior(mean, precision, torch.where(active, log_weight, -torch.inf)),
         rows,
         model.longest_step,
     )
@@ -334,7 +360,7 @@ def _solve_members(
 
 
 def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
-    """Hypotheses of the ``chosen`` of G drives, with dead ones for the others."""
+    """Return hypotheses of the ``chosen`` of G drives, with inactive ones for the others."""
     posterior, misfit, noise = solved.solution
     shape = (drives, misfit.shape[1])
 
@@ -352,20 +378,25 @@ def _scatter(solved: Solved, chosen: Tensor, drives: int) -> Solved:
 
 
 def solve_blocks(prior: Posterior, rows: BlockRows, longest_step: Tensor) -> Solution:
-    """``solve_block`` for G drives (a leading dimension in every field); a drive that has converged is left alone."""
+    """Return what ``solve_block`` does for G drives, with a leading dimension in every field.
+
+    A drive that has converged is left alone.
+    """
     newton = torch.vmap(gauss_newton, in_dims=(0, 0, 0, None))
-    start = torch.cat([prior.mean, prior.mean[..., -1:]], -1)
-    padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
-    step = newton(padded, start, rows, longest_step)
+    start = extended(prior)
+    step = newton(start, start.mean, rows, longest_step)
     for _ in range(MOST_STEPS - 1):
-        moving = torch.nonzero(~(step.decrement < CONVERGED)).squeeze(1)
+        moving = torch.nonzero(~has_converged(step)).squeeze(1)
         if moving.numel() == 0:
             break
-        chosen = Posterior(*(field[moving] for field in padded))
-        further = newton(
-            chosen, step.mean[moving], BlockRows(*(field[moving] for field in rows)), longest_step
-        )
+        chosen, own = _of_drives(start, moving), _of_drives(rows, moving)
+        further = newton(chosen, step.mean[moving], own, longest_step)
         step = GaussNewtonStep(
             *(old.index_copy(0, moving, new) for old, new in zip(step, further, strict=True))
         )
-    return solution_of(prior, torch.vmap(without_apparent)(step, rows))
+    return torch.vmap(solution_of)(prior, step, rows)
+
+
+def _of_drives(fields: _FieldsT, chosen: Tensor) -> _FieldsT:
+    """Return the fields of the ``chosen`` drives."""
+    return type(fields)(*(field[chosen] for field in fields))

@@ -16,7 +16,9 @@ from torch import Tensor
 from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.model.block import block_rows, row_noise
 from terrain_estimator.model.gaussian import cholesky, drop, symmetrize
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import (
     PA_PER_UNIT,
     ContactModel,
@@ -70,8 +72,9 @@ def cramer_rao_at(model: PAlpaca, tasks: Tasks, times: Tensor, known: Known) -> 
         if known.constants_sd
         else []
     )
+    prior = model.hypotheses
     precision = torch.diag(
-        torch.cat([(model.prior_sd / unit) ** -2.0, *loose, model.other_precision[-model.kept :]])
+        torch.cat([(prior.prior_sd / unit) ** -2.0, *loose, prior.rover_precision])
     )
     ends = (torch.full((batch,), time) if known.ends is None else known.ends).repeat(sets.shape[0])
     precision = precision.expand(ends.shape[0], -1, -1)
@@ -93,7 +96,7 @@ def _information_of_all(model: PAlpaca, tasks: Tasks, known: Known, sets: Tensor
     packed = tasks.true.reshape(-1, size)
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = theta.repeat_interleave(time, 0)
-    contact = values_alone(model.nominal_contact())
+    contact = values_alone(nominal_of(model.physics).nominal_contact())
     constants = contact.constants.expand(batch, 6) if known.constants is None else known.constants
     constants = constants.repeat_interleave(time, 0).unsqueeze(1)  # [n, 1, 6], for every axle
     pieces = []
@@ -124,8 +127,8 @@ def _by_constants(packed: Tensor, contact: ContactModel, theta: Tensor) -> Tenso
         changed = contact.constants.clone()
         changed[..., index] *= factor
         forces = wheel_forces(
-            frame.measured[:, 0],
-            frame.measured[:, 2],
+            frame.measured.slip,
+            frame.measured.sinkage,
             changed,
             contact.radius,
             contact.width,
@@ -140,12 +143,12 @@ def _by_constants(packed: Tensor, contact: ContactModel, theta: Tensor) -> Tenso
 
 
 def _information(model: PAlpaca, fields: tuple[Tensor, ...]) -> Tensor:
-    """J' S^-1 J of one observation: its rows, columns of unknown constants, packed [8 A + 9], ``theta`` [2]."""
+    """J' S^-1 J of one observation: its rows, columns of unknown constants, packed [P], ``theta`` [2]."""
     features, noise, *others, columns, packed, theta = fields
     alone = Rows(features[None, None], noise[None, None], *(field.unsqueeze(0) for field in others))
-    measured = packed[8 * model.axles :]
-    velocity = torch.stack([measured[0], measured[1] ** 2]).unsqueeze(0)
-    step = (measured[-2] * measured[-1] * alone.used[0, 0]).unsqueeze(0)
+    view, physics = view_of(packed, model.axles), nominal_of(model.physics)
+    velocity = torch.stack([view.velocity, view.velocity_sd**2]).unsqueeze(0)
+    step = (view.step * view.linked * alone.used[0, 0]).unsqueeze(0)
     nothing = packed.new_zeros(0)
     averaged = block_rows(
         alone,
@@ -153,8 +156,8 @@ def _information(model: PAlpaca, fields: tuple[Tensor, ...]) -> Tensor:
         step,
         velocity,
         nothing,
-        model.fixed_columns,
-        model.link_variance,
+        physics.fixed_columns,
+        physics.link_variance,
     )
     _, covariance = row_noise(averaged, torch.cat([theta, torch.ones_like(theta[:1])]).unsqueeze(0))
     return averaged.linear.T @ torch.linalg.solve(covariance[0], averaged.linear)

@@ -17,7 +17,9 @@ from torch import Tensor, nn
 from studies.batched import lay_out, run
 from terrain_estimator.model.block import FIXED, BlockRows, block_rows, row_noise
 from terrain_estimator.model.gaussian import cholesky, drop, log_determinant
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import nominal_of
 
 POINTS, REACH = 49, 6.0
 """Points of the grid along each axis, and its half width in standard deviations of the model's posterior."""
@@ -40,7 +42,7 @@ class _Bank(NamedTuple):
 
 
 def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Reference:
-    """Posterior of one drive [T, 8 A + 9] of ``end`` observations under ``model``, for exact constants and without a net.
+    """Return the posterior of one drive [T, P] of ``end`` observations under ``model``, for exact constants and without a net.
 
     The grid lies around the model's own posterior, along its axes. Each block's rows are those that
     the model took: expanded at its estimate of that time.
@@ -54,10 +56,8 @@ def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Re
         trace.mean[0, -1]
         + torch.cartesian_prod(axis, axis) @ torch.linalg.cholesky(trace.covariance[0, -1]).T
     )
-    theta, before = (
-        points / model.unit,
-        torch.cat([model.prior_mean.unsqueeze(0), trace.mean[0, :-1]]) / model.unit,
-    )
+    unit, start = model.hypotheses.unit, model.hypotheses.prior_mean.unsqueeze(0)
+    theta, before = points / unit, torch.cat([start, trace.mean[0, :-1]]) / unit
     bank = _start(model, points)
     for first, length, place in zip(
         layout.first[0].tolist(), layout.length[0].tolist(), before, strict=False
@@ -78,43 +78,45 @@ def grid_posterior(model: PAlpaca, packed: Tensor, end: int, mask: Tensor) -> Re
 
 def _start(model: PAlpaca, points: Tensor) -> _Bank:
     """The prior of the model: its mixture, not the Gaussian of the same moments."""
-    component = (points.unsqueeze(1) - model.prior_mean - model.offsets * model.prior_sd) / (
-        model.offset_spread * model.prior_sd
+    prior = model.hypotheses
+    component = (points.unsqueeze(1) - prior.prior_mean - prior.offsets * prior.prior_sd) / (
+        prior.offset_spread * prior.prior_sd
     )
-    log_prior = torch.logsumexp(model.offset_log_weight - 0.5 * component.square().sum(-1), 1)
-    count = points.shape[0]
+    log_prior = torch.logsumexp(prior.offset_log_weight - 0.5 * component.square().sum(-1), 1)
+    count, own = points.shape[0], prior.rover_precision
     return _Bank(
-        torch.zeros(count, model.kept, dtype=torch.float64),
-        torch.diag(model.other_precision[-model.kept :]).expand(count, -1, -1),
+        torch.zeros(count, own.shape[0], dtype=torch.float64),
+        torch.diag(own).expand(count, -1, -1),
         log_prior,
     )
 
 
 def _unlink(model: PAlpaca, bank: _Bank) -> _Bank:
-    mean, precision = drop(bank.mean, bank.precision, model.kept - 1)
+    mean, precision = drop(bank.mean, bank.precision, bank.mean.shape[1] - 1)
     opened = nn.functional.pad(precision, [0, 1, 0, 1])
-    opened[:, -1, -1] = model.open_precision
+    opened[:, -1, -1] = model.velocity.open_precision
     return _Bank(nn.functional.pad(mean, [0, 1]), opened, bank.log_weight)
 
 
 def _rows(
     model: PAlpaca, packed: Tensor, place: Tensor, mask: Tensor, *, linked: bool
 ) -> BlockRows:
+    physics = nominal_of(model.physics)
     theta = torch.cat([place, torch.ones_like(place[:1])])
-    rows = model.rows(packed, model.nominal_contact(), place[:0], theta, mask)
+    rows = physics.rows(packed, physics.nominal_contact(), theta, mask)
     rows = rows._replace(used=rows.used * mask)
-    measured = packed[:, 8 * model.axles :]
-    step = measured[:, -2] * rows.used[:, 0]
+    view = view_of(packed, model.axles)
+    step = view.step * rows.used[:, 0]
     step = step if linked else torch.cat([torch.zeros_like(step[:1]), step[1:]])
-    velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
+    velocity = torch.stack([view.velocity, view.velocity_sd**2], 1)
     return block_rows(
         rows,
         rows.features[0, ..., :0],
         step,
         velocity,
         step[:0],
-        model.fixed_columns,
-        model.link_variance,
+        physics.fixed_columns,
+        physics.link_variance,
     )
 
 

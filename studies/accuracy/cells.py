@@ -31,6 +31,7 @@ from terrain_estimator.learning.restore import physics_alone, restore
 from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import load_model, model_names
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import regression_rows
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -166,7 +167,7 @@ def study(setting: Setting, episodes: int, seed: int, batch: int = 0) -> CellBat
     part = CellBatch({}, [], [])
     for rows, bound in zip(setting.rows, _bounds(physics, drives, setting), strict=True):
         trace = _run(physics, drives, rows, setting.times_s)
-        part.judged[rows, "physics"] = judge(trace, drives, bound, physics.prior_sd)
+        part.judged[rows, "physics"] = judge(trace, drives, bound, physics.hypotheses.prior_sd)
         if not is_main(setting):
             continue
         if rows == EVERY_ROW and not setting.spread and batch == 0:
@@ -183,12 +184,12 @@ def _judge_shipped(
     loaded = load_model(setting.rover)
     model = restore(loaded)
     trace = _run(model, drives, rows)
-    part.judged[rows, "shipped"] = judge(trace, drives, bound, model.prior_sd)
+    part.judged[rows, "shipped"] = judge(trace, drives, bound, model.hypotheses.prior_sd)
     if rows != EVERY_ROW:
         return
     without = restore(loaded, trust=0.0)
     part.judged[rows, "without net"] = judge(
-        _run(without, drives, rows), drives, bound, without.prior_sd
+        _run(without, drives, rows), drives, bound, without.hypotheses.prior_sd
     )
     if batch == 0:
         known = [each.name for each in loaded.metadata.soils].index(setting.soil)
@@ -272,12 +273,12 @@ def _share(
     starts = torch.arange(0, drives.tasks.measured.shape[1], model.block_size)
     kept = starts < drives.ends.unsqueeze(1)
     flat = packed[kept]
-    rows = regression_rows(flat, flat, model.nominal_contact(soil))
+    rows = regression_rows(flat, flat, nominal_of(model.physics).nominal_contact(soil))
     final = trace.final.unsqueeze(1).expand(-1, packed.shape[1], -1)[kept].unsqueeze(-1)
     theta = torch.cat([final[:, :2], torch.ones_like(final[:, :1])], 1)
     nominal = (rows.features[0] @ theta).squeeze(-1) * rows.used
     columns = torch.where(rows.used.unsqueeze(-1) > 0.0, model.learnt(flat), 0.0)
-    learnt = (columns @ final[:, 2 : model.first_constant]).squeeze(-1)
+    learnt = (columns @ final[:, 2 : model.layout.first_constant]).squeeze(-1)
     share = learnt.square().mean(0).sqrt() / nominal.square().mean(0).sqrt()
     return NetShare(
         setting.rover,

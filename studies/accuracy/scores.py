@@ -27,7 +27,7 @@ from terrain_estimator.learning.tasks import (
     measure_tasks,
     random_ground,
 )
-from terrain_estimator.model.packing import SCALAR_FIELDS, SCALARS
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import STUCK_TIME, TIME_STEP, simulate
@@ -45,7 +45,6 @@ CONFIDENCE = 0.99
 """[1] Of the limits of a coverage."""
 HALF_NORMAL_MEDIAN = float(norm.ppf(0.75))
 """[standard deviations] median of |x|."""
-_ACCELERATION = SCALAR_FIELDS.index("acceleration") - SCALARS  # place in a packed observation
 _SETTLED_S = 5.0  # velocity predictions are judged from here on
 
 
@@ -142,7 +141,7 @@ def draw_drives(
     drive = simulate(rover, ground, schedule, duration_s, generator, episodes, plant=plant)
     tasks = measure_tasks(drive, Noise(), generator)
     for packed in (tasks.measured, tasks.true):
-        packed[..., _ACCELERATION] = torch.nan
+        view_of(packed, rover.axles).acceleration.fill_(torch.nan)
     flagged = (~drive.sample.stuck).sum(1)
     struggling = round(STUCK_TIME / TIME_STEP) - 1
     ends = torch.where(drive.sample.stuck[:, -1], (flagged - struggling).clamp(min=0), flagged)

@@ -109,4 +109,4 @@ def _score(model: PAlpaca, trace: Trace, drives: MeasuredDrives) -> CellScore:
     unknown = torch.full(
         (*trace.mean.shape, 2), torch.nan, dtype=torch.float64
     )  # the bound of a plant with hidden effects
-    return score(judge(trace, drives, unknown, model.prior_sd))
+    return score(judge(trace, drives, unknown, model.hypotheses.prior_sd))

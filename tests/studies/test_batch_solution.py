@@ -25,14 +25,18 @@ DRIVES = 8
 def shifts(model: PAlpaca, packed: Tensor) -> Tensor:
     """How far the recursion's last (c, tan phi) is from the minimum in each of the drives, in deviations of its posterior [N, 2]."""
     trace = run(model, packed, torch.tensor([packed.shape[1] - 1]), rows=ROWS)
-    first, last = model.first_constant, model.first_constant + model.uncertain_constants
+    first, last, unit = (
+        model.layout.first_constant,
+        model.layout.first_effect,
+        model.hypotheses.unit,
+    )
     found = []
     for drive, mean, covariance, final in zip(
         packed, trace.mean[:, 0], trace.covariance[:, 0], trace.final, strict=True
     ):
-        whole, theta = WholeDrive(model, drive, ROWS), mean / model.unit
+        whole, theta = WholeDrive(model, drive, ROWS), mean / unit
         least = whole.minimum(whole.start(torch.cat([theta, final[first:last]])))
-        found.append((theta - least[:2]) / (covariance.diagonal().sqrt() / model.unit))
+        found.append((theta - least[:2]) / (covariance.diagonal().sqrt() / unit))
     return torch.stack(found)
 
 

@@ -9,8 +9,7 @@ from studies.batched import run
 from terrain_estimator.learning.restore import physics_alone, restore
 from terrain_estimator.learning.tasks import draw_tasks
 from terrain_estimator.model.model_file import load_model
-
-NO_ACCELERATION = -4  # place of the acceleration in a packed observation
+from terrain_estimator.model.packing import view_of
 
 
 @pytest.mark.parametrize("name", ["mars_rover", "paper_rover"])
@@ -21,8 +20,8 @@ def test_a_batch_gives_what_the_exported_model_gives_for_each_drive(name: str) -
         loaded.rover, loaded.metadata.soils[0], "S1", 12.0, 4, torch.Generator().manual_seed(5)
     )
     packed = tasks.measured.clone()
-    packed[..., NO_ACCELERATION] = torch.nan
-    packed[3, [7, 8, 43], 0] = torch.nan  # slips that are not measured
+    view_of(packed, 3).acceleration.fill_(torch.nan)
+    view_of(packed, 3).slip[3, [7, 8, 43], 0] = torch.nan
     times, ends = torch.tensor([39, 79, 119]), torch.tensor([120, 120, 120, 90])
     trace = run(restore(loaded), packed, times, ends)
     for drive in range(4):
@@ -40,15 +39,16 @@ def test_a_batch_gives_what_the_exported_model_gives_for_each_drive(name: str) -
                 (trace.covariance[drive, k] - expected[1:]).abs()
                 / torch.outer(deviation, deviation)
             ).max() < 1e-6
-        innovation = torch.stack([state["innovation"] for state in states[1:]])
-        length = innovation.shape[0]
-        torch.testing.assert_close(
-            trace.innovation[drive, :length], innovation[:, 0], equal_nan=True
+        innovation, variance = (
+            torch.stack([state[name] for state in states[1:]])
+            for name in ("innovation", "innovation_variance")
         )
-        torch.testing.assert_close(trace.variance[drive, :length], innovation[:, 1], equal_nan=True)
+        length = innovation.shape[0]
+        torch.testing.assert_close(trace.innovation[drive, :length], innovation, equal_nan=True)
+        torch.testing.assert_close(trace.variance[drive, :length], variance, equal_nan=True)
         assert torch.isnan(trace.innovation[drive, length:]).all()
         misfits = trace.misfit[drive, ~torch.isnan(trace.misfit[drive])]
-        torch.testing.assert_close(misfits[-1], states[-1]["misfit"][0])
+        torch.testing.assert_close(misfits[-1], states[-1]["misfit"])
 
 
 def test_a_masked_row_is_a_row_that_was_not_measured() -> None:
@@ -64,12 +64,12 @@ def test_a_masked_row_is_a_row_that_was_not_measured() -> None:
     mask = torch.ones(8, dtype=torch.float64)
     mask[2:5] = 0.0
     unmeasured = tasks.measured.clone()
-    unmeasured[..., 18:21] = torch.nan
+    view_of(unmeasured, 3).torque.fill_(torch.nan)
     masked = run(model, tasks.measured, times, rows=mask)
     torch.testing.assert_close(masked.mean, run(model, unmeasured, times).mean, rtol=1e-9, atol=0.0)
     nothing = run(model, tasks.measured, times, rows=torch.zeros(8, dtype=torch.float64))
     torch.testing.assert_close(
-        nothing.mean[:, 0], model.prior_mean.expand(3, 2), rtol=1e-6, atol=0.0
+        nothing.mean[:, 0], model.hypotheses.prior_mean.expand(3, 2), rtol=1e-6, atol=0.0
     )
     assert (masked.covariance[:, 0, 0, 0] < 0.9 * nothing.covariance[:, 0, 0, 0]).all()
 
@@ -82,7 +82,7 @@ def test_a_batch_changes_its_ground_as_the_exported_model_does() -> None:
         for soil in loaded.metadata.soils[:2]
     )
     packed = torch.cat([before, after], 1)
-    packed[:, 80, -1] = 0.0  # the velocity is not linked
+    view_of(packed, 3).linked[:, 80] = 0.0  # the velocity is not linked
     trace = run(restore(loaded), packed, torch.tensor([79, 99, 159]))
     soils = []
     for drive in range(3):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Soil probabilities and what is published of their mixture, against a posterior over the whole drive on each soil, by its evidence.
 
-The reference knows no change of the ground. What hypotheses that were born on the way weigh is
+The reference knows no change of the ground. The weight of hypotheses started anew on the way is
 bounded, so that both mean the same.
 """
 
@@ -17,7 +17,8 @@ from terrain_estimator.learning.tasks import CONSTANTS_SPREAD, draw_tasks
 from terrain_estimator.learning.training import build_model
 from terrain_estimator.model.gaussian import mixture
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.model.palpaca import PAlpaca, State
+from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.state import State
 from terramechanics.terrain.soil import Soil, load_soil
 from terramechanics.vehicle.rover import load_rover
 from tests.studies.whole_drive import WholeDrive, in_one_chain
@@ -48,14 +49,15 @@ def seen(model: PAlpaca, packed: Tensor) -> Seen:
         for observation in packed[first : first + model.block_size]:
             state = model.update(state, observation)
     assert float((state["weight"] * (state["age"] < len(expanded))).sum()) < 0.01, (
-        "what was born on the way"
+        "hypotheses started anew on the way"
     )
     return Seen(state, torch.stack(expanded))
 
 
 def compared(model: PAlpaca, packed: Tensor, found: Seen, *, shared: bool) -> Compared:
     """``shared``: the reference takes its rows where the recursion took them."""
-    state, mean, covariance = found.state, found.state["moments"][0], found.state["moments"][1:]
+    state = found.state
+    mean, covariance = state["strength_mean"], state["strength_covariance"]
     left = torch.nonzero(state["soils"] > 0.0).squeeze(1).tolist()
     beliefs = [
         WholeDrive(model, packed, soil=soil).belief(
@@ -82,7 +84,7 @@ def alike() -> PAlpaca:
         1,
         1,
     )
-    model.net_log_weight.copy_(torch.tensor([0.0, -torch.inf]))
+    model.hypotheses.net_log_weight.copy_(torch.tensor([0.0, -torch.inf]))
     return model.requires_grad_(requires_grad=False)
 
 
@@ -111,7 +113,7 @@ def test_soils_that_are_alike_have_the_probabilities_of_their_evidence() -> None
         same, own = (compared(model, packed, found, shared=shared) for shared in (True, False))
         assert same.log_probability.shape[0] == 3
         check(same, 0.5, 0.25, 0.1)
-        check(own, 0.5 * model.negligible, 0.5, 0.2)
+        check(own, 0.5 * model.hypotheses.negligible, 0.5, 0.2)
 
 
 def test_the_shipped_soils_have_the_probabilities_of_their_evidence() -> None:

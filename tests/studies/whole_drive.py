@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from studies.batched import lay_out
 from terrain_estimator.model.block import FIXED, BlockRows
+from terrain_estimator.model.packing import view_of, without_link
 from terrain_estimator.model.palpaca import PAlpaca
 
 POINTS, REACH = 13, 4.2
@@ -48,16 +49,17 @@ class WholeDrive:
         """``mask`` [R] is 1 for the rows that may be used."""
         self._model, self._soil = model, soil
         self._mask = model.every_row if mask is None else mask
-        packed = packed.clone()
-        packed[0, -2:] = 0.0  # the first observation covers no time
+        # the first observation covers no time
+        packed = torch.cat([without_link(packed[:1]), packed[1:]])
         self._blocks = packed.view(-1, model.block_size, packed.shape[1])
-        self.place = 2 + model.uncertain_constants  # parameters that say where rows are evaluated
-        self._mean, self._deviation = model.prior_mean / model.unit, model.prior_sd / model.unit
-        velocity = packed[:, 8 * model.axles]
+        self.place = 2 + model.layout.constants  # parameters that say where rows are evaluated
+        self._prior, unit = model.hypotheses, model.hypotheses.unit
+        self._mean, self._deviation = self._prior.prior_mean / unit, self._prior.prior_sd / unit
+        velocity = view_of(packed, model.axles).velocity
         self._velocity = torch.cat([velocity[:: model.block_size], velocity[-1:]])
         known = (
-            model.other_precision[: model.uncertain_constants],
-            model.other_precision[-model.kept : -1],
+            torch.ones(model.layout.constants, dtype=torch.float64),
+            self._prior.rover_precision[:-1],
         )
         self._precision = torch.cat([*known, torch.full_like(self._velocity, 1e-6)])
 
@@ -154,12 +156,12 @@ class WholeDrive:
     def _log_prior(self, theta: Tensor) -> Tensor:
         """Of (c, tan phi) [P, 2]: the model's mixture, each part of which ends at zero."""
         centre, deviation = (
-            self._mean + self._model.offsets * self._deviation,
-            self._model.offset_spread * self._deviation,
+            self._mean + self._prior.offsets * self._deviation,
+            self._prior.offset_spread * self._deviation,
         )
         possible = torch.special.log_ndtr(centre / deviation).sum(1)
         distance = ((theta.unsqueeze(1) - centre) / deviation).square().sum(-1)
-        return torch.logsumexp(self._model.offset_log_weight - possible - 0.5 * distance, 1)
+        return torch.logsumexp(self._prior.offset_log_weight - possible - 0.5 * distance, 1)
 
     def _misfit(self, k: Tensor, rows: BlockRows) -> Tensor:
         """r' S^-1 r of all blocks, and the prior of all but c and tan phi."""

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator.screening import screen
-from terrain_estimator.model.packing import ground_torque, link, pack
+from terrain_estimator.model.packing import ground_torque, link, pack, view_of, without_link
 from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
@@ -30,7 +30,7 @@ class RecordedRun:
     """The measurements of one drive."""
 
     name: str
-    packed: Tensor  # [T, 8 A + 9] observations of terrain_estimator.model.packing
+    packed: Tensor  # [T, P] observations of terrain_estimator.model.packing
     wheel_rate: Tensor  # [T, A] [rad/s], NaN where it is not measured
     time: Tensor  # [T] [s] since the start
 
@@ -124,7 +124,7 @@ class Blocks:
     """The B blocks of a run; V velocities join them."""
 
     name: str
-    packed: Tensor  # [B, BLOCK, 8 A + 9]; the first observation of an unlinked block covers no time
+    packed: Tensor  # [B, BLOCK, P]; the first observation of an unlinked block covers no time
     wheel_rate: Tensor  # [B, BLOCK, A] [rad/s]
     ends: Tensor  # [B, 2] numbers of the velocity before and after the block
     velocities: int  # V
@@ -162,8 +162,9 @@ def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
         RunError: fewer than five such blocks.
     """
     axles = nominal.geometry.axle_x.shape[0]
-    usable = usable_wheels(run.packed[:, : 8 * axles].reshape(-1, 8, axles), nominal).all(1)
-    starts, begins = _starts(usable.tolist(), (run.packed[:, -1] > 0.0).tolist())
+    usable = usable_wheels(run.packed, nominal).all(1)
+    linked = view_of(run.packed, axles).linked > 0.0
+    starts, begins = _starts(usable.tolist(), linked.tolist())
     if len(starts) < _FEWEST:
         raise RunError(
             f"{run.name}: {len(starts)} whole seconds of linked observations with every wheel in"
@@ -172,7 +173,7 @@ def cut(run: RecordedRun, nominal: ContactModel) -> Blocks:
     index = torch.tensor(starts).unsqueeze(1) + torch.arange(BLOCK)
     packed = run.packed[index].clone()
     fresh = torch.tensor(begins)
-    packed[fresh, 0, -2:] = 0.0
+    packed[fresh, 0] = without_link(packed[fresh, 0])
     # A block that begins anew has a velocity of its own at its start.
     last = torch.cumsum(1 + fresh.long(), 0) - 1
     rate = run.wheel_rate[index]
@@ -205,21 +206,18 @@ def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[boo
 
 def _rim_rate(packed: Tensor, axles: int, radius: float) -> Tensor:
     """Return the mean wheel rate of each block from velocity and slip, without an encoder."""
-    rim = (
-        packed[..., 8 * axles : 8 * axles + 1] / (1.0 - packed[..., :axles].clamp(max=0.9)) / radius
-    )
+    view = view_of(packed, axles)
+    rim = view.velocity.unsqueeze(-1) / (1.0 - view.slip.clamp(max=0.9)) / radius
     return rim.mean(1, keepdim=True).expand(-1, packed.shape[1], -1)
 
 
 def _signals(packed: Tensor, speed: Tensor, time: Tensor) -> Signals:
-    axles = speed.shape[-1]
-    wheels = packed[..., : 8 * axles].view(*packed.shape[:2], 8, axles)
-    slip, slip_rate = _around(wheels[:, :, 0].mean(1), time)
-    sinkage, sinkage_rate = _around(wheels[:, :, 2].mean(1), time)
-    velocity = packed[..., 8 * axles]
+    view = view_of(packed, speed.shape[-1])
+    slip, slip_rate = _around(view.slip.mean(1), time)
+    sinkage, sinkage_rate = _around(view.sinkage.mean(1), time)
     seconds = time.mean(1, keepdim=True)
-    gone = torch.cumsum(velocity.mean(1), 0).unsqueeze(1) * (BLOCK * packed[..., -2].max())
-    pitch, pitch_rate = _around(packed[..., 8 * axles + 2].mean(1, keepdim=True), time)
+    gone = torch.cumsum(view.velocity.mean(1), 0).unsqueeze(1) * (BLOCK * view.step.max())
+    pitch, pitch_rate = _around(view.pitch.mean(1, keepdim=True), time)
     return Signals(
         slip, sinkage, speed.mean(1), pitch, pitch_rate, seconds, gone, slip_rate, sinkage_rate
     )

@@ -18,7 +18,7 @@ from terrain_estimator.estimator.screening import Screening, screen
 from terrain_estimator.estimator.summary import Beliefs, doubted, summarise
 from terrain_estimator.model.model_file import LoadedModel, running
 from terrain_estimator.model.packing import LONGEST_GAP, ground_torque, link, pack
-from terrain_estimator.model.palpaca import State
+from terrain_estimator.model.state import State
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import (
@@ -31,12 +31,10 @@ from terrain_estimator.update import (
 )
 
 _NAN = math.nan
-_PUBLISHED = (
-    "moments",
-    "expected",
-    "covariance",
-)  # parts of the state that all published numbers come from
-_GIVEN = ("prior", "log_soils")  # parts of the state that the parameters prior.* and drift are in
+# parts of the state from which all published numbers come
+_PUBLISHED = ("strength_mean", "strength_covariance", "expected", "covariance")
+# parts of the state that hold the parameters prior.* and drift
+_GIVEN = ("prior_mean", "prior_sd", "random_walk", "log_soils")
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all: then nothing that was known holds. A rover whose axles are on different
 ground while it crosses a border passes within that time."""
@@ -326,7 +324,7 @@ def _condition(covariance: Floats) -> float:
 
 
 class Report(NamedTuple):
-    """The state's ``report`` as numbers; NaN where there was no innovation or no closed block yet."""
+    """The report in the state as numbers; NaN where there was no innovation or no closed block yet."""
 
     velocity: float  # [m/s] forecast one step ahead
     variance: float  # [m^2/s^2]
@@ -340,22 +338,17 @@ class Report(NamedTuple):
 
     @classmethod
     def of(cls, state: State) -> "Report":
-        """Read it from the state."""
-        values = state["report"].tolist()
-        velocity, variance, innovation, innovation_variance, misfit, degrees, closed, changed = (
-            values[:8]
-        )
-        usable = [value > 0.0 for value in values[8:]]
+        """Read the report from the state."""
         return cls(
-            velocity,
-            variance,
-            innovation,
-            innovation_variance,
-            misfit,
-            degrees,
-            closed > 0.0,
-            changed,
-            usable,
+            velocity=state["forecast"].item(),
+            variance=state["forecast_variance"].item(),
+            innovation=state["innovation"].item(),
+            innovation_variance=state["innovation_variance"].item(),
+            misfit=state["misfit"].item(),
+            degrees=state["degrees"].item(),
+            closed=state["closed"].item() > 0.0,
+            changed=state["changed"].item(),
+            usable=state["usable"].tolist(),
         )
 
     @property
@@ -368,10 +361,9 @@ class Report(NamedTuple):
 
 def _finite(state: State, report: Report) -> bool:
     """Whether all that is published is finite; the posterior moves with closed blocks only, a forecast is NaN where there is none."""
+    velocity = state["velocity"].item() + state["velocity_variance"].item()
     moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
-    return math.isfinite(state["velocity"].sum().item() + moved) and not math.isinf(
-        report.velocity + report.variance
-    )
+    return math.isfinite(velocity + moved) and not math.isinf(report.velocity + report.variance)
 
 
 @functools.lru_cache

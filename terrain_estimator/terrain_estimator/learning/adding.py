@@ -14,12 +14,12 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, NamedEffect
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
-from terrain_estimator.learning.training import body_of
-from terrain_estimator.model.effect_model import PAlpacaWithEffects, ValuePrior
+from terrain_estimator.model.effect_rows import EffectRows
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
 from terrain_estimator.model.model_file import AddedEffect, LoadedModel, Metadata, ModelFileError
 from terrain_estimator.model.packing import scalar_fields
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import PhysicsWithEffects, ValuePrior, nominal_of
 from terramechanics.effects import describe
 
 
@@ -64,35 +64,19 @@ def restored(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
         ) from error
 
 
-def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpacaWithEffects:
+def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
     """The model ``loaded`` with ``effects`` as further parameters. Raises ConfigError that names the effect, and as :func:`restored`."""
     names = [effect.checked().name for effect in effects]
     if not names or len(set(names)) != len(names):
         raise ConfigError(
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
-    plain, body = restored(loaded), body_of(loaded.rover)
+    plain = restored(loaded)
     laws = [LAWS[name](loaded.rover) for name in names]
-    model = PAlpacaWithEffects(
-        body, plain.constants, loaded.metadata.prior, plain.net, laws, value_prior(effects)
-    )
-    known = plain.state_dict()
-    # what belongs to the added values lies between the constants' and the rover's own
-    place, fresh = plain.uncertain_constants, model.other_precision
-    before = known["other_precision"]
-    known["other_precision"] = torch.cat(
-        [
-            before[:place],
-            torch.ones(fresh.shape[0] - before.shape[0], dtype=before.dtype),
-            before[place:],
-        ]
-    )
-    absent, _ = model.load_state_dict(known, strict=False)
-    if unknown := [name for name in absent if not name.startswith(("values.", "effect_rows."))]:
-        raise ConfigError(
-            f"the model to be extended lacks {', '.join(unknown)}: export it again with this"
-            " version"
-        )
+    rows = EffectRows(laws, loaded.rover.mass)
+    physics = PhysicsWithEffects(nominal_of(plain.physics), rows, value_prior(effects))
+    model = PAlpaca(physics, plain.net, plain.prior)
+    model.hypotheses.load_state_dict(plain.hypotheses.state_dict())
     return model
 
 
@@ -112,7 +96,7 @@ def value_prior(effects: Sequence[Sized]) -> ValuePrior:
 
 
 def export_with(
-    model: PAlpacaWithEffects, loaded: LoadedModel, effects: Sequence[Sized], path: Path
+    model: PAlpaca, loaded: LoadedModel, effects: Sequence[Sized], path: Path
 ) -> Metadata:
     """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects in it."""
     names = [effect.name for effect in effects]

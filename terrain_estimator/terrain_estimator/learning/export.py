@@ -19,7 +19,7 @@ from terrain_estimator.model.model_file import (
     load_model,
     write_metadata,
 )
-from terrain_estimator.model.packing import AXLE_FIELDS, SCALAR_FIELDS
+from terrain_estimator.model.packing import PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
 from terrain_estimator.model.palpaca import BLOCK, PAlpaca
 from terrain_estimator.model.prior import UNCERTAIN
 from terrain_estimator.model.rows import row_names
@@ -36,14 +36,14 @@ def export(
 ) -> Metadata:
     """Write ``path`` (.pt) and the .json beside it; returns the metadata. The name of the file is that of the model."""
     weights = tuple(f"net_{index}" for index in range(model.net.columns))
-    constants = UNCERTAIN[: model.uncertain.shape[1]]
+    constants = UNCERTAIN[: model.layout.constants]
     metadata = Metadata(
         format=FORMAT,
         model_id=f"{path.stem}-{VERSION}",
         sha256="",
         size=0,
-        observation_axle_fields=AXLE_FIELDS,
-        observation_scalar_fields=SCALAR_FIELDS,
+        observation_axle_fields=PACKED_WHEEL_FIELDS,
+        observation_scalar_fields=PACKED_SCALAR_FIELDS,
         rows=row_names(model.axles),
         parameters=(
             "cohesion_kpa",
@@ -78,7 +78,7 @@ def save(model: PAlpaca, metadata: Metadata, path: Path) -> Metadata:
 
 
 def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:
-    """The exported file gives the Python model's numbers for packed ``observations`` [n, 8 A + 9].
+    """The exported file gives the Python model's numbers for packed ``observations`` [n, P].
 
     Raises ModelFileError with the largest difference where it does not.
     """

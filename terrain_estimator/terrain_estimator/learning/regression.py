@@ -15,7 +15,9 @@ from torch import Tensor
 
 from terrain_estimator.learning.tasks import Tasks
 from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import BLOCK, PAlpaca
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import PA_PER_UNIT, regression_rows, row_names
 
 
@@ -26,7 +28,7 @@ class Regression:
     nominal: Tensor  # [tasks, blocks, Q, 2 + M] columns c [kPa], tan phi, uncertain soil constants [prior deviations]
     target: Tensor  # [tasks, blocks, Q] less the constant features
     covariance: Tensor  # [tasks, blocks, Q, Q] of the rows' noise
-    inputs: Tensor  # [tasks, blocks, 8 A + 9] mean measured observations, inputs of the network
+    inputs: Tensor  # [tasks, blocks, P] mean measured observations, inputs of the network
     valid: Tensor  # [tasks, blocks] 1 where every observation of the block is usable
 
     @classmethod
@@ -63,7 +65,8 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     count, time, size = tasks.true.shape
     blocks, axles = time // BLOCK, model.axles
     packed = tasks.true[:, : blocks * BLOCK].reshape(-1, size)
-    rows, chosen = regression_rows(packed, packed, model.nominal_contact()), distinct_rows(axles)
+    contact, chosen = nominal_of(model.physics).nominal_contact(), distinct_rows(axles)
+    rows, view = regression_rows(packed, packed, contact), view_of(packed, axles)
     kept = len(chosen)
     theta = tasks.strength / torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64)
     theta = torch.cat([theta, torch.ones(count, 1, dtype=torch.float64)], 1)
@@ -79,13 +82,12 @@ def _regression(model: PAlpaca, tasks: Tasks, generator: torch.Generator) -> Reg
     noise = noise.transpose(2, 3).flatten(3)  # [tasks, blocks, Q, BLOCK E]
     own = rows.variance[:, chosen].reshape(*shape, kept).sum(2) / BLOCK**2
     target = rows.target[:, chosen].reshape(*shape, kept).mean(2)
-    step = packed[:, -2].reshape(shape).sum(2)
-    velocity_sd = packed[:, 8 * axles + 1].reshape(shape).mean(2)
-    own[..., 0] = (
-        2.0 * (velocity_sd / step) ** 2 / BLOCK
-    )  # two means of ten velocities, a block apart
-    specific_force = packed[:, 8 * axles + 4].reshape(shape).mean(2)
-    target[..., 0] = specific_force  # dv/dt + g sin ab, without noise here
+    step = view.step.reshape(shape).sum(2)
+    velocity_sd = view.velocity_sd.reshape(shape).mean(2)
+    # two means of ten velocities, a block apart
+    own[..., 0] = 2.0 * (velocity_sd / step) ** 2 / BLOCK
+    # the specific force: dv/dt + g sin ab, without noise here
+    target[..., 0] = view.acceleration.reshape(shape).mean(2)
     covariance = noise @ noise.transpose(2, 3) + torch.diag_embed(own)
     shaken = (
         cholesky(covariance)

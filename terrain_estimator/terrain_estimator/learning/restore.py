@@ -50,7 +50,7 @@ def physics_alone(rover: Rover, soil: Soil, *, exact: bool) -> PAlpaca:
 
 
 def _trust(model: PAlpaca, probability: float) -> None:
-    model.net_log_weight.copy_(
+    model.hypotheses.net_log_weight.copy_(
         torch.tensor([1.0 - probability, probability], dtype=torch.float64).log()
     )
 

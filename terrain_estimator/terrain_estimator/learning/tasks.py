@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.packing import AXLE_FIELDS, pack_measurement
+from terrain_estimator.model.packing import PackedView, pack_measurement, view_of
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Drive, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
@@ -68,7 +68,7 @@ CONSTANTS_SPREAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Tasks:
-    """A batch of drives: packed observations [batch, time, 8 A + 9], and what is true."""
+    """A batch of drives: packed observations [batch, time, P], and what is true."""
 
     measured: Tensor
     true: Tensor  # the same without noise, deviations as measured
@@ -155,8 +155,10 @@ def measure_tasks(drive: Drive, noise: Noise, generator: torch.Generator) -> Tas
     )
     measured = pack_measurement(measure_drive(rover, sample, noise, generator))
     true = pack_measurement(measure_drive(rover, sample, replace(noise, factor=0.0), generator))
-    for deviation in _deviations(len(rover.axle_x)):
-        true[..., deviation] = measured[..., deviation]
+    exact, noisy = view_of(true, len(rover.axle_x)), view_of(measured, len(rover.axle_x))
+    for name in PackedView._fields:
+        if name.endswith("_sd"):
+            getattr(exact, name).copy_(getattr(noisy, name))
     return Tasks(measured, true, sample.strength[:, 0, 0], drive.measurable())
 
 
@@ -164,14 +166,3 @@ def _without_inertia(rover: Rover, sample: Sample) -> Tensor:
     """Motor torque [batch, time, axles] less the part that turns the wheel faster, with what friction takes of it."""
     gain = torch.diff(sample.wheel_rate, dim=1) / TIME_STEP
     return sample.torque - rover.wheel_inertia * torch.cat([gain[:, :1], gain], 1)
-
-
-def _deviations(axles: int) -> list[int]:
-    """Places of the standard deviations in a packed observation."""
-    groups = [
-        axles * index + axle
-        for index, name in enumerate(AXLE_FIELDS)
-        if name.endswith("_sd")
-        for axle in range(axles)
-    ]
-    return [*groups, 8 * axles + 1, 8 * axles + 3, 8 * axles + 5]

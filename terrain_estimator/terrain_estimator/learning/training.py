@@ -20,6 +20,7 @@ from terrain_estimator.learning.loss import (
 from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics import Physics
 from terrain_estimator.model.prior import DEFAULT_PRIOR, Prior, RoverBody
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
@@ -95,7 +96,8 @@ def build_model(
         0.1 * rover.wheel_radius,
         torch.tensor(sizes, dtype=torch.float64),
     )
-    return PAlpaca(body, torch.stack([soil.constants() for soil in soils]), prior, net)
+    constants = torch.stack([soil.constants() for soil in soils])
+    return PAlpaca(Physics(body, constants, prior.constants_sd), net, prior)
 
 
 class _Learnt(nn.Module):
@@ -147,7 +149,7 @@ def train(
 
 def _adopt(model: PAlpaca, learnt: _Learnt, recipe: Recipe) -> None:
     """Prior and noise as they are used, and parameters without gradients: a scripted module with them fails in inference mode."""
-    model.net_precision.copy_(learnt.log_precision.detach().exp() * recipe.caution**2)
+    model.hypotheses.net_precision.copy_(learnt.log_precision.detach().exp() * recipe.caution**2)
     for parameter in model.net.parameters():
         parameter.requires_grad = False
 
@@ -165,11 +167,10 @@ def _losses(
     whitened, cost = whiten(joined, data.covariance, noise)
     features, target = whitened[..., :-1], whitened[..., -1]
     others = features.new_zeros(nominal_count - 2)
-    mean = torch.cat(
-        [model.prior_mean / model.unit, others, torch.zeros_like(learnt.log_precision)]
-    )
+    prior, unit = model.hypotheses, model.hypotheses.unit
+    mean = torch.cat([prior.prior_mean / unit, others, torch.zeros_like(learnt.log_precision)])
     precision = torch.cat(
-        [(model.prior_sd / model.unit) ** -2.0, others + 1.0, learnt.log_precision.exp()]
+        [(prior.prior_sd / unit) ** -2.0, others + 1.0, learnt.log_precision.exp()]
     )
     loss = negative_log_predictive(features, target, data.valid, context, mean, precision, cost)
     nominal, net = features[..., :nominal_count], features[..., nominal_count:]

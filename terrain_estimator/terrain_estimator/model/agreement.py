@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.packing import view_of, with_sinkage, with_slip
 from terrain_estimator.model.rows import ContactModel, Rows, are_usable
 
 LARGEST_ERROR = 3.0
@@ -17,7 +18,7 @@ LARGEST_ERROR = 3.0
 class Agreement(NamedTuple):
     """Where all rows of an instant agree best, of n observations."""
 
-    inputs: Tensor  # [n, 8 A + SCALARS] packed observations with slips and sinkages there
+    inputs: Tensor  # [n, P] packed observations with slips and sinkages there
     doubt: Tensor  # [n, 3, A] variances of what is left of the errors of slip and sinkage, in those as measured, and their covariance
 
 
@@ -50,21 +51,16 @@ def agreement(
     faster, deeper, _ = error.clamp(-largest, largest).split_with_sizes(
         [axles, axles, axles + 1], 1
     )
-    slip, slip_sd, sinkage, sinkage_sd, angle, rest = packed.split_with_sizes(
-        [axles] * 5 + [packed.shape[1] - 5 * axles], 1
-    )
-    moved, sunk = (
-        slip + slip_sd * faster,
-        torch.maximum(sinkage + sinkage_sd * deeper, 0.3 * sinkage),
-    )
-    possible = are_usable(moved, sunk, angle, contact)
-    moved, sunk = torch.where(possible, moved, slip), torch.where(possible, sunk, sinkage)
+    view = view_of(packed, axles)
+    moved = view.slip + view.slip_sd * faster
+    sunk = torch.maximum(view.sinkage + view.sinkage_sd * deeper, 0.3 * view.sinkage)
+    possible = are_usable(moved, sunk, view.contact_angle, contact)
+    moved = torch.where(possible, moved, view.slip)
+    sunk = torch.where(possible, sunk, view.sinkage)
     of_slip, of_sinkage, _ = told.split_with_sizes([axles, axles, axles + 1], 2)
     left = [
         1.0 - (of_slip * of_slip).sum(1),
         1.0 - (of_sinkage * of_sinkage).sum(1),
         -(of_slip * of_sinkage).sum(1),
     ]
-    return Agreement(
-        torch.cat([moved, slip_sd, sunk, sinkage_sd, angle, rest], 1), torch.stack(left, 1)
-    )
+    return Agreement(with_sinkage(with_slip(packed, moved), sunk), torch.stack(left, 1))

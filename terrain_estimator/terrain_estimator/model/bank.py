@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bank of hypotheses about the ground: which go on after a block, and which have become one. Scripted with the model.
+"""The bank of hypotheses about the ground: weights, pruning and merging. Scripted with the model.
 
-Each is a Gaussian with a kind and an age: on which soil it is, and whether the net has a say.
-Hypotheses of one kind and one birth are kin: they started from one prior.
+Each is a Gaussian with a kind and an age: its soil, and whether it has the net. Hypotheses of one
+kind and one age are siblings: they started from one prior.
 """
 
 from typing import NamedTuple
@@ -22,11 +22,17 @@ class Bank(NamedTuple):
     mean: Tensor  # [H, D]
     covariance: Tensor  # [H, D, D]
     precision: Tensor  # [H, D, D]
-    weight: Tensor  # [H] log of the weight in the mixture, up to a constant; -inf for a dead one
-    age: Tensor  # [H] blocks since birth
-    kind: (
-        Tensor  # [H] index of the soil, and as many more as there are soils where the net has a say
-    )
+    weight: Tensor  # [H] log of the weight in the mixture, up to a constant; -inf: inactive
+    age: Tensor  # [H] blocks since it was started
+    kind: Tensor  # [H] index of the soil, and as many more as there are soils where it has the net
+
+
+class Members(NamedTuple):
+    """The hypotheses of a state, before a block."""
+
+    posterior: Posterior
+    age: Tensor  # [H] blocks
+    kind: Tensor  # [H]
 
 
 class Solved(NamedTuple):
@@ -37,13 +43,32 @@ class Solved(NamedTuple):
     kind: Tensor  # [H]
 
 
-def kinship(age: Tensor, kind: Tensor) -> Tensor:
-    """Which of H hypotheses are kin, bool [H, H]."""
+def members_of(state: dict[str, Tensor]) -> Members:
+    """Return the hypotheses of a state."""
+    posterior = Posterior(state["mean"], state["precision"], state["log_weight"])
+    return Members(posterior, state["age"], state["kind"])
+
+
+def taken(members: Members, chosen: Tensor) -> Members:
+    """Return the hypotheses with the indices ``chosen``."""
+    mean, precision, log_weight = members.posterior
+    posterior = Posterior(mean[chosen], precision[chosen], log_weight[chosen])
+    return Members(posterior, members.age[chosen], members.kind[chosen])
+
+
+def restarted(solution: Solution, soil: int) -> Solved:
+    """Return hypotheses on one soil, without the net, that were started anew before a block."""
+    age = torch.zeros_like(solution.misfit)
+    return Solved(solution, age, torch.full_like(age, soil, dtype=torch.long))
+
+
+def siblings(age: Tensor, kind: Tensor) -> Tensor:
+    """Return which of H hypotheses are siblings, bool [H, H]."""
     return (age.unsqueeze(1) == age) & (kind.unsqueeze(1) == kind)
 
 
 def join(known: Solved, new: Solved) -> Solved:
-    """Both, one behind the other."""
+    """Return both, one behind the other."""
     first, second = known.solution, new.solution
     posterior = Posterior(
         torch.cat([first.posterior.mean, second.posterior.mean]),
@@ -57,7 +82,7 @@ def join(known: Solved, new: Solved) -> Solved:
 
 
 def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
-    """log of the mass [H] that each Gaussian [H, D] puts on c > 0 and tan phi > 0, taken as independent.
+    """Return the log of the mass [H] of each Gaussian [H, D] on c > 0 and tan phi > 0, as if independent.
 
     A prior that ends at zero multiplies the evidence of a posterior by its mass above zero over
     that of its prior.
@@ -68,25 +93,25 @@ def log_physical(mean: Tensor, covariance: Tensor) -> Tensor:
 
 
 def shared_noise(solved: Solved) -> Tensor:
-    """log det of the rows' covariance [H], averaged over kin with their weights.
+    """Return log det of the rows' covariance [H], averaged over siblings with their weights.
 
-    It belongs to the evidence between posteriors of different birth or kind. Between kin it would
-    bring back the bias of noisy regressors, so they share their mean of it.
+    It belongs to the evidence between posteriors of different age or kind. Between siblings it
+    would bring back the bias of noisy regressors, so they share their mean of it.
     """
-    kin = kinship(solved.age, solved.kind) * torch.softmax(solved.solution.posterior.log_weight, 0)
-    kin = kin.clamp(min=1e-300)
-    return (kin @ solved.solution.noise) / kin.sum(1)
+    weight = torch.softmax(solved.solution.posterior.log_weight, 0)
+    share = (siblings(solved.age, solved.kind) * weight).clamp(min=1e-300)
+    return (share @ solved.solution.noise) / share.sum(1)
 
 
 def weigh(posterior: Posterior, age: Tensor, kind: Tensor) -> Bank:
-    """The bank of these posteriors, weighted by what of them is physical."""
+    """Return the bank of these posteriors, weighted by their mass on physical values."""
     covariance = torch.cholesky_inverse(cholesky(posterior.precision))
     weight = posterior.log_weight + log_physical(posterior.mean, covariance)
     return Bank(posterior.mean, covariance, posterior.precision, weight, age, kind)
 
 
 def take(bank: Bank, chosen: Tensor) -> Bank:
-    """The hypotheses with the indices ``chosen``."""
+    """Return the hypotheses with the indices ``chosen``."""
     return Bank(
         bank.mean[chosen],
         bank.covariance[chosen],
@@ -98,33 +123,36 @@ def take(bank: Bank, chosen: Tensor) -> Bank:
 
 
 def prune(bank: Bank, negligible: float) -> Bank:
-    """Hypotheses whose log weight is ``negligible`` below that of the best are dead."""
+    """Return the bank without the weight of hypotheses that are ``negligible`` [nat] below the best."""
     lost = bank.weight < bank.weight.amax() - negligible
     weight = torch.where(lost, torch.full_like(bank.weight, -float("inf")), bank.weight)
     return Bank(bank.mean, bank.covariance, bank.precision, weight, bank.age, bank.kind)
 
 
 def merge(bank: Bank, nearest: float) -> Bank:
-    """Kin that are closer than ``nearest`` (squared Mahalanobis distance) become one of their total weight, mean and covariance.
+    """Return the bank with siblings closer than ``nearest`` (squared Mahalanobis distance) as one.
 
-    The bank is in falling order of weight. The heaviest of a cluster takes the others' place, these
-    are dead. Hypotheses that started from parts of one Gaussian prior come together as the data
-    outweigh it; where the rows are linear, the one that has their moments is exactly their mixture
-    (Runnalls 2007 on merging by moments).
+    That one has their total weight, mean and covariance. The bank is in falling order of weight.
+    The heaviest of a cluster takes the others' place, these become inactive. Hypotheses that
+    started from parts of one Gaussian prior come together as the data outweigh it; where the rows
+    are linear, the one that has their moments is exactly their mixture (Runnalls 2007 on merging by
+    moments).
     """
     if bank.weight.shape[0] == 1:
         return bank
-    alive = bank.weight != -float("inf")
+    active = bank.weight != -float("inf")
     index = torch.arange(bank.weight.shape[0])
     shift = bank.mean.unsqueeze(0) - bank.mean.unsqueeze(1)
     close = (
         (((shift @ bank.precision) * shift).sum(-1) < nearest)
-        & kinship(bank.age, bank.kind)
-        & alive
-        & alive.unsqueeze(1)
+        & siblings(bank.age, bank.kind)
+        & active
+        & active.unsqueeze(1)
     )
     heavier = index.unsqueeze(1) < index
-    head = torch.where(close & heavier, index.unsqueeze(1), index).amin(0)  # [H] whom each joins
+    head = torch.where(close & heavier, index.unsqueeze(1), index).amin(
+        0
+    )  # [H] the one that each joins
     if not any_of(head != index):
         return bank
     for _ in range(4):  # the head of a chain of up to 16
@@ -132,7 +160,7 @@ def merge(bank: Bank, nearest: float) -> Bank:
     member = head == index.unsqueeze(1)
     share = member * torch.softmax(bank.weight, 0)
     total = share.sum(1)
-    grown = (member & alive).sum(1) > 1
+    grown = (member & active).sum(1) > 1
     share = share / total.clamp(min=1e-300).unsqueeze(1)
     mean = torch.where(grown.unsqueeze(1), share @ bank.mean, bank.mean)
     spread = bank.mean.unsqueeze(0) - mean.unsqueeze(1)

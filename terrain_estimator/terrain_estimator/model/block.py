@@ -144,10 +144,8 @@ class GaussNewtonStep(NamedTuple):
     precision: Tensor  # [H, D + 1, D + 1]
     factor: Tensor  # its Cholesky factor
     noise: Tensor  # [H, Q, Q] Cholesky factor of the covariance of the rows
-    misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step foresees it
-    decrement: (
-        Tensor  # [] largest squared length of the step, in standard deviations of the posterior
-    )
+    misfit: Tensor  # [H] (k - k_0)' Lambda_0 (k - k_0) + r' S^-1 r, as the step predicts it
+    decrement: Tensor  # [] largest squared length of the step, in posterior deviations
 
 
 class Solution(NamedTuple):
@@ -165,14 +163,14 @@ def row_noise(rows: BlockRows, theta: Tensor) -> tuple[Tensor, Tensor]:
     return half, (half[:, 0] * theta.unsqueeze(-1).unsqueeze(-1)).sum(1) + torch.diag(rows.variance)
 
 
-def nuisance_columns(rows: BlockRows, away: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
-    """What the soil constants add to the rows, SUM_m away_m nuisance_m theta, ``away`` [H, M] from the expansion.
+def nuisance_columns(rows: BlockRows, shift: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the derivatives of the soil constants' part of the rows, SUM_m shift_m nuisance_m theta.
 
-    Returns its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
+    ``shift`` [H, M] is from the expansion. They are its derivatives by theta [H, Q, 2] and by each constant [H, Q, M].
     """
     q, m = rows.target.shape[0], rows.expansion.shape[0]
     by_theta = (
-        (rows.nuisance.narrow(0, 0, 2).reshape(2 * q, m) @ away.T).view(2, q, -1).permute(2, 1, 0)
+        (rows.nuisance.narrow(0, 0, 2).reshape(2 * q, m) @ shift.T).view(2, q, -1).permute(2, 1, 0)
     )
     return by_theta, (theta @ rows.nuisance).view(theta.shape[0], q, m)
 
@@ -190,13 +188,13 @@ def gauss_newton(
     others = min(fixed, size - 2 - constants)
     sizes = [2, size - 2 - constants - others, constants, others]
     strength, _, known, _ = mean.split_with_sizes(sizes, 1)
-    theta, away = nn.functional.pad(strength, [0, 1], value=1.0), known - rows.expansion
+    theta, shift = nn.functional.pad(strength, [0, 1], value=1.0), known - rows.expansion
     half, covariance = row_noise(rows, theta)
     factor = cholesky(covariance)
-    by_theta, by_constant = nuisance_columns(rows, away, theta)
+    by_theta, by_constant = nuisance_columns(rows, shift, theta)
     residual = (rows.target - rows.offset - mean @ rows.linear.T).unsqueeze(
         -1
-    ) - by_constant @ away.unsqueeze(-1)
+    ) - by_constant @ shift.unsqueeze(-1)
     weighted = torch.cholesky_solve(residual, factor)
     moved = (half @ weighted.unsqueeze(1).unsqueeze(1)).squeeze(-1)  # [H, C, 3, Q] G_a e
     values, changed = moved.split_with_sizes([1, constants], 1)
@@ -266,38 +264,51 @@ def without_apparent(
 
 
 MOST_STEPS = 8
+"""Gauss-Newton steps of a block at most."""
 CONVERGED = 1e-3
 """[1] Squared length of a step, in standard deviations, after which no other is made."""
 
 
-def solve_block(
-    prior: Posterior,
-    rows: BlockRows,
-    longest_step: Tensor,
-    most: int = MOST_STEPS,
-    converged: float = CONVERGED,
-) -> Solution:
-    """Gauss-Newton from the prior mean until every hypothesis moved by less than 3 % of a standard deviation.
+def extended(prior: Posterior) -> Posterior:
+    """Return ``prior`` over D parameters with an unknown velocity at the block's end as the last of D + 1.
 
-    The step after that would be an order of magnitude shorter. None is longer than ``longest_step``
-    [2] in (c, tan phi).
+    All may have leading dimensions.
     """
-    start = torch.cat([prior.mean, prior.mean[:, -1:]], 1)
-    padded = Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
-    step = gauss_newton(padded, start, rows, longest_step)
+    start = torch.cat([prior.mean, prior.mean[..., -1:]], -1)
+    return Posterior(start, nn.functional.pad(prior.precision, [0, 1, 0, 1]), prior.log_weight)
+
+
+def has_converged(step: GaussNewtonStep, converged: float = CONVERGED) -> Tensor:
+    """Return whether every hypothesis moved by less than 3 % of a standard deviation, bool [].
+
+    The step after that would be an order of magnitude shorter.
+    """
+    return step.decrement < converged
+
+
+def solve_block(
+    prior: Posterior, rows: BlockRows, longest_step: Tensor, most: int = MOST_STEPS
+) -> Solution:
+    """Return the posterior by Gauss-Newton from the prior mean until every hypothesis has converged.
+
+    No step is longer than ``longest_step`` [2] in (c, tan phi).
+    """
+    start = extended(prior)
+    step = gauss_newton(start, start.mean, rows, longest_step)
     for _ in range(most - 1):
-        if bool(step.decrement < converged):
+        if bool(has_converged(step)):
             break
-        step = gauss_newton(padded, step.mean, rows, longest_step)
-    return solution_of(prior, without_apparent(step, rows))
+        step = gauss_newton(start, step.mean, rows, longest_step)
+    return solution_of(prior, step, rows)
 
 
-def solution_of(prior: Posterior, step: GaussNewtonStep) -> Solution:
-    """The posteriors after the last ``step`` from ``prior`` over D parameters; all may have leading dimensions."""
+def solution_of(prior: Posterior, last: GaussNewtonStep, rows: BlockRows) -> Solution:
+    """Return the posteriors after the ``last`` step from ``prior`` over D parameters."""
+    step = without_apparent(last, rows)
     before = log_determinant(cholesky(prior.precision))
-    last = step.precision.select(-1, -1).select(-1, -1)
+    velocity = step.precision.select(-1, -1).select(-1, -1)
     log_weight = prior.log_weight - 0.5 * (
-        step.misfit + log_determinant(step.factor) - torch.log(last) - before
+        step.misfit + log_determinant(step.factor) - torch.log(velocity) - before
     )
     return Solution(
         Posterior(step.mean, step.precision, log_weight), step.misfit, log_determinant(step.noise)

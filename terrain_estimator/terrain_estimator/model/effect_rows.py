@@ -13,7 +13,8 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.model.packing import RATES
+from terrain_estimator.model import packing
+from terrain_estimator.model.packing import view_of, with_pitch, with_sinkage, with_slip_and_sd
 from terrain_estimator.model.rows import (
     ContactModel,
     Rows,
@@ -40,20 +41,15 @@ class Observed(NamedTuple):
     sinkage_rate: Tensor | None = None  # [n, A] [m/s], likewise
 
 
-def wheel_rates(packed: Tensor, axles: int, first: int = RATES) -> Tensor:
-    """Return the wheel rates [n, A] [rad/s] of packed observations that hold them."""
-    return packed[:, 8 * axles + first : 9 * axles + first]
-
-
 def readings_of(observed: Observed) -> Readings:
     """Return the sensor values that effects can change."""
-    packed, a = observed.packed, observed.wheel_rate.shape[1]
+    view = view_of(observed.packed, observed.wheel_rate.shape[-1])
     return Readings(
-        slip=packed[:, :a],
-        slip_sd=packed[:, a : 2 * a],
-        sinkage=packed[:, 2 * a : 3 * a],
-        torque=packed[:, 6 * a : 7 * a],
-        pitch=packed[:, 8 * a + 2 : 8 * a + 3],
+        slip=view.slip,
+        slip_sd=view.slip_sd,
+        sinkage=view.sinkage,
+        torque=view.torque,
+        pitch=view.pitch.unsqueeze(-1),
         wheel_rate=observed.wheel_rate,
         slip_rate=observed.slip_rate,
         sinkage_rate=observed.sinkage_rate,
@@ -61,19 +57,10 @@ def readings_of(observed: Observed) -> Readings:
 
 
 def with_readings(packed: Tensor, readings: Readings) -> Tensor:
-    """Return ``packed`` [n, P] with other sensor values, for each of n or 1 times more."""
-    a = readings.wheel_rate.shape[1]
-    groups = [
-        readings.slip,
-        readings.slip_sd,
-        readings.sinkage,
-        packed[:, 3 * a : 6 * a],
-        readings.torque,
-        packed[:, 7 * a : 8 * a + 2],
-        readings.pitch,
-        packed[:, 8 * a + 3 :],
-    ]
-    return torch.cat(groups, 1)
+    """Return packed observations [n, P] with other sensor values."""
+    packed = with_slip_and_sd(packed, readings.slip, readings.slip_sd)
+    packed = packing.with_torque(with_sinkage(packed, readings.sinkage), readings.torque)
+    return with_pitch(packed, readings.pitch.squeeze(-1), readings.wheel_rate.shape[-1])
 
 
 class StressIntegrals(nn.Module):

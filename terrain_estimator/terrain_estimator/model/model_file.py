@@ -21,7 +21,7 @@ import torch
 
 import terrain_estimator
 from rover_parameters.records import ConfigError, build, number
-from terrain_estimator.model.packing import AXLE_FIELDS, packed_size, scalar_fields
+from terrain_estimator.model.packing import PACKED_WHEEL_FIELDS, packed_size, scalar_fields
 from terrain_estimator.model.prior import Prior
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
@@ -36,8 +36,8 @@ _METHODS = {
     "update": "Dict(str, Tensor) state, Tensor observation",
     "discard": "Dict(str, Tensor) state",
     "predict": "Dict(str, Tensor) state, Tensor observation",
-    "forecast": "Dict(str, Tensor) state, float horizon_s",
     "estimate": "Dict(str, Tensor) state",
+    "effects": "Dict(str, Tensor) state",
 }
 """Methods that the module must have, with their arguments in TorchScript's words."""
 _LARGEST_FILE = 64 << 20
@@ -256,12 +256,12 @@ def _check_interface(path: Path, model: LoadedModel) -> None:
             )
     axles, rates = len(model.rover.axle_x), bool(model.effects)
     fields = (model.metadata.observation_axle_fields, model.metadata.observation_scalar_fields)
-    if fields != (AXLE_FIELDS, scalar_fields(axles, rates=rates)):
+    if fields != (PACKED_WHEEL_FIELDS, scalar_fields(axles, rates=rates)):
         raise ModelFileError(
             f"{path}: was trained for other fields of an observation, train it again (make train)"
         )
     state = model.module.initial()
-    effects = model.module.effects(state).shape[0] if hasattr(model.module, "effects") else 0
+    effects = model.module.effects(state).shape[0]
     if effects != len(model.effects):
         raise ModelFileError(
             f"{path}: estimates {effects} named effects, its .json names {len(model.effects)}"

@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""One observation as one flat tensor: what the exported model takes.
+"""One observation as one flat tensor, which the exported model takes, and the named view of it.
 
-With A axles the layout is eight groups of A values, then SCALARS scalars (with the A wheel rates
-where a model takes them), all SI and float64, NaN for "not measured". One tensor instead of sixteen
-keeps the call of the exported model cheap, and its layout is part of the model file.
+With W wheels the layout is eight groups of W values, then the scalars (with the W wheel rates where
+a model takes them), all SI and float64, NaN for "not measured". One tensor instead of sixteen keeps
+the call of the exported model cheap, and its layout is part of the model file. One value stands for
+the wheels of an axle, so W is the number of axles. No other module knows a place in the layout:
+:func:`view_of` names the parts, and the functions below it replace them.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,7 +19,7 @@ from terrain_estimator.observation import Floats, Observation
 from terramechanics.simulation.sensors import Measurement
 from terramechanics.simulation.simulation import TIME_STEP
 
-AXLE_FIELDS = (
+PACKED_WHEEL_FIELDS = (
     "slip",
     "slip_sd",
     "sinkage",
@@ -25,9 +29,9 @@ AXLE_FIELDS = (
     "torque",
     "torque_sd",
 )
-"""Groups of one value per axle, front to rear; units as in Observation."""
+"""Groups of one value per wheel, front to rear; units as in Observation."""
 
-SCALAR_FIELDS = (
+PACKED_SCALAR_FIELDS = (
     "velocity",
     "velocity_sd",
     "pitch",
@@ -40,22 +44,124 @@ SCALAR_FIELDS = (
 )
 """``step`` [s]: time since the observation before. ``linked``: 1 where that one was used and the step is short."""
 
-SCALARS = len(SCALAR_FIELDS)
-"""Number of scalars."""
-
-RATES = SCALAR_FIELDS.index("step")
-"""Place of the wheel rates among the scalars, for a model that needs them."""
-
-
-def scalar_fields(axles: int, *, rates: bool) -> tuple[str, ...]:
-    """The scalars of a model; with ``rates`` the wheel rates [rad/s] stand before ``step``."""
-    turning = tuple(f"wheel_rate_{axle}" for axle in range(axles)) if rates else ()
-    return (*SCALAR_FIELDS[:RATES], *turning, *SCALAR_FIELDS[RATES:])
+GROUPS = len(PACKED_WHEEL_FIELDS)
+"""Number of values per wheel, without its rate."""
+MEASURED = PACKED_SCALAR_FIELDS.index("step")
+"""Number of measured scalars; behind them stand the wheel rates, where a model takes them."""
+TIMING = len(PACKED_SCALAR_FIELDS) - MEASURED
+"""Number of scalars about the time, which stand last."""
 
 
-def packed_size(axles: int, *, rates: bool = False) -> int:
-    """Length of the packed observation."""
-    return len(AXLE_FIELDS) * axles + len(scalar_fields(axles, rates=rates))
+def scalar_fields(wheels: int, *, rates: bool) -> tuple[str, ...]:
+    """Return the scalars of a model; with ``rates`` the wheel rates [rad/s] stand before ``step``."""
+    turning = tuple(f"wheel_rate_{wheel}" for wheel in range(wheels)) if rates else ()
+    return (*PACKED_SCALAR_FIELDS[:MEASURED], *turning, *PACKED_SCALAR_FIELDS[MEASURED:])
+
+
+def packed_size(wheels: int, *, rates: bool = False) -> int:
+    """Return the length P of a packed observation."""
+    return GROUPS * wheels + len(scalar_fields(wheels, rates=rates))
+
+
+class PackedView(NamedTuple):
+    """The parts of packed observations [..., P], as views of one tensor.
+
+    A part that a layout does not have comes with zero wheels.
+    """
+
+    packed: Tensor  # [..., P]
+    slip: Tensor  # [..., W] [1]
+    slip_sd: Tensor  # [..., W]
+    sinkage: Tensor  # [..., W] [m]
+    sinkage_sd: Tensor  # [..., W]
+    contact_angle: Tensor  # [..., W] [rad]
+    contact_angle_sd: Tensor  # [..., W]
+    torque: Tensor  # [..., W] [N m]
+    torque_sd: Tensor  # [..., W]
+    velocity: Tensor  # [...] [m/s]
+    velocity_sd: Tensor  # [...]
+    pitch: Tensor  # [...] [rad]
+    pitch_sd: Tensor  # [...]
+    acceleration: Tensor  # [...] [m/s^2]
+    acceleration_sd: Tensor  # [...]
+    bogie_angle: Tensor  # [...] [rad]
+    wheel_rate: Tensor  # [..., W] [rad/s]; [..., 0] where the model takes none
+    step: Tensor  # [...] [s] since the observation before
+    linked: Tensor  # [...] 1 where the velocity carries over from the one before
+
+
+def view_of(
+    packed: Tensor,
+    wheels: int,
+    groups: int = GROUPS,
+    measured: int = MEASURED,
+    timing: int = TIMING,
+) -> PackedView:
+    """Return the named parts of packed observations [..., P] of ``wheels`` wheels."""
+    rates = packed.shape[-1] - groups * wheels - measured - timing
+    grouped, scalars, wheel_rate, time = packed.split_with_sizes(
+        [groups * wheels, measured, rates, timing], -1
+    )
+    slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd = grouped.unflatten(  # type: ignore[no-untyped-call]
+        -1, [groups, wheels]
+    ).unbind(-2)
+    velocity, velocity_sd, pitch, pitch_sd, acceleration, acceleration_sd, bogie = scalars.unbind(
+        -1
+    )
+    step, linked = time.unbind(-1)
+    return PackedView(
+        packed, slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd, velocity,
+        velocity_sd, pitch, pitch_sd, acceleration, acceleration_sd, bogie, wheel_rate, step, linked,
+    )  # fmt: skip
+
+
+def replaced(packed: Tensor, first: int, values: Tensor) -> Tensor:
+    """Return packed observations [..., P] with ``values`` [..., J] in the J places from ``first`` on."""
+    end = first + values.shape[-1]
+    return torch.cat([packed[..., :first], values, packed[..., end:]], -1)
+
+
+def with_slip(packed: Tensor, slip: Tensor) -> Tensor:
+    """Return packed observations [..., P] with another ``slip`` [..., W]."""
+    return replaced(packed, 0, slip)
+
+
+def with_slip_and_sd(packed: Tensor, slip: Tensor, slip_sd: Tensor) -> Tensor:
+    """Return packed observations [..., P] with another slip and its deviation, [..., W] each."""
+    return replaced(packed, 0, torch.cat([slip, slip_sd], -1))
+
+
+def with_sinkage(packed: Tensor, sinkage: Tensor) -> Tensor:
+    """Return packed observations [..., P] with another ``sinkage`` [..., W] [m]."""
+    return replaced(packed, 2 * sinkage.shape[-1], sinkage)
+
+
+def with_contact_angle(packed: Tensor, angle: Tensor) -> Tensor:
+    """Return packed observations [..., P] with another contact ``angle`` [..., W] [rad]."""
+    return replaced(packed, 4 * angle.shape[-1], angle)
+
+
+def with_torque(packed: Tensor, torque: Tensor) -> Tensor:
+    """Return packed observations [..., P] with another ``torque`` [..., W] [N m]."""
+    return replaced(packed, 6 * torque.shape[-1], torque)
+
+
+def with_pitch(packed: Tensor, pitch: Tensor, wheels: int, groups: int = GROUPS) -> Tensor:
+    """Return packed observations [..., P] with another ``pitch`` [...] [rad]."""
+    return replaced(packed, groups * wheels + 2, pitch.unsqueeze(-1))
+
+
+def with_stand_in(packed: Tensor, usable: Tensor, stand_in: Tensor, groups: int = GROUPS) -> Tensor:
+    """Return packed observations [..., P] with the values ``stand_in`` [8, 1] for wheels that are not ``usable`` [..., W]."""
+    wheels = usable.shape[-1]
+    values = packed.narrow(-1, 0, groups * wheels).unflatten(-1, [groups, wheels])  # type: ignore[no-untyped-call]
+    return replaced(packed, 0, torch.where(usable.unsqueeze(-2), values, stand_in).flatten(-2))
+
+
+def without_link(packed: Tensor, timing: int = TIMING) -> Tensor:
+    """Return packed observations [..., P] that cover no time and are not linked to the ones before."""
+    place = packed.shape[-1] - timing
+    return torch.cat([packed[..., :place], torch.zeros_like(packed[..., place:])], -1)
 
 
 LONGEST_GAP = 2.5
@@ -63,7 +169,10 @@ LONGEST_GAP = 2.5
 
 
 def link(stamp_ns: int, last: Observation | None, step_s: float) -> tuple[float, bool]:
-    """Time since the observation ``last`` that entered, and whether its velocity carries over; ``step_s`` where there is none."""
+    """Return the time since the observation ``last`` that entered, and whether its velocity carries over.
+
+    The time is ``step_s`` where there is none.
+    """
     if last is None:
         return step_s, False
     passed_s = (stamp_ns - last.stamp_ns) * 1e-9
@@ -73,7 +182,10 @@ def link(stamp_ns: int, last: Observation | None, step_s: float) -> tuple[float,
 def ground_torque(
     observation: Observation, last: Observation | None, inertia: float, passed_s: float
 ) -> Floats:
-    """Torque on the ground [axles]: the motor's less I dw/dt (Banerjee et al. eq. 6); the motor's where ``last`` is None."""
+    """Return the torque on the ground [axles]: the motor's less I dw/dt (Banerjee et al. eq. 6).
+
+    It is the motor's where ``last`` is None.
+    """
     if last is None or inertia == 0.0:
         return observation.torque
     return observation.torque - (observation.wheel_rate - last.wheel_rate) * (inertia / passed_s)
@@ -82,7 +194,7 @@ def ground_torque(
 def pack(
     observation: Observation, torque: Floats, step_s: float, *, linked: bool, rates: bool = False
 ) -> Tensor:
-    """The observation as a float64 tensor of shape [packed_size(axles, rates=rates)].
+    """Return the observation as a float64 tensor of shape [packed_size(axles, rates=rates)].
 
     ``torque`` [axles] is the observation's, [N m], less what turns the wheel's own inertia
     (docs/method.md, rows). A model that takes the wheel rates too cannot use a wheel whose rate is
@@ -94,7 +206,7 @@ def pack(
         else observation.slip
     )
     taken = {"slip": known, "torque": torque}
-    groups = (taken.get(name, getattr(observation, name)) for name in AXLE_FIELDS)
+    groups = (taken.get(name, getattr(observation, name)) for name in PACKED_WHEEL_FIELDS)
     scalars = (
         observation.velocity,
         observation.velocity_sd,
@@ -111,8 +223,8 @@ def pack(
 
 
 def pack_measurement(measurement: Measurement) -> Tensor:
-    """Packed observations [batch, time, 8 A + 9] of a batch of drives; every one is linked to the one before."""
-    groups = torch.stack([getattr(measurement, name) for name in AXLE_FIELDS], dim=2)
+    """Return packed observations [batch, time, P] of drives, each linked to the one before."""
+    groups = torch.stack([getattr(measurement, name) for name in PACKED_WHEEL_FIELDS], dim=2)
     batch, time = measurement.velocity.shape
     names = (
         "velocity",

@@ -19,260 +19,341 @@ measured to 5 %):
 As that sum is not convex far from its minimum, a small bank of posteriors starts from a grid over
 the prior (a Gaussian sum: Alspach and Sorenson 1972), once without the net and once with it (a
 prior of spike and slab: Mitchell and Beauchamp 1988). All run as one batch, and the published
-posterior is their mixture. The ground may change: before each block some posteriors are born from
-the prior anew, with the weight of a hazard rate, and after it the best of all are kept (Bayesian
-changepoint detection with a pruned bank: Adams and MacKay 2007). So the estimate is re-opened where
-the data say that the ground is another, instead of being dragged along.
+posterior is their mixture. The ground may change: where a block surprises, some posteriors are
+started anew from the prior, with the weight of a hazard rate, and after it the best of all are kept
+(Bayesian changepoint detection with a pruned bank: Adams and MacKay 2007). So the estimate re-opens
+where the data contradict it, instead of drifting slowly.
 
 Between blocks each observation moves a scalar Kalman filter of the velocity, driven by the force
 that the posterior predicts.
+
+The model has four parts: physics (rows of a block), net (learnt columns), velocity filter, and the
+rules of the bank. Each step of an update is a function without branches on tensors; the branches
+are in ``update``, ``close`` and ``solve``. studies/batched.py runs the same steps for many drives.
 """
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from terrain_estimator.model.bank import Bank, Solved, join, take, weigh
-from terrain_estimator.model.block import BlockRows, Posterior, Solution, solve_block
+from terrain_estimator.model.bank import Bank, Solved, join, members_of, restarted, take, taken
+from terrain_estimator.model.block import Posterior, Solution, solve_block
+from terrain_estimator.model.gaussian import mixture, project
 from terrain_estimator.model.hypotheses import Hypotheses
 from terrain_estimator.model.net import NetFeatures
-from terrain_estimator.model.prior import Prior, RoverBody
+from terrain_estimator.model.packing import (
+    PackedView,
+    packed_size,
+    view_of,
+    with_slip,
+    without_link,
+)
+from terrain_estimator.model.parameters import ParameterLayout, parameter_layout
+from terrain_estimator.model.physics import Physics, SoilRows
+from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
+from terrain_estimator.model.prior import Prior
+from terrain_estimator.model.rows import row_names
+from terrain_estimator.model.velocity import Motion, VelocityFilter
 from terramechanics.simulation.simulation import TIME_STEP
 
 BLOCK = 10
 """Observations in a block: one second at 10 Hz."""
 RECENT = 3
-"""[blocks] Age up to which a posterior speaks for a change of the ground."""
-
-State = dict[str, Tensor]
-"""All that the model remembers, of constant size but for the n < 10 observations of the open block:
-
-- ``mean`` [H, D], ``precision`` [H, D, D], ``log_weight`` [H]: the bank at the start of the open
-  block
-- ``block`` [n, 8 A + 9]: packed observations
-- ``weight`` [H]: of each posterior in the mixture; what it puts on negative c or tan phi does not
-  count
-- ``age`` [H]: blocks since each was born from the prior; those of the start are older than any
-- ``kind`` [H]: index of the soil whose constants, plus its own deviations, each has; K more where
-  the net has a say
-- ``prior`` [3, 2]: mean, deviation, and random walk [1/sqrt(s)] of (c [kPa], tan phi), the user's
-  or the model's
-- ``log_soils`` [K]: log prior probability of each soil, -inf where the user excludes it
-- ``moments`` [3, 2]: mean and covariance of (c [kPa], tan phi) in the mixture over everything
-- ``soils`` [K]: probability of each soil
-- ``expansion`` [K, 2 + M]: mean c [kPa], tan phi, deviations of the constants and of named effects,
-  given each soil; of one without any, the prior's
-- ``expected`` [D], ``covariance`` [D, D]: of the mixture within the most probable soil, which
-  predicts the velocity
-- ``constants`` [6], ``varied`` [C, 6]: of that soil, as in Contact
-- ``velocity`` [2]: mean [m/s] and variance, now
-- ``drive`` [6]: last acceleration [m/s^2], NaN where none is known; variance of the noise of its
-  features; sum of square changes a step and sum of their weights; variance of the acceleration, and
-  its covariance with ``velocity``
-- ``innovation`` [2]: measured minus predicted velocity, and its variance; NaN where there was none
-- ``misfit`` [2]: squared Mahalanobis distance of the last block, and its degrees of freedom; NaN
-  where there was none
-- ``report`` [8 + A]: what a caller reads after each observation: the forecast one step ahead [2],
-  ``innovation`` [2], ``misfit`` [2], 1 where a block was closed, the probability that the ground
-  changed within the last RECENT blocks, and 1 for each axle that is measured and in the model's
-  range
-"""
+"""[blocks] Age up to which a posterior counts for a change of the ground."""
+LEAST_KNOWN = 0.5
+"""[1] Part of an unknown velocity's precision that links an observation to the one before."""
 
 
-class PAlpaca(Hypotheses):
+class PAlpaca(nn.Module):
     """The model behind ``initial``, ``update`` and ``predict`` on a state of tensors.
 
     Scripted and saved, it needs nothing but torch. All tensors are float64; an observation is the
-    flat tensor of ``terrain_estimator.model.packing``. Nothing raises on numbers: a caller checks
-    that the state is finite and keeps the one of before where it is not.
+    flat tensor of ``terrain_estimator.model.packing``, the state that of
+    ``terrain_estimator.model.state``. Nothing raises on numbers: a caller checks that the state is
+    finite and keeps the one of before where it is not.
     """
 
+    layout: ParameterLayout
     longest_step: Tensor
+    every_row: Tensor
 
     def __init__(
-        self, body: RoverBody, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
+        self, physics: Physics | PhysicsWithEffects, net: NetFeatures, prior: Prior
     ) -> None:
-        """See Physics."""
-        super().__init__(body, constants, prior, net, added)
+        """Compose the model; ``prior`` has the deviation of soil constants that ``physics`` has."""
+        super().__init__()
+        self.prior = prior  # for the metadata; the scripted module has the buffers
+        self.layout = parameter_layout(
+            net.columns, physics.uncertain_constants, physics.effect_values
+        )
+        self.physics, self.net = physics, net
+        self.hypotheses = Hypotheses(prior, self.layout, physics.known_soils)
+        self.velocity = VelocityFilter(physics.gravity, self.layout.first_constant)
+        self.axles, self.known_soils = physics.axles, physics.known_soils
+        self.observation_size = packed_size(physics.axles, rates=physics.effect_values > 0)
         self.block_size, self.step_s, self.recent = BLOCK, TIME_STEP, RECENT
+        self.least_known = LEAST_KNOWN
         self.register_buffer("longest_step", torch.tensor([1.0, 0.25], dtype=torch.float64))
+        rows = len(row_names(physics.axles))
+        self.register_buffer("every_row", torch.ones(rows, dtype=torch.float64))
 
     def forward(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
-        """The same as ``update``."""
+        """Return the state after ``observation``, as ``update`` does."""
         return self.update(state, observation)
 
     @torch.jit.export
     def initial(self) -> dict[str, Tensor]:
-        """The state before the first observation, with the model's own prior, on ground whose strength does not drift."""
+        """Return the state before the first observation, with the model's own prior and no drift."""
         soils = torch.full((self.known_soils,), 1.0 / self.known_soils, dtype=torch.float64)
-        return self.initial_with_prior(self.prior_mean, self.prior_sd, soils, 0.0)
+        own = self.hypotheses
+        return self.initial_with_prior(own.prior_mean, own.prior_sd, soils, 0.0)
 
     @torch.jit.export
     def initial_with_prior(
         self, mean: Tensor, sd: Tensor, soils: Tensor, drift: float
     ) -> dict[str, Tensor]:
-        """The same with a user's prior: ``mean`` [2] and ``sd`` [2] of (c [Pa], tan phi), and the probability [K] of each soil.
+        """Return the state before the first observation, with a user's prior.
 
-        ``drift`` [1/sqrt(s)] is the random walk of c and tan phi, in prior deviations: what was
-        known of them is forgotten so fast.
+        ``mean`` [2] and ``sd`` [2] are of (c [Pa], tan phi), ``soils`` [K] the probability of each
+        soil. ``drift`` [1/sqrt(s)] is the random walk of c and tan phi, in prior deviations.
         """
-        prior = torch.stack([mean, sd, drift * sd]) / self.unit
-        start = torch.zeros(self.known_soils, self.offsets.shape[0], self.size, dtype=torch.float64)
-        start[:, :, :2] = prior[0] + self.offsets * prior[1]
-        start = start.flatten(0, 1).repeat(2, 1)
-        kind = torch.arange(2 * self.known_soils).repeat_interleave(self.offsets.shape[0])
-        theta_precision = (self.offset_spread * prior[1]) ** -2.0
-        silent = torch.full_like(self.net_precision, self.no_say)
-        alone = torch.diag(torch.cat([theta_precision, silent, self.other_precision]))
-        joined = torch.diag(torch.cat([theta_precision, self.net_precision, self.other_precision]))
-        precision = torch.stack([alone, joined]).repeat_interleave(start.shape[0] // 2, 0)
-        nothing = torch.full((2,), float("nan"), dtype=torch.float64)
+        unit = self.hypotheses.unit
+        zero = torch.zeros_like(unit[0])
+        nothing = torch.full_like(zero, float("nan"))
         state = {
             "block": torch.zeros(0, self.observation_size, dtype=torch.float64),
-            "velocity": torch.stack([start[0, -1], 1.0 / self.other_precision[-1]]),
-            "drive": torch.zeros(6, dtype=torch.float64),
-            "innovation": nothing,
-            "misfit": nothing,
-            "prior": prior,
+            "prior_mean": mean / unit,
+            "prior_sd": sd / unit,
+            "random_walk": drift * sd / unit,
             "log_soils": torch.log(soils),
-            "report": torch.cat(
-                [nothing, nothing, nothing, torch.zeros(2 + self.axles, dtype=torch.float64)]
-            ),
+            "velocity": zero,
+            "velocity_variance": 1.0 / self.hypotheses.rover_precision[-1],
+            "closed": zero,
+            "changed": zero,
+            "usable": torch.zeros(self.axles, dtype=torch.bool),
         }
-        age = torch.full((start.shape[0],), 1e9, dtype=torch.float64)
-        bank = weigh(Posterior(start, precision, age), age, kind)
-        # so that the mixture is exactly the prior, whatever it puts on negative c or tan phi
-        weight = (
-            self.net_log_weight.view(2, 1, 1)
-            + state["log_soils"].unsqueeze(1)
-            + self.offset_log_weight
-        ).flatten()
-        return self.commit(
-            state, Bank(bank.mean, bank.covariance, bank.precision, weight, age, kind)
-        )
+        for name in (
+            "acceleration",
+            "acceleration_variance",
+            "velocity_acceleration_covariance",
+            "feature_noise",
+            "change",
+            "change_weight",
+        ):
+            state[name] = zero
+        for name in (
+            "forecast",
+            "forecast_variance",
+            "innovation",
+            "innovation_variance",
+            "misfit",
+            "degrees",
+        ):
+            state[name] = nothing
+        return self.publish(state, self.hypotheses.first(state))
 
     @torch.jit.export
     def update(self, state: dict[str, Tensor], observation: Tensor) -> dict[str, Tensor]:
-        """Take one packed observation [8 A + 9] into the state; every tenth closes a block and moves the posterior."""
-        a, report = self.axles, state["report"]
-        usable = self.usable_by_all(observation[: 8 * a].view(8, a), state["constants"])
+        """Return the state after one packed observation [P]; every tenth closes a block and moves the posterior."""
+        view = view_of(observation, self.axles)
+        usable = self.physics.usable(view, state["constants"])
         linked = (
-            bool(observation[-1] > 0.0)
-            and bool(state["velocity"][1] * self.open_precision < 0.5)
+            bool(view.linked > 0.0)
+            and bool(self.is_known(state["velocity_variance"]))
             and bool(usable.all())
         )
         closes = state["block"].shape[0] > 0 and not linked
         if linked:
-            state = self.track(state, observation)
+            state = self.track(state, view)
         else:
-            state = self.unlink(
-                self.close(state) if closes else state,
-                observation[8 * a],
-                observation[8 * a + 1] ** 2,
-            )
-            slip = torch.where(
-                usable, observation[:a], float("nan")
-            )  # every soil has to explain the same rows
-            observation = torch.cat(
-                [slip, observation[a:-2], torch.zeros_like(observation[:2])]
-            )  # it covers no time
+            if closes:
+                state = self.close(state)
+            state = self.velocity.unlink(state, view.velocity, view.velocity_sd**2)
+            observation = self.first_of_block(view, usable)
         state["block"] = torch.cat([state["block"], observation.unsqueeze(0)])
         if state["block"].shape[0] == self.block_size:
             closes = True
             state = self.close(state)
-        changed = (
-            (state["weight"] * (state["age"] <= self.recent)).sum().unsqueeze(0)
-            if closes
-            else report[7:8]
-        )
-        closed = torch.full((1,), 1.0 if closes else 0.0, dtype=torch.float64)
-        ahead = self.forecast(state, self.step_s)
-        state["report"] = torch.cat(
-            [ahead, state["innovation"], state["misfit"], closed, changed, usable.to(torch.float64)]
-        )
+        if closes:
+            state["changed"] = (state["weight"] * (state["age"] <= self.recent)).sum()
+        state["closed"] = torch.full_like(state["changed"], 1.0 if closes else 0.0)
+        state["usable"] = usable
+        forecast, variance = self.velocity.forecast(state, self.step_s)
+        state["forecast"], state["forecast_variance"] = forecast, variance
         return state
 
     @torch.jit.export
+    def predict(self, state: dict[str, Tensor], observation: Tensor) -> Tensor:
+        """Return mean [m/s] and variance [2] of the velocity that ``observation`` [P] will measure."""
+        view = view_of(observation, self.axles)
+        motion = self.motion(state, view)
+        return torch.stack([motion.velocity, motion.velocity_variance + view.velocity_sd**2])
+
+    @torch.jit.export
     def discard(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Drop the open block: the posterior stays as it was before it, the velocity is opened."""
-        state = self.unlink(state, state["velocity"][0], 1.0 / self.other_precision[-1])
+        """Return the state without the open block: the posterior of before it, an unknown velocity."""
+        unknown = 1.0 / self.hypotheses.rover_precision[-1]
+        state = self.velocity.unlink(state, state["velocity"], unknown)
         state["block"] = state["block"][:0]
         return state
 
     @torch.jit.export
     def estimate(self, state: dict[str, Tensor]) -> Tensor:
-        """Marginal posterior of (c, tan phi) over every soil as [3, 2]: the mean [Pa, 1], then the rows of the covariance."""
-        moments = state["moments"] * self.unit
-        return torch.cat([moments[:1], moments[1:] * self.unit.unsqueeze(-1)])
+        """Return the marginal posterior of (c, tan phi) over every soil, [3, 2]: mean [Pa, 1], then covariance."""
+        unit = self.hypotheses.unit
+        mean, covariance = state["strength_mean"] * unit, state["strength_covariance"] * unit
+        return torch.cat([mean.unsqueeze(0), covariance * unit.unsqueeze(-1)])
 
-    def solve(
-        self, before: Posterior, packed: Tensor, soil: int, expansion: Tensor
-    ) -> tuple[Solution, BlockRows, Tensor]:
-        """The posteriors ``before`` a block, after it, with its rows on a soil and their noise, see ``average``."""
-        rows, noise = self.average(packed, soil, expansion, self.every_row)
-        return solve_block(before, rows, self.longest_step), rows, noise
+    @torch.jit.export
+    def effects(self, state: dict[str, Tensor]) -> Tensor:
+        """Return mean and variance of the size of each of J effects in SI units [J, 2], over the whole bank."""
+        layout = self.layout
+        own = torch.eye(layout.size, dtype=torch.float64)[layout.first_effect : layout.first_fixed]
+        means, covariances = project(state["mean"], state["precision"], own)
+        mean, covariance = mixture(torch.log(state["weight"]), means, covariances)
+        return self.physics.effect_sizes(mean, torch.diagonal(covariance))
+
+    def is_known(self, variance: Tensor) -> Tensor:
+        """Return whether a velocity of this ``variance`` [] is worth carrying over."""
+        return variance * self.velocity.open_precision < self.least_known
+
+    def motion(self, state: dict[str, Tensor], view: PackedView) -> Motion:
+        """Return the motion at one observation, as the posterior predicts it."""
+        layout = self.layout
+        deviations = state["expected"][layout.first_constant : layout.first_fixed]
+        row = self.physics.drive_row(view, state["constants"], state["varied"], deviations)
+        pitch = view.pitch.unsqueeze(0)
+        learnt = self.net.distinct(view.slip, view.sinkage, view.contact_angle, pitch)[0]
+        return self.velocity.predict(state, row, learnt, view.pitch, view.step)
+
+    def track(self, state: dict[str, Tensor], view: PackedView) -> dict[str, Tensor]:
+        """Return the state after a Kalman step of the velocity with one observation."""
+        motion = self.motion(state, view)
+        return self.velocity.track(state, motion, view.velocity, view.velocity_sd, view.step)
+
+    def first_of_block(self, view: PackedView, usable: Tensor) -> Tensor:
+        """Return an observation [P] that covers no time, with the slip of ``usable`` wheels [W] alone.
+
+        Every soil has to explain the same rows.
+        """
+        slip = torch.where(usable, view.slip, float("nan"))
+        return without_link(with_slip(view.packed, slip))
+
+    def learnt(self, packed: Tensor) -> Tensor:
+        """Return the net columns [n, R, net] of packed observations [n, P]."""
+        view = view_of(packed, self.axles)
+        return self.net(view.slip, view.sinkage, view.contact_angle, view.pitch.unsqueeze(1))
+
+    def average(self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor) -> SoilRows:
+        """Return the rows of a block [n, P] on a soil, see Physics."""
+        return self.physics.average(packed, self.learnt(packed), soil, expansion, chosen)
+
+    def publish(self, state: dict[str, Tensor], bank: Bank) -> dict[str, Tensor]:
+        """Return the state with another bank, its mixtures, and the constants of the leading soil."""
+        state = self.hypotheses.publish(state, bank)
+        leading = self.hypotheses.leading(state["soils"]).to(torch.float64)
+        deviations = state["expansion"][:, 2 : 2 + self.layout.constants]
+        constants, varied = self.physics.constants_of(leading, deviations)
+        state["constants"], state["varied"] = constants, varied
+        return state
+
+    def finish(
+        self, state: dict[str, Tensor], noise: Tensor, misfit: Tensor, degrees: Tensor
+    ) -> dict[str, Tensor]:
+        """Return the state after a block: the velocity goes on from the posterior, the misfit is reported.
+
+        ``noise`` [n, E, 3] is that of the velocity rows on the leading soil.
+        """
+        state = self.velocity.reinitialize(state, noise)
+        state["misfit"], state["degrees"] = misfit, degrees
+        return state
 
     def close(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Solve the open block and commit it; of its two velocities the newest goes on."""
+        """Return the state after the open block; of the block's two velocities the newest goes on."""
         packed = state["block"]
-        state = self.wander(state, packed[:, -2].sum())
-        seen: list[int] = []
-        rows: list[BlockRows] = []
-        noise: list[Tensor] = []
+        state = self.hypotheses.diffuse(state, view_of(packed, self.axles).step.sum())
+        learnt = self.learnt(packed)
+        solved, soil_rows = self.solve_active(state, packed, learnt)
+        first = list(soil_rows.keys())[0]  # noqa: RUF015 (TorchScript has no next)
+        degrees = soil_rows[first].rows.present.sum() - 1.0
+        if bool(self.hypotheses.surprised(solved.solution, degrees)):
+            solved, soil_rows = self.solve_restarted(state, packed, learnt, solved, soil_rows)
+        bank, misfit = self.hypotheses.select(solved)
+        state = self.publish(state, without_inactive(bank))
+        leading = int(state["soils"].argmax())
+        noise = soil_rows[leading if leading in soil_rows else first].noise
+        state = self.finish(state, noise, misfit, degrees)
+        state["block"] = packed[:0]
+        return state
+
+    def solve_active(
+        self, state: dict[str, Tensor], packed: Tensor, learnt: Tensor
+    ) -> tuple[Solved, dict[int, SoilRows]]:
+        """Return the bank's hypotheses after a block [n, P], and the rows on each of their soils."""
+        members, soils = members_of(state), self.hypotheses.active_soils(state)
+        active: list[int] = soils.tolist()
+        soil_rows: dict[int, SoilRows] = {}
         pieces: list[Solved] = []
-        soils = torch.where(
-            state["log_weight"] != -float("inf"), state["kind"] % self.known_soils, -1
-        )
-        alive: list[int] = soils.tolist()
         for soil in range(self.known_soils):
-            if soil in alive:
-                before, age, kind = (
-                    Posterior(state["mean"], state["precision"], state["log_weight"]),
-                    state["age"],
-                    state["kind"],
-                )
-                if alive.count(soil) < len(alive):
-                    members = torch.nonzero(soils == soil).squeeze(1)
-                    before = Posterior(
-                        before.mean[members], before.precision[members], before.log_weight[members]
-                    )
-                    age, kind = age[members], kind[members]
-                solution, averaged, by_theta = self.solve(
-                    before, packed, soil, state["expansion"][soil]
-                )
-                seen.append(soil)
-                rows.append(averaged)
-                noise.append(by_theta)
-                pieces.append(Solved(solution, age, kind))
+            if soil in active:
+                own = members
+                if active.count(soil) < len(active):
+                    own = taken(members, torch.nonzero(soils == soil).squeeze(1))
+                expansion = state["expansion"][soil]
+                solution, rows = self.solve(own.posterior, packed, learnt, soil, expansion)
+                soil_rows[soil] = rows
+                pieces.append(Solved(solution, own.age, own.kind))
         solved = pieces[0]
         for piece in pieces[1:]:
             solved = join(solved, piece)
-        degrees = rows[0].present.sum() - 1.0
-        if bool(self.surprised(solved.solution, degrees)):
-            for soil in range(self.known_soils):
-                if bool(state["log_soils"][soil] == -float("inf")):
-                    continue
-                if soil not in seen:
-                    averaged, by_theta = self.average(
-                        packed, soil, state["expansion"][soil], self.every_row
-                    )
-                    seen.append(soil)
-                    rows.append(averaged)
-                    noise.append(by_theta)
-                born = self.born(state, soil)
-                age = torch.zeros_like(born.log_weight)
-                solution = solve_block(born, rows[seen.index(soil)], self.longest_step)
-                solved = join(
-                    solved, Solved(solution, age, torch.full_like(age, soil, dtype=torch.long))
+        return solved, soil_rows
+
+    def solve(
+        self, before: Posterior, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor
+    ) -> tuple[Solution, SoilRows]:
+        """Return the posteriors ``before`` a block after it, and the block's rows on their soil.
+
+        Where the block moves a named effect far, the rows are evaluated anew at its new value.
+        """
+        averaged = self.physics.average(packed, learnt, soil, expansion, self.every_row)
+        solution = solve_block(before, averaged.rows, self.longest_step)
+        for _ in range(self.physics.reevaluations):
+            after = self.expansion_after(solution.posterior)
+            if not self.physics.has_moved(averaged.rows.expansion, after[2:]):
+                break
+            averaged = self.physics.average(packed, learnt, soil, after, self.every_row)
+            solution = solve_block(before, averaged.rows, self.longest_step)
+        return solution, averaged
+
+    def expansion_after(self, posterior: Posterior) -> Tensor:
+        """Return the mean [2 + M + V] of (c [kPa], tan phi), soil constants and effects over hypotheses."""
+        mean = torch.softmax(posterior.log_weight, 0) @ posterior.mean
+        layout = self.layout
+        return torch.cat([mean[:2], mean[layout.first_constant : layout.first_fixed]])
+
+    def solve_restarted(
+        self,
+        state: dict[str, Tensor],
+        packed: Tensor,
+        learnt: Tensor,
+        solved: Solved,
+        soil_rows: dict[int, SoilRows],
+    ) -> tuple[Solved, dict[int, SoilRows]]:
+        """Return ``solved`` with hypotheses on every possible soil that are started anew, and the rows of all."""
+        for soil in range(self.known_soils):
+            if bool(state["log_soils"][soil] == -float("inf")):
+                continue
+            if soil not in soil_rows:
+                expansion = state["expansion"][soil]
+                soil_rows[soil] = self.physics.average(
+                    packed, learnt, soil, expansion, self.every_row
                 )
-        bank, misfit = self.survive(solved)
-        survivors = torch.nonzero(bank.weight != -float("inf")).squeeze(1)
-        if (
-            0 < survivors.shape[0] < bank.weight.shape[0]
-        ):  # none: the block held a number beyond all bounds, and what follows is NaN
-            bank = take(bank, survivors)
-        state = self.commit(state, bank)
-        leading = int(state["soils"].argmax())
-        state = self.steer(state, noise[seen.index(leading) if leading in seen else 0])
-        state["misfit"] = torch.stack([misfit, degrees])
-        state["block"] = packed[:0]
-        return state
+            start = self.hypotheses.restart(state, soil)
+            solution = solve_block(start, soil_rows[soil].rows, self.longest_step)
+            solved = join(solved, restarted(solution, soil))
+        return solved, soil_rows
+
+
+def without_inactive(bank: Bank) -> Bank:
+    """Return the hypotheses with a weight; all where none has one, as after a number beyond all bounds."""
+    active = torch.nonzero(bank.weight != -float("inf")).squeeze(1)
+    return take(bank, active) if 0 < active.shape[0] < bank.weight.shape[0] else bank

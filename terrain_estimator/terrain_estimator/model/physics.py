@@ -1,22 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The physics of a rover on some soils as a TorchScript module: what the rows need, and the rows of a block."""
+"""The physics of a rover on some soils as a TorchScript module: contact models and the rows of a block."""
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.agreement import agreement
-from terrain_estimator.model.block import FIXED, LINK_VARIANCE, BlockRows, block_rows, fixed_columns
-from terrain_estimator.model.net import NetFeatures
-from terrain_estimator.model.packing import packed_size
-from terrain_estimator.model.prior import Prior, RoverBody, uncertain_constants
+from terrain_estimator.model.block import LINK_VARIANCE, BlockRows, block_rows, fixed_columns
+from terrain_estimator.model.packing import PackedView, view_of
+from terrain_estimator.model.prior import RoverBody, uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     PA_PER_UNIT,
     ContactModel,
     Rows,
+    drive_row,
     frame_of,
-    row_names,
     rows_at,
     values_alone,
 )
@@ -24,8 +25,12 @@ from terrain_estimator.model.stencil import Stencil, stencil
 from terramechanics.contact.stresses import in_range, quadrature
 from terramechanics.vehicle.suspension import Geometry
 
-KEPT = FIXED - 1
-"""Parameters of the rover, not of the ground: mass, centre of mass, acceleration bias, velocity; named effects besides."""
+
+class SoilRows(NamedTuple):
+    """The rows of a block on one soil."""
+
+    rows: BlockRows
+    noise: Tensor  # [n, E, 3] of the velocity row of each observation
 
 
 class Physics(nn.Module):
@@ -45,82 +50,58 @@ class Physics(nn.Module):
     centre: Tensor
     pivot: Tensor
     fixed_columns: Tensor
-    every_row: Tensor
-    unit: Tensor
     column_unit: Tensor
 
-    def __init__(
-        self, body: RoverBody, constants: Tensor, prior: Prior, net: NetFeatures, added: int = 0
-    ) -> None:
-        """``constants`` [K, 6] are those of the K soils that the model knows, as in terramechanics.contact.stresses.CONSTANTS.
+    def __init__(self, body: RoverBody, constants: Tensor, constants_sd: float) -> None:
+        """Take a rover and the constants [K, 6] of the K soils that the model knows.
 
-        Where ``prior.constants_sd`` is above 0 each of them is a parameter of the posterior, in
-        prior deviations. So are ``added`` values of named effects, which follow the constants and
-        stay when the ground changes.
+        They are in the order of terramechanics.contact.stresses.CONSTANTS. Where ``constants_sd``
+        [1] is above 0 each is a parameter of the posterior, in prior deviations.
         """
         super().__init__()
-        self.prior = prior  # for the metadata; the scripted module has the buffers
-        self.axles, self.gravity, self.radius, self.width = (
-            body.axles,
-            body.gravity,
-            body.radius_m,
-            body.width_m,
-        )
-        uncertain = uncertain_constants(constants, prior.constants_sd, body.width_m)
-        self.known_soils, self.first_constant = constants.shape[0], 2 + net.columns
-        self.uncertain_constants, self.kept = uncertain.shape[1], added + KEPT
-        self.first_fixed = self.first_constant + uncertain.shape[1] + added
-        self.size = self.first_fixed + KEPT
-        self.observation_size = packed_size(body.axles, rates=added > 0)
+        self.axles, self.gravity = body.axles, body.gravity
+        self.radius, self.width = body.radius_m, body.width_m
         self.moment_variance, self.link_variance = MOMENT_VARIANCE, LINK_VARIANCE
-        self.net = net
-        by_mass, by_weight = (
-            body.wheels_per_axle / body.mass_kg,
-            body.wheels_per_axle / (body.mass_kg * body.gravity),
-        )
-        wheelbase = float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
-        by_moment = by_weight / wheelbase
+        self.known_soils, self.effect_values = constants.shape[0], 0
+        self.reevaluations = 0  # of the rows of a block at its own posterior
+        uncertain = uncertain_constants(constants, constants_sd, body.width_m)
+        self.uncertain_constants = uncertain.shape[1]
         # Buffers, not literals in the methods: TorchScript rounds the numbers of
         # torch.tensor([...]) to float32.
-        self.register_buffer("uncertain", uncertain)
-        self.register_buffer(
-            "varied", torch.cat([torch.zeros_like(constants).unsqueeze(1), 1e-3 * uncertain], 1)
-        )
-        wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
-        self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
         self.register_buffer("constants", constants)
+        self.register_buffer("uncertain", uncertain)
+        varied = torch.cat([torch.zeros_like(constants).unsqueeze(1), 1e-3 * uncertain], 1)
+        self.register_buffer("varied", varied)
         self.register_buffer("nodes", quadrature())
         for name, values in zip(Stencil._fields, stencil(self.uncertain_constants), strict=True):
             self.register_buffer(f"stencil_{name}", values)
-        self.register_buffer(
-            "body_scale",
-            torch.tensor([by_mass, by_weight, by_moment, by_moment], dtype=torch.float64),
-        )
-        self.register_buffer("axle_x", body.geometry.axle_x)
-        self.register_buffer("centre", body.geometry.centre)
-        self.register_buffer("pivot", body.geometry.pivot)
+        units = torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64)
+        self.register_buffer("column_unit", units)
+        self._register_body(body)
+
+    def _register_body(self, body: RoverBody) -> None:
+        """Keep the numbers of the rover that the rows need."""
+        by_mass = body.wheels_per_axle / body.mass_kg
+        by_weight = body.wheels_per_axle / (body.mass_kg * body.gravity)
+        wheelbase = float(body.geometry.axle_x[0] - body.geometry.axle_x[-1])
+        by_moment = by_weight / wheelbase
+        scale = torch.tensor([by_mass, by_weight, by_moment, by_moment], dtype=torch.float64)
+        self.register_buffer("body_scale", scale)
         self.register_buffer("fixed_columns", fixed_columns(body.axles, wheelbase))
-        self.register_buffer(
-            "every_row", torch.ones(len(row_names(body.axles)), dtype=torch.float64)
-        )
-        self.register_buffer("unit", torch.tensor([PA_PER_UNIT, 1.0], dtype=torch.float64))
-        self.register_buffer(
-            "column_unit", torch.tensor([PA_PER_UNIT, 1.0, 1.0], dtype=torch.float64)
-        )
+        wheel = [0.1, 0.01, 0.01 * body.radius_m, 1e-3 * body.radius_m, 0.0, 0.0, 0.0, 0.0]
+        self.register_buffer("stand_in", torch.tensor(wheel, dtype=torch.float64).unsqueeze(1))
+        for name in ("axle_x", "centre", "pivot"):
+            self.register_buffer(name, getattr(body.geometry, name))
 
     def contact(self, soil: int, deviations: Tensor) -> ContactModel:
-        """The physics that the rows need, for the constants of a soil and their ``deviations`` [M or more] from the nominal ones."""
-        constants = (
-            self.constants[soil] + deviations[: self.uncertain_constants] @ self.uncertain[soil]
+        """Return the contact model of a soil whose constants have these ``deviations`` [M or more]."""
+        known = deviations[: self.uncertain_constants]
+        return self.contact_of(
+            self.constants[soil] + known @ self.uncertain[soil], self.varied[soil]
         )
-        return self.physics(constants, self.varied[soil])
 
-    def leading(self, state: dict[str, Tensor]) -> ContactModel:
-        """The same for the most probable soil and its expected constants."""
-        return self.physics(state["constants"], state["varied"])
-
-    def physics(self, constants: Tensor, varied: Tensor) -> ContactModel:
-        """The same for given constants."""
+    def contact_of(self, constants: Tensor, varied: Tensor) -> ContactModel:
+        """Return the contact model of ``constants`` [6] and their changes ``varied`` [C, 6]."""
         differences = Stencil(
             self.stencil_moves, self.stencil_constants, self.stencil_weights, self.stencil_curvature
         )
@@ -131,46 +112,45 @@ class Physics(nn.Module):
         )  # fmt: skip
 
     def nominal_contact(self, soil: int = 0) -> ContactModel:
-        """The same with the soil constants as given."""
-        return self.physics(self.constants[soil], self.varied[soil])
+        """Return the contact model of a soil with its constants as given."""
+        return self.contact_of(self.constants[soil], self.varied[soil])
 
-    def in_every_range(self, wheels: Tensor) -> Tensor:
-        """Wheels [n, A] of packed groups [n, 8, A] that are in the range of every soil with its nominal constants."""
-        return in_range(
-            wheels[:, 0], wheels[:, 2], self.constants.view(-1, 1, 1, 6), self.radius
-        ).all(0)
+    def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the constants [6] of the ``chosen`` soil [K] (1 or 0) with ``deviations`` [K, M], and their changes."""
+        by_soil = chosen.view(-1, 1, 1)
+        uncertain = (by_soil * self.uncertain).sum(0)
+        constants = chosen @ self.constants + (chosen @ deviations) @ uncertain
+        return constants, (by_soil * self.varied).sum(0)
 
-    def usable_by_all(self, wheels: Tensor, leading: Tensor) -> Tensor:
-        """Wheels [A] of one packed group [8, A] that are measured and in the range of every soil and of the ``leading`` constants [6]."""
+    def in_every_range(self, slip: Tensor, sinkage: Tensor) -> Tensor:
+        """Return which wheels [n, W] are in the range of every soil with its nominal constants."""
+        return in_range(slip, sinkage, self.constants.view(-1, 1, 1, 6), self.radius).all(0)
+
+    def usable(self, view: PackedView, leading: Tensor) -> Tensor:
+        """Return which wheels [W] of one observation are measured and in range.
+
+        That is the range of every soil, and of the ``leading`` constants [6].
+        """
         constants = leading.view(1, 1, 6)
         if self.known_soils > 1:
             constants = torch.cat([constants, self.constants.unsqueeze(1)])
-        return in_range(wheels[0], wheels[2], constants, self.radius).all(0) & (
-            wheels[4].abs() < float("inf")
-        )
+        possible = in_range(view.slip, view.sinkage, constants, self.radius).all(0)
+        return possible & (view.contact_angle.abs() < float("inf"))
 
-    def learnt(self, packed: Tensor) -> Tensor:
-        """Net features [n, R, net] of packed observations [n, 8 A + 9]."""
-        a = self.axles
-        slip, _, sinkage, _, angle, rest = packed.split_with_sizes(
-            [a, a, a, a, a, packed.shape[1] - 5 * a], 1
-        )
-        return self.net(slip, sinkage, angle, rest.narrow(1, 3 * a + 2, 1))
+    def drive_row(
+        self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor
+    ) -> Tensor:
+        """Return the velocity row of one observation and its changes, see :func:`drive_row`.
 
-    def within(self, deviations: Tensor) -> Tensor:
-        """Where rows are evaluated for these expected ``deviations`` [M]."""
-        return deviations
-
-    def rows(
-        self,
-        packed: Tensor,
-        contact: ContactModel,
-        deviations: Tensor,
-        theta: Tensor,
-        chosen: Tensor,
-    ) -> Rows:
-        """Rows of packed observations where those that are ``chosen`` agree best, given ``theta`` [3]."""
+        ``constants`` [6] are those of the soil with all ``deviations``, ``varied`` [C, 6] their
+        changes.
+        """
         del deviations
+        contact = self.contact_of(constants, varied)
+        return drive_row(view.slip, view.sinkage, view.contact_angle, contact)
+
+    def rows(self, packed: Tensor, contact: ContactModel, theta: Tensor, chosen: Tensor) -> Rows:
+        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best, given ``theta`` [3]."""
         frame = frame_of(packed, contact)
         agreed = agreement(
             rows_at(frame, packed, values_alone(contact)), packed, contact, theta, chosen
@@ -178,27 +158,44 @@ class Physics(nn.Module):
         return rows_at(frame, agreed.inputs, contact, agreed.doubt)
 
     def average(
-        self, packed: Tensor, soil: int, expansion: Tensor, chosen: Tensor
-    ) -> tuple[BlockRows, Tensor]:
-        """Rows of a block on a soil, those ``chosen`` [R] (1 or 0), and the noise of its velocity rows [n, E, 3].
+        self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
+    ) -> SoilRows:
+        """Return the rows of a block [n, P] on a soil.
 
-        ``expansion`` [2 + M] is (c [kPa], tan phi, deviations of the constants, of named effects)
-        for which they are evaluated.
+        Args:
+            packed: observations [n, P].
+            learnt: net columns of their rows [n, R, net].
+            soil: index of the soil.
+            expansion: (c [kPa], tan phi, deviations of the constants) [2 + M] at which the rows are
+                evaluated.
+            chosen: 1 for the rows that may be used, 0 for others [R].
         """
-        deviations = self.within(expansion[2:])
-        contact, theta = (
-            self.contact(soil, deviations),
-            torch.cat([expansion[:2], torch.ones_like(expansion[:1])]),
-        )
-        rows = self.rows(packed, contact, deviations, theta, chosen)
+        deviations = expansion[2:]
+        contact = self.contact(soil, deviations)
+        theta = torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
+        rows = self.rows(packed, contact, theta, chosen)
+        return self.averaged(rows, packed, learnt, deviations, chosen)
+
+    def averaged(
+        self, rows: Rows, packed: Tensor, learnt: Tensor, deviations: Tensor, chosen: Tensor
+    ) -> SoilRows:
+        """Return the mean of the ``rows`` of a block [n, P], evaluated at these ``deviations`` [M or more]."""
         rows = Rows(rows.features, rows.noise, rows.target, rows.variance, rows.used * chosen)
-        measured = packed[:, 8 * self.axles :]
-        velocity = torch.stack([measured[:, 0], measured[:, 1] ** 2], 1)
-        columns = torch.where(
-            rows.used[:, :1].unsqueeze(-1) > 0.0, self.learnt(packed), 0.0
-        )  # needs every wheel
-        step = measured[:, -2] * rows.used[:, 0]
+        view = view_of(packed, self.axles)
+        velocity = torch.stack([view.velocity, view.velocity_sd**2], 1)
+        # the net needs every wheel
+        columns = torch.where(rows.used[:, :1].unsqueeze(-1) > 0.0, learnt, 0.0)
+        step = view.step * rows.used[:, 0]
         averaged = block_rows(
             rows, columns, step, velocity, deviations, self.fixed_columns, self.link_variance
         )
-        return averaged, rows.noise[0, :, 0]
+        return SoilRows(averaged, rows.noise[0, :, 0])
+
+    def has_moved(self, before: Tensor, after: Tensor) -> bool:
+        """Return whether the deviations moved so far that the rows of a block have to be evaluated anew: never."""
+        del before, after
+        return False
+
+    def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
+        """Return mean and variance of the size of each named effect [J, 2]: there is none."""
+        return torch.stack([mean, variance], 1)

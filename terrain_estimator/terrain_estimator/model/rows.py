@@ -35,6 +35,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from terrain_estimator.model.packing import PackedView, view_of, with_stand_in
 from terrain_estimator.model.stencil import OWN, Stencil
 from terramechanics.contact.stresses import in_range, wheel_forces
 from terramechanics.vehicle.suspension import (
@@ -97,22 +98,22 @@ class ContactModel(NamedTuple):
     width: float  # [m]
 
 
-def usable_wheels(wheels: Tensor, contact: ContactModel) -> Tensor:
-    """Wheels [n, A] of packed groups [n, 8, A] that are measured and inside the model's range."""
-    return are_usable(wheels.select(1, 0), wheels.select(1, 2), wheels.select(1, 4), contact)
+def usable_wheels(packed: Tensor, contact: ContactModel) -> Tensor:
+    """Return which wheels [n, W] of observations [n, P] are measured and inside the model's range."""
+    view = view_of(packed, contact.geometry.axle_x.shape[0])
+    return are_usable(view.slip, view.sinkage, view.contact_angle, contact)
 
 
 def are_usable(slip: Tensor, sinkage: Tensor, angle: Tensor, contact: ContactModel) -> Tensor:
-    """The same of slips, sinkages and contact angles [n, A]."""
+    """Return which wheels with these slips, sinkages and contact angles [n, W] are usable."""
     return in_range(slip, sinkage, contact.constants, contact.radius) & (angle.abs() < float("inf"))
 
 
-def drive_row(wheels: Tensor, contact: ContactModel) -> Tensor:
-    """Row 0 of one packed group [8, A] whose wheels are all usable, without noise: [1 + M, 3].
+def drive_row(slip: Tensor, sinkage: Tensor, angle: Tensor, contact: ContactModel) -> Tensor:
+    """Return row 0 of one observation whose wheels [W] are all usable, without noise: [1 + M, 3].
 
     First the features, then their change for one prior deviation of each uncertain constant.
     """
-    slip, sinkage, angle = wheels[0], wheels[2], wheels[4]
     constants = (contact.constants + contact.varied).unsqueeze(1)
     forces = wheel_forces(slip, sinkage, constants, contact.radius, contact.width, contact.nodes)
     row = (along_body(angle).unsqueeze(-1) * forces).sum([1, 2]) * (
@@ -131,23 +132,21 @@ class Variation(NamedTuple):
     scale: Tensor  # [n, A] deviation of the sinkage over the one by which it is varied
 
 
-def varied_inputs(wheels: Tensor, contact: ContactModel) -> Variation:
-    """Slip and sinkage with and without a deviation of each, for every set of soil constants.
+def varied_inputs(place: PackedView, contact: ContactModel) -> Variation:
+    """Return slip and sinkage with and without a deviation of each, for every set of soil constants.
 
-    ``wheels`` [n, 4 or more, A] are slip, sinkage and their deviations in the order of the packed
-    groups. A sinkage smaller than its deviation is varied by less.
+    ``place`` holds n observations. A sinkage smaller than its deviation is varied by less.
     """
-    slip, slip_sd, sinkage, sinkage_sd = wheels.narrow(1, 0, 4).unbind(1)
-    shallow = torch.minimum(sinkage_sd, 0.9 * sinkage)
+    shallow = torch.minimum(place.sinkage_sd, 0.9 * place.sinkage)
     faster, deeper = contact.stencil.moves.view(-1, 2, 1, 1).unbind(1)
     constants = contact.constants + contact.varied.index_select(0, contact.stencil.constants).view(
         -1, 1, 1, 6
     )
     return Variation(
-        torch.addcmul(slip, faster, slip_sd),
-        torch.addcmul(sinkage, deeper, shallow),
+        torch.addcmul(place.slip, faster, place.slip_sd),
+        torch.addcmul(place.sinkage, deeper, shallow),
         constants,
-        sinkage_sd / shallow,
+        place.sinkage_sd / shallow,
     )
 
 
@@ -225,7 +224,7 @@ def read_forces(
 class Frame(NamedTuple):
     """What in the rows of n observations does not depend on the forces between wheels and ground. R as in Rows."""
 
-    measured: Tensor  # [n, 8, A] packed groups, harmless where a wheel is not usable
+    measured: PackedView  # of n observations, harmless where a wheel is not usable
     usable: Tensor  # [n, A] bool
     levers: Tensor  # [n, A, 2, R, 3] what N, T, M of a wheel do in a row, and the change for one deviation of the contact angle
     tilt: Tensor  # [n, R] change of a row for one standard deviation of the pitch
@@ -235,32 +234,25 @@ class Frame(NamedTuple):
 
 
 def frame_of(packed: Tensor, contact: ContactModel) -> Frame:
-    """The frame of packed observations [n, 8 A + SCALARS]. A wheel that is not usable takes the rows that need it along."""
+    """Return the frame of observations [n, P]. Where a wheel is not usable, no row that needs it holds."""
     axles = contact.geometry.axle_x.shape[0]
-    wheels = packed.narrow(1, 0, 8 * axles).view(-1, 8, axles)
-    usable = usable_wheels(wheels, contact)
-    wheels = torch.where(usable.unsqueeze(1), wheels, contact.stand_in)
-    _, _, _, _, angle, angle_sd, torque, torque_sd = wheels.unbind(1)
-    _, _, pitch, pitch_sd, acceleration, acceleration_sd, bogie = packed.narrow(
-        1, 8 * axles, 7
-    ).unbind(1)
-    known, every = torch.isfinite(bogie), usable.all(1, keepdim=True)
+    usable = usable_wheels(packed, contact)
+    view = view_of(with_stand_in(packed, usable, contact.stand_in), axles)
+    known, every = torch.isfinite(view.bogie_angle), usable.all(1, keepdim=True)
     carried = every & known.unsqueeze(1)
-    levers = lever_arms(angle, angle_sd, torch.where(known, bogie, 0.0), contact)
+    bogie = torch.where(known, view.bogie_angle, 0.0)
 
-    sine, cosine = torch.sin(pitch), torch.cos(pitch)
+    sine, cosine = torch.sin(view.pitch), torch.cos(view.pitch)
     balance = torch.stack([contact.gravity * sine, cosine], 1)
-    tilt = torch.stack([-contact.gravity * cosine, sine], 1) * pitch_sd.unsqueeze(1)
-    sensed, sensed_sd = (
-        torch.cat([torque, acceleration.unsqueeze(1)], 1),
-        torch.cat([torque_sd, acceleration_sd.unsqueeze(1)], 1),
-    )
+    tilt = torch.stack([-contact.gravity * cosine, sine], 1) * view.pitch_sd.unsqueeze(1)
+    sensed = torch.cat([view.torque, view.acceleration.unsqueeze(1)], 1)
+    sensed_sd = torch.cat([view.torque_sd, view.acceleration_sd.unsqueeze(1)], 1)
     holds = torch.isfinite(sensed) & torch.isfinite(sensed_sd) & torch.cat([usable, every], 1)
     sensed, own = torch.where(holds, sensed, 0.0), torch.where(holds, sensed_sd**2, 0.0)
     return Frame(
-        measured=wheels,
+        measured=view,
         usable=usable,
-        levers=levers,
+        levers=lever_arms(view.contact_angle, view.contact_angle_sd, bogie, contact),
         tilt=nn.functional.pad(tilt, [0, axles + 3]),
         target=nn.functional.pad(torch.cat([balance, sensed], 1), [0, 2]),
         variance=nn.functional.pad(
@@ -293,18 +285,16 @@ def lever_arms(angle: Tensor, angle_sd: Tensor, bogie: Tensor, contact: ContactM
     return torch.cat([velocity, load, torques, velocity, moments], 2).permute(1, 3, 0, 2, 4)
 
 
-def places(likely: Tensor, frame: Frame, contact: ContactModel) -> Tensor:
-    """Slips, sinkages and their deviations [n, 4, A] of the observations ``likely`` [n, 8 A + SCALARS], harmless where not usable."""
-    axles = frame.usable.shape[1]
-    wheels = likely.narrow(1, 0, 4 * axles).view(-1, 4, axles)
-    return torch.where(frame.usable.unsqueeze(1), wheels, contact.stand_in[:4])
+def places(likely: Tensor, frame: Frame, contact: ContactModel) -> PackedView:
+    """Return the view of the observations ``likely`` [n, P], harmless where a wheel is not usable."""
+    return view_of(with_stand_in(likely, frame.usable, contact.stand_in), frame.usable.shape[1])
 
 
-def measured_forces(frame: Frame, place: Tensor, forces: Forces) -> Forces:
-    """``forces`` at ``place`` [n, 4, A] with the values moved, to first order, to the measured slips and sinkages."""
-    slip, slip_sd, sinkage, sinkage_sd = frame.measured.narrow(1, 0, 4).unbind(1)
-    likely_slip, _, likely_sinkage, _ = place.unbind(1)
-    faster, deeper = (slip - likely_slip) / slip_sd, (sinkage - likely_sinkage) / sinkage_sd
+def measured_forces(frame: Frame, place: PackedView, forces: Forces) -> Forces:
+    """Return ``forces`` at ``place`` with the values moved, to first order, to the measured slips and sinkages."""
+    measured = frame.measured
+    faster = (measured.slip - place.slip) / measured.slip_sd
+    deeper = (measured.sinkage - place.sinkage) / measured.sinkage_sd
     values = torch.addcmul(forces.values, faster.unsqueeze(-1).unsqueeze(-1), forces.by_slip)
     return Forces(
         torch.addcmul(values, deeper.unsqueeze(-1).unsqueeze(-1), forces.by_sinkage),
@@ -314,7 +304,7 @@ def measured_forces(frame: Frame, place: Tensor, forces: Forces) -> Forces:
 
 
 def regression_rows(packed: Tensor, likely: Tensor, contact: ContactModel) -> Rows:
-    """Rows of n packed observations [n, 8 A + SCALARS], expanded around the inputs of ``likely``, which has the same shape."""
+    """Return the rows of observations [n, P], expanded around the inputs of ``likely`` [n, P]."""
     return rows_at(frame_of(packed, contact), likely, contact)
 
 

@@ -24,7 +24,7 @@ def test_the_share_of_the_net_takes_the_soil_that_is_driven_on_and_stops_where_a
     drives: MeasuredDrives,
 ) -> None:
     model = restore(load_model("mars_rover"))
-    mean = torch.full((2, model.first_constant + 12), 0.1, dtype=torch.float64)
+    mean = torch.full((2, model.layout.first_constant + 12), 0.1, dtype=torch.float64)
     mean[:, :2] = drives.tasks.strength
     trace: Any = SimpleNamespace(final=mean)
 

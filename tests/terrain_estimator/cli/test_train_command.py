@@ -77,7 +77,7 @@ def test_two_trainings_give_one_file_that_says_how_it_came_about(
         "acceleration_bias",
         "velocity",
     )
-    assert restore(loaded).uncertain.shape[1] == 0
+    assert restore(loaded).layout.constants == 0
     monkeypatch.setattr(train, "check_export", refuse)
     kept = {path.name: path.read_bytes() for path in (tmp_path / "alone").iterdir()}
     assert call(tmp_path / "alone", "--seed", "5") == 2

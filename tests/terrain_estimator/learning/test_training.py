@@ -49,7 +49,7 @@ def test_the_same_seed_gives_the_same_model_and_training_lowers_the_loss(data: R
 
 def test_the_prior_of_the_net_is_learnt_and_narrowed_for_use(data: Regression) -> None:
     bold, cautious = (
-        trained(data, dataclasses.replace(SMALL, caution=factor))[0].net_precision
+        trained(data, dataclasses.replace(SMALL, caution=factor))[0].hypotheses.net_precision
         for factor in (1.0, 10.0)
     )
     torch.testing.assert_close(cautious, 100.0 * bold)

@@ -71,7 +71,8 @@ def test_a_shipped_model_is_small_and_says_what_it_is_for(name: str) -> None:
     assert model.rover == load_rover(model.rover.name)
     assert model.metadata.soils == tuple(load_soil(soil.name) for soil in model.metadata.soils)
     assert torch.equal(
-        model.module.constants, torch.stack([soil.constants() for soil in model.metadata.soils])
+        model.module.physics.constants,
+        torch.stack([soil.constants() for soil in model.metadata.soils]),
     )
 
 
@@ -188,11 +189,11 @@ class OtherArguments(torch.nn.Module):
         return observation
 
     @torch.jit.export
-    def forecast(self, state: dict[str, Tensor], horizon_s: float) -> Tensor:  # noqa: ARG002
+    def estimate(self, state: dict[str, Tensor]) -> Tensor:
         return state["mean"]
 
     @torch.jit.export
-    def estimate(self, state: dict[str, Tensor]) -> Tensor:
+    def effects(self, state: dict[str, Tensor]) -> Tensor:
         return state["mean"]
 
 

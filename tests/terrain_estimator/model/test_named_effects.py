@@ -17,10 +17,11 @@ from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.adding import Sized, add_effects, with_effects
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import measure_tasks
-from terrain_estimator.model.effect_model import PAlpacaWithEffects
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
 from terrain_estimator.model.model_file import AddedEffect, LoadedModel, ModelFileError, load_model
-from terrain_estimator.model.packing import SCALAR_FIELDS, pack
+from terrain_estimator.model.packing import TIMING, pack, packed_size, view_of
+from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
 from terrain_estimator.model.rows import row_names
 from terrain_estimator.observation import Observation
 from terrain_estimator.update import Estimate
@@ -46,6 +47,18 @@ SIZES = {
     "exit_angle": 0.2,
 }
 TILT = SIZES["slope_bias"]
+REPORT = (
+    "forecast",
+    "forecast_variance",
+    "innovation",
+    "innovation_variance",
+    "misfit",
+    "degrees",
+    "closed",
+    "changed",
+    "usable",
+)
+"""Parts of the state that the estimator reads after each observation."""
 
 
 @pytest.fixture(scope="module")
@@ -83,19 +96,23 @@ def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
     return [estimator.update(observation).estimate for observation in observations][-1]
 
 
-def residuals(model: PAlpacaWithEffects, drive: Drive, size: float) -> torch.Tensor:
+def residuals(model: PAlpaca, drive: Drive, size: float) -> torch.Tensor:
     """Return the largest rest of a row of an exact drive, in units of its scale.
 
     The effect is at ``size`` times the prior mean.
     """
     packed = measure_tasks(drive, Noise(factor=0.0), torch.Generator().manual_seed(0)).measured[0]
-    packed = torch.cat([packed[:, :-2], drive.sample.wheel_rate[0], packed[:, -2:]], 1)
+    place = packed_size(3) - TIMING
+    packed = torch.cat([packed[:, :place], drive.sample.wheel_rate[0], packed[:, place:]], 1)
     theta = torch.cat(
-        [drive.sample.strength[0, 0, 0] / model.unit, torch.ones(1, dtype=torch.float64)]
+        [drive.sample.strength[0, 0, 0] / model.hypotheses.unit, torch.ones(1, dtype=torch.float64)]
     )
-    constants = torch.zeros(model.uncertain_constants, dtype=torch.float64)
-    deviations = torch.cat([constants, (size - 1.0) * model.values.mean / model.values.sd])
-    rows = model.rows(packed, model.nominal_contact(0), deviations, theta, model.every_row)
+    physics = model.physics
+    assert isinstance(physics, PhysicsWithEffects)
+    constants = torch.zeros(physics.uncertain_constants, dtype=torch.float64)
+    deviations = torch.cat([constants, (size - 1.0) * physics.values.mean / physics.values.sd])
+    contact = physics.nominal.nominal_contact(0)
+    rows = physics.rows(packed, contact, deviations, theta, model.every_row)
     scale = torch.tensor([3.72, 1.0, *[5.0] * model.axles, 3.72, 1.0, 1.0], dtype=torch.float64)
     assert bool((rows.used > 0.0).all())
     left = rows.target - rows.features[0] @ theta
@@ -173,9 +190,10 @@ def test_the_exported_model_gives_the_numbers_of_the_python_model(
         for observation in measured(driven(plain, "payload", 10.0, 1.2)):
             packed = pack(observation, observation.torque, 0.1, linked=True, rates=True)
             here, there = module.update(here, packed), loaded.module.update(there, packed)
-        torch.testing.assert_close(
-            there["report"], here["report"], rtol=1e-9, atol=1e-12, equal_nan=True
-        )
+        for name in REPORT:
+            torch.testing.assert_close(
+                there[name], here[name], rtol=1e-9, atol=1e-12, equal_nan=True
+            )
         torch.testing.assert_close(
             loaded.module.effects(there), module.effects(here), rtol=1e-9, atol=1e-12
         )
@@ -187,8 +205,8 @@ def test_a_wheel_whose_rate_is_not_known_is_left_out(plain: LoadedModel) -> None
         observation, wheel_rate=np.where([True, False, True], observation.wheel_rate, np.nan)
     )
     packed = pack(unknown, unknown.torque, 0.1, linked=True, rates=True)
-    assert torch.isnan(packed[:3]).tolist() == [False, True, False]
-    assert packed.shape[0] == 3 * 8 + len(SCALAR_FIELDS) + 3
+    assert torch.isnan(view_of(packed, 3).slip).tolist() == [False, True, False]
+    assert packed.shape[0] == packed_size(3) + 3
 
 
 def test_every_effect_of_the_registry_can_be_added_or_says_why_not(plain: LoadedModel) -> None:
@@ -220,7 +238,7 @@ def test_a_wrong_effect_is_refused_by_name(
 
 def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedModel) -> None:
     values = plain.module.state_dict()
-    values["of_old"] = values.pop("stencil_moves")
+    values["of_old"] = values.pop("physics.stencil_moves")
     other = SimpleNamespace(state_dict=lambda: values)
     old = dataclasses.replace(plain, module=other)  # type: ignore[arg-type]
     with pytest.raises(

@@ -9,6 +9,8 @@ from torch import Tensor
 from studies.accuracy.scores import MeasuredDrives, draw_drives, row_mask
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.agreement import agreement
+from terrain_estimator.model.packing import view_of
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import (
     PA_PER_UNIT,
     Rows,
@@ -33,7 +35,7 @@ def drives(soil: str) -> MeasuredDrives:
 
 
 def flat(observations: Tensor, found: MeasuredDrives) -> Tensor:
-    """Observations [n, 8 A + 9] of all drives up to their ends."""
+    """Observations [n, P] of all drives up to their ends."""
     return torch.cat([observations[drive, : int(end)] for drive, end in enumerate(found.ends)])
 
 
@@ -51,13 +53,8 @@ def test_every_balance_of_the_simulated_rover_holds_at_the_true_inputs() -> None
     """The simulator solves the same equations to 1e-6 of the weight, with twice the quadrature points; torques are per mille."""
     found = drives("loose_sand")
     packed = flat(found.tasks.true, found)
-    rows = regression_rows(
-        packed,
-        packed,
-        physics_alone(
-            load_rover("mars_rover"), load_soil("loose_sand"), exact=True
-        ).nominal_contact(),
-    )
+    model = physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True)
+    rows = regression_rows(packed, packed, nominal_of(model.physics).nominal_contact())
     predicted = (rows.features[0] @ strength(found)).squeeze(-1)
     scale = torch.where(
         rows.target.abs().amax(0) > 0.0,
@@ -77,7 +74,10 @@ def test_rows_expanded_where_they_agree_are_unbiased_where_the_sinkage_is_shallo
     """
     found = drives("compact_sand")
     model = physics_alone(load_rover("mars_rover"), load_soil("compact_sand"), exact=True)
-    contact, every = model.nominal_contact(), torch.ones(len(NAMES), dtype=torch.float64)
+    contact, every = (
+        nominal_of(model.physics).nominal_contact(),
+        torch.ones(len(NAMES), dtype=torch.float64),
+    )
     measured, true, theta = (
         flat(found.tasks.measured, found),
         flat(found.tasks.true, found),
@@ -93,7 +93,7 @@ def test_rows_expanded_where_they_agree_are_unbiased_where_the_sinkage_is_shallo
 
     prior = torch.tensor([2.75, 0.6, 1.0], dtype=torch.float64)
     assert excess(regression_rows(measured, measured, contact)) > 0.01
-    assert abs(excess(model.rows(measured, contact, prior[:0], prior, every))) < 0.008
+    assert abs(excess(nominal_of(model.physics).rows(measured, contact, prior, every))) < 0.008
 
 
 @pytest.mark.parametrize("rows", ["v", "v+L", "v+L+M"])
@@ -105,7 +105,7 @@ def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None
     """
     found = drives("loose_sand")
     model, axles = physics_alone(load_rover("mars_rover"), load_soil("loose_sand"), exact=True), 3
-    contact, chosen = model.nominal_contact(), row_mask(rows, axles)
+    contact, chosen = nominal_of(model.physics).nominal_contact(), row_mask(rows, axles)
     corrected: list[Tensor] = []
     certain: list[Tensor] = []
     for drive, end in enumerate(found.ends.tolist()):
@@ -115,14 +115,14 @@ def test_curved_laws_do_not_shift_the_velocity_row_on_average(rows: str) -> None
         theta = strength(found)[int(found.ends[:drive].sum()), :, 0]
         exact = regression_rows(true, true, contact)
         linear = exact.noise[0, :, 0] @ theta  # [n, E]
-        # Of slip, sinkage and angle, the value and its deviation.
-        errors, spreads = (
-            x[:, : 6 * axles].view(-1, 3, 2, axles) for x in (measured - true, measured)
-        )
-        wheels = errors[:, :, 0] / spreads[:, :, 1]
-        known = exact.features[0, :, 0] @ theta + (linear[:, :-1] * wheels.flatten(1)).sum(
-            1
-        )  # the pitch is in the target
+        error_of, seen = view_of(measured - true, axles), view_of(measured, axles)
+        wheels = [
+            error_of.slip / seen.slip_sd,
+            error_of.sinkage / seen.sinkage_sd,
+            error_of.contact_angle / seen.contact_angle_sd,
+        ]
+        # the pitch is in the target
+        known = exact.features[0, :, 0] @ theta + (linear[:, :-1] * torch.cat(wheels, 1)).sum(1)
         agreed = agreement(
             regression_rows(measured, measured, contact), measured, contact, theta, chosen
         )

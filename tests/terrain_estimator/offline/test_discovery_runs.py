@@ -13,7 +13,7 @@ import torch
 
 from terrain_estimator.bags import Types
 from terrain_estimator.discovery import RecordedRun, RunError
-from terrain_estimator.model.packing import AXLE_FIELDS
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.offline.discovery_runs import read_run
 from terrain_estimator.offline.finding_file import asked
 from terrain_estimator.offline.reading import BagOptions, add_options, reading_of
@@ -61,7 +61,7 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def torque(run: RecordedRun) -> torch.Tensor:
-    return run.packed[:, : 8 * ROVER.axles].view(-1, 8, ROVER.axles)[:, AXLE_FIELDS.index("torque")]
+    return view_of(run.packed, ROVER.axles).torque
 
 
 def test_topics_and_stamps_of_another_rover_are_told_and_joints_of_a_mast_cost_nothing(
@@ -82,9 +82,9 @@ def test_sensors_that_the_estimator_leaves_out_are_left_out(plain: Path) -> None
         reading("-p", "use_torque:=false", "-p", "use_moments:=false", "-p", "use_imu:=false"),
     )
     assert torch.isnan(torque(run)).all()
-    assert torch.isnan(
-        run.packed[:, 8 * ROVER.axles + 4 : 8 * ROVER.axles + 7]
-    ).all()  # acceleration, its deviation, bogie's angle
+    view = view_of(run.packed, ROVER.axles)
+    for values in (view.acceleration, view.acceleration_sd, view.bogie_angle):
+        assert torch.isnan(values).all()
 
 
 def test_a_run_without_a_usable_observation_says_what_was_refused_and_why(

@@ -22,6 +22,7 @@ from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Point, start_of
 from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no_columns
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import row_names
 
 
@@ -219,7 +220,7 @@ def _first_spread(found: Fit, rows: int) -> Tensor:
 def velocities_of(run: Blocks) -> Tensor:
     """Return first velocities [V] [m/s] at the joints of a run's blocks."""
     velocity = torch.zeros(run.velocities, dtype=torch.float64)
-    mean = run.packed[..., 8 * run.wheel_rate.shape[-1]].mean(1)
+    mean = view_of(run.packed, run.wheel_rate.shape[-1]).velocity.mean(1)
     velocity[run.ends[:, 0]] = mean
     velocity[run.ends[:, 1]] = mean
     return velocity

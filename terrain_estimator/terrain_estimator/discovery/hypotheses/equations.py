@@ -32,6 +32,7 @@ from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.block import LINK_VARIANCE, row_weights
 from terrain_estimator.model.gaussian import cholesky, log_determinant
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import Rows
 
 
@@ -91,12 +92,11 @@ def _block_shape(values: Tensor, blocks: int, lead: int) -> Tensor:
 def averages(blocks: Blocks, used: Tensor) -> Averages:
     """Return the weights of observations from ``used`` [B, n, R]."""
     axles = blocks.wheel_rate.shape[-1]
-    scalars = blocks.packed[..., 8 * axles :]
-    weight = row_weights(used, scalars[..., -2] * used[..., 0])
-    count = scalars.shape[1]
+    view, count = view_of(blocks.packed, axles), blocks.packed.shape[1]
+    weight = row_weights(used, view.step * used[..., 0])
     return Averages(
         weight,
-        torch.stack([scalars[..., 0].mean(1), scalars[..., 1].square().sum(1) / count**2], 1),
+        torch.stack([view.velocity.mean(1), view.velocity_sd.square().sum(1) / count**2], 1),
     )
 
 

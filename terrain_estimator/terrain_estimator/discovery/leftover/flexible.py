@@ -14,6 +14,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.runs import Blocks, Signals
 from terrain_estimator.model.block import row_weights
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import row_names
 
 
@@ -122,8 +123,10 @@ def _functions(signals: Signals, axles: int) -> dict[str, Tensor]:
 def in_row(values: Tensor, row: int, run: Blocks) -> Tensor:
     """Return a function [B] in one row of every observation as a column [B, Q] of the blocks."""
     blocks, count, _ = run.packed.shape
-    rows = len(row_names(run.wheel_rate.shape[-1]))
-    weight = row_weights(torch.ones(blocks, count, rows, dtype=torch.float64), run.packed[..., -2])
+    axles = run.wheel_rate.shape[-1]
+    rows = len(row_names(axles))
+    used = torch.ones(blocks, count, rows, dtype=torch.float64)
+    weight = row_weights(used, view_of(run.packed, axles).step)
     column = torch.zeros(blocks, rows + 1, dtype=torch.float64)
     places = (0, 1) if row == 0 else (row + 1,)
     for place in places:

@@ -22,6 +22,7 @@ from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.leftover.flexible import in_row
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import row_names
 from terramechanics.contact.stresses import wheel_forces
 
@@ -119,8 +120,8 @@ def signals(
     every = [run.signals for run in runs]
     gains = [_gain(run) for run in runs]
     level = tuple(
-        _jitter(run.packed[..., 8 * axles + 2], run.packed[..., 8 * axles + 3], math.degrees(1.0))
-        for run in runs
+        _jitter(view.pitch, view.pitch_sd, math.degrees(1.0))
+        for view in (view_of(run.packed, axles) for run in runs)
     )
     shared = {
         "slope": Signal(
@@ -133,8 +134,8 @@ def signals(
     own = [
         {
             "speed": Signal("speed", "m/s", tuple(each.speed[:, axle] for each in every)),
-            "slip": _wheel("slip", "", 1.0, 0, axle, runs),
-            "sinkage": _wheel("sinkage", "mm", 1e3, 2, axle, runs),
+            "slip": _wheel("slip", "", 1.0, axle, runs),
+            "sinkage": _wheel("sinkage", "mm", 1e3, axle, runs),
         }
         for axle in range(axles)
     ]
@@ -149,14 +150,12 @@ def signals(
     return shared | mean | {each.name: each for each in single}, [shared | each for each in own]
 
 
-def _wheel(
-    name: str, unit: str, factor: float, group: int, axle: int, runs: Sequence[Blocks]
-) -> Signal:
-    """Return slip or sinkage of one axle, the packed ``group``; its deviation follows."""
+def _wheel(name: str, unit: str, factor: float, axle: int, runs: Sequence[Blocks]) -> Signal:
+    """Return slip or sinkage of one axle."""
     values, noise = [], []
     for run in runs:
-        axles = run.wheel_rate.shape[-1]
-        value, sd = (run.packed[..., (group + k) * axles + axle] for k in (0, 1))
+        view = view_of(run.packed, run.wheel_rate.shape[-1])
+        value, sd = (getattr(view, field)[..., axle] for field in (name, f"{name}_sd"))
         values.append(factor * getattr(run.signals, name)[:, axle])
         noise.append(_jitter(value, sd, factor))
     return Signal(name, unit, tuple(values), tuple(noise))

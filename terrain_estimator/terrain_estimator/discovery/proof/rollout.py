@@ -18,6 +18,7 @@ from terrain_estimator.discovery.proof.held_out import PIECE, GroundEstimate, Ha
 from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
 from terrain_estimator.model.gaussian import cholesky
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.simulation.plant import Plant
@@ -71,13 +72,14 @@ def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
             for half, here in zip(halves, index, strict=True)
         ]
     )
-    gone = (packed[..., 8 * axles] * packed[..., -2]).sum(1)
+    view = view_of(packed, axles)
+    gone = (view.velocity * view.step).sum(1)
     return Windows(
         half=torch.repeat_interleave(torch.tensor([len(first) for first in firsts])),
         first=torch.cat(firsts),
         rate=rate,
-        velocity=packed[:, 0, 8 * axles : 8 * axles + 2],
-        step=float(packed[:, 1:, -2].median()),
+        velocity=torch.stack([view.velocity[:, 0], view.velocity_sd[:, 0]], 1),
+        step=float(view.step[:, 1:].median()),
         longest=FASTER * float(gone.max()),
         measured=measured(packed[:, 1:], axles),
     )

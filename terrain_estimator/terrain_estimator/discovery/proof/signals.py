@@ -10,6 +10,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.proof.held_out import PIECE
 from terrain_estimator.discovery.proof.scores import Predicted
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import BLOCK
 
 
@@ -31,15 +32,12 @@ def names(axles: int) -> tuple[tuple[str, str], ...]:
 
 
 def measured(packed: Tensor, axles: int) -> MeasuredSignals:
-    """Return the signals of packed observations [W, T - 1, 8 A + 9] in the order of ``names``."""
-    wheels = packed[..., : 8 * axles].reshape(*packed.shape[:2], 8, axles)
-    velocity, velocity_sd = (
-        packed[..., 8 * axles : 8 * axles + 1],
-        packed[..., 8 * axles + 1 : 8 * axles + 2],
-    )
-    values = torch.cat([velocity, wheels[:, :, 0], wheels[:, :, 2], wheels[:, :, 6]], -1)
+    """Return the signals of packed observations [W, T - 1, P] in the order of ``names``."""
+    view = view_of(packed, axles)
+    deviations = [view.velocity_sd.unsqueeze(-1), view.slip_sd, view.sinkage_sd, view.torque_sd]
     return MeasuredSignals(
-        values, torch.cat([velocity_sd, wheels[:, :, 1], wheels[:, :, 3], wheels[:, :, 7]], -1)
+        torch.cat([view.velocity.unsqueeze(-1), view.slip, view.sinkage, view.torque], -1),
+        torch.cat(deviations, -1),
     )
 
 

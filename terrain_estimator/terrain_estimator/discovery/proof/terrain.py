@@ -9,6 +9,7 @@ import torch
 from scipy.interpolate import BSpline, make_smoothing_spline
 from torch import Tensor
 
+from terrain_estimator.model.packing import view_of, with_contact_angle, with_pitch
 from terramechanics.terrain.profile import Sampled
 from terramechanics.vehicle.rover import Rover
 
@@ -32,30 +33,24 @@ class SlopeTrack:
 
 
 def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
-    """Return the track of linked observations [n, 8 A + 9].
+    """Return the track of linked observations [n, P].
 
     A smoothing spline through the slopes below all wheels.
 
     How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and
     Wahba 1979).
     """
-    axles = rover.axles
-    angle, angle_sd = packed[:, 4 * axles : 5 * axles], packed[:, 5 * axles : 6 * axles]
-    velocity, pitch, pitch_sd, step = (
-        packed[:, 8 * axles],
-        packed[:, 8 * axles + 2],
-        packed[:, 8 * axles + 3],
-        packed[:, -2],
-    )
-    moved = velocity * torch.cos(pitch) * step
+    view = view_of(packed, rover.axles)
+    angle = view.contact_angle
+    moved = view.velocity * torch.cos(view.pitch) * view.step
     distance = torch.cumsum(moved, 0) - moved[0]
-    steep = angle + pitch.unsqueeze(1)
+    steep = angle + view.pitch.unsqueeze(1)
     place = (
         distance.unsqueeze(1)
         + torch.tensor(rover.axle_x, dtype=torch.float64)
         + rover.wheel_radius * torch.sin(angle)
     )
-    weight = 1.0 / (angle_sd.square() + pitch_sd.square().unsqueeze(1))
+    weight = 1.0 / (view.contact_angle_sd.square() + view.pitch_sd.square().unsqueeze(1))
     x, y, w = _binned(
         place.flatten().numpy(), torch.tan(steep).flatten().numpy(), weight.flatten().numpy()
     )
@@ -65,14 +60,12 @@ def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
 
 
 def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
-    """Return the observations [n, 8 A + 9] with noise added to their angles."""
-    again = packed.clone()
-    for first, count in ((4 * axles, axles), (8 * axles + 2, 1)):
-        here, spread = slice(first, first + count), slice(first + count, first + 2 * count)
-        again[:, here] += packed[:, spread] * torch.randn(
-            len(packed), count, generator=generator, dtype=torch.float64
-        )
-    return again
+    """Return the observations [n, P] with noise added to their angles."""
+    view, count = view_of(packed, axles), len(packed)
+    noise = torch.randn(count, axles, generator=generator, dtype=torch.float64)
+    again = with_contact_angle(packed, view.contact_angle + view.contact_angle_sd * noise)
+    tilt = torch.randn(count, 1, generator=generator, dtype=torch.float64).squeeze(1)
+    return with_pitch(again, view.pitch + view.pitch_sd * tilt, axles)
 
 
 def profile_of(track: SlopeTrack, origins: Tensor, length: float, rover: Rover) -> Sampled:

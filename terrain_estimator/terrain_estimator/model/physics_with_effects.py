@@ -1,0 +1,213 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Physics with named effects as further parameters beside c and tan phi.
+
+Each value of an effect, its size and the others, is a parameter in prior deviations, like a soil
+constant. The rows are evaluated anew at the posterior's values in every block; their change with
+each value is a difference of whole rows.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from terrain_estimator.model.agreement import agreement
+from terrain_estimator.model.effect_rows import EffectRows, Observed
+from terrain_estimator.model.packing import PackedView, view_of
+from terrain_estimator.model.physics import Physics, SoilRows
+from terrain_estimator.model.rows import ContactModel, Rows, values_alone
+from terramechanics.simulation.plant import ContactInputs
+from terramechanics.vehicle.suspension import along_body
+
+REEVALUATIONS = 3
+"""Times that the rows of a block are evaluated anew at most."""
+NEAR = 0.01
+"""[prior deviations] Move of an effect that needs no other rows."""
+
+
+class ValuePrior(nn.Module):
+    """Gaussian prior of the V values of the effects, and the range in which their laws hold, [V] each."""
+
+    mean: Tensor
+    sd: Tensor
+    low: Tensor
+    high: Tensor
+
+    def __init__(self, mean: Tensor, sd: Tensor, low: Tensor, high: Tensor) -> None:
+        super().__init__()
+        for name, value in (("mean", mean), ("sd", sd), ("low", low), ("high", high)):
+            self.register_buffer(name, value)
+
+
+class PhysicsWithEffects(nn.Module):
+    """Physics whose rows have named effects in them; its packed observations hold the wheel rates.
+
+    It has the methods of :class:`~terrain_estimator.model.physics.Physics` that the model calls.
+    """
+
+    def __init__(self, nominal: Physics, effect_rows: EffectRows, values: ValuePrior) -> None:
+        """Take the physics without effects, the rows with them, and the prior of their values."""
+        super().__init__()
+        self.nominal, self.effect_rows, self.values = nominal, effect_rows, values
+        self.axles, self.gravity = nominal.axles, nominal.gravity
+        self.known_soils, self.uncertain_constants = (
+            nominal.known_soils,
+            nominal.uncertain_constants,
+        )
+        self.effect_values = values.mean.shape[0]
+        self.reevaluations, self.near = REEVALUATIONS, NEAR
+
+    def constants_of(self, chosen: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the constants of the ``chosen`` soil, as the nominal physics does."""
+        return self.nominal.constants_of(chosen, deviations)
+
+    def usable(self, view: PackedView, leading: Tensor) -> Tensor:
+        """Return the usable wheels, as the nominal physics does."""
+        return self.nominal.usable(view, leading)
+
+    def effect_sizes(self, mean: Tensor, variance: Tensor) -> Tensor:
+        """Return mean and variance of the size of each of J effects in SI units [J, 2].
+
+        ``mean`` and ``variance`` [V] are those of the values, in prior deviations.
+        """
+        value = self.values.mean + self.values.sd * mean
+        spread = self.values.sd**2 * variance
+        return self.effect_rows.size_moments(value, spread)
+
+    def within(self, deviations: Tensor) -> Tensor:
+        """Return the ``deviations`` [M + V] with sizes inside their ranges.
+
+        Beyond the end of a range the rows are continued linearly.
+        """
+        low, high = (
+            (end - self.values.mean) / self.values.sd for end in (self.values.low, self.values.high)
+        )
+        first = self.uncertain_constants
+        return torch.cat(
+            [deviations[:first], torch.minimum(torch.maximum(deviations[first:], low), high)]
+        )
+
+    def values_at(self, deviations: Tensor) -> Tensor:
+        """Return the values [1, V] of ``deviations`` [M + V] of constants and effects."""
+        return (
+            self.values.mean + self.values.sd * deviations[self.uncertain_constants :]
+        ).unsqueeze(0)
+
+    def varied_values(self, values: Tensor) -> Tensor:
+        """Return ``values`` [1, V] with one each a thousandth of its prior deviation larger, [V, V]."""
+        return values + 1e-3 * torch.diag(self.values.sd)
+
+    def rows(
+        self,
+        packed: Tensor,
+        contact: ContactModel,
+        deviations: Tensor,
+        theta: Tensor,
+        chosen: Tensor,
+    ) -> Rows:
+        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best, given ``theta`` [3].
+
+        The changes by the effects' values follow those by the constants; ``deviations`` [M + V] are
+        of both.
+        """
+        values, alone = self.values_at(deviations), values_alone(contact)
+        rate = view_of(packed, self.axles).wheel_rate
+        strength = theta[:2] * self.nominal.column_unit[:2]
+        observed, none = Observed(packed, rate), torch.zeros_like(packed)
+        straight = self.effect_rows.rows(observed, none, alone, values, strength)
+        plain = self.effect_rows.corrected(observed, values)
+        loaded = self.effect_rows.loaded(alone, values)
+        agreed = agreement(straight, plain, loaded, theta, chosen)
+        correction = agreed.inputs - plain
+        rows = self.effect_rows.rows(observed, correction, contact, values, strength, agreed.doubt)
+        every, n = self.varied_values(values), packed.shape[0]
+        many = every.shape[0]
+        varied = self.effect_rows.rows(
+            Observed(packed.repeat(many, 1), rate.repeat(many, 1)),
+            correction.repeat(many, 1),
+            alone,
+            every.repeat_interleave(n, 0),
+            strength,
+            agreed.doubt.repeat(many, 1, 1),
+        )
+        return with_changes(rows, varied)
+
+    def average(
+        self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
+    ) -> SoilRows:
+        """Return the rows of a block [n, P] on a soil, with arguments as those of the nominal physics.
+
+        ``expansion`` [2 + M + V] holds the deviations of the effects' values, too.
+        """
+        deviations = self.within(expansion[2:])
+        contact = self.nominal.contact(soil, deviations)
+        theta = torch.cat([expansion[:2], torch.ones_like(expansion[:1])])
+        rows = self.rows(packed, contact, deviations, theta, chosen)
+        return self.nominal.averaged(rows, packed, learnt, deviations, chosen)
+
+    def has_moved(self, before: Tensor, after: Tensor) -> bool:
+        """Return whether an effect moved so far that the rows of a block have to be evaluated anew.
+
+        ``before`` and ``after`` [M + V] are the deviations at the rows and at the posterior.
+        """
+        first = self.uncertain_constants
+        moved = (self.within(after)[first:] - before[first:]).abs().amax()
+        return not bool(moved < self.near)
+
+    def drive_row(
+        self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor
+    ) -> Tensor:
+        """Return the velocity row of one observation and its changes by constants and effects.
+
+        A wrong pitch changes the weight along the slope; that is in the row's constant.
+        """
+        here = self.values_at(self.within(deviations))
+        sets = constants + varied
+        values = torch.cat([here.expand(sets.shape[0], -1), self.varied_values(here)])
+        sets = torch.cat([sets, sets[:1].expand(here.shape[1], -1)]).unsqueeze(1)
+        packed = view.packed.expand(values.shape[0], -1)
+        before = view_of(packed, self.axles)
+        observed = Observed(packed, before.wheel_rate)
+        plain = view_of(self.effect_rows.corrected(observed, values), self.axles)
+        contact = self.nominal.contact_of(constants, varied)
+        # No law of a model depends on c and tan phi.
+        inputs = ContactInputs(plain.slip, plain.sinkage, sets, torch.zeros_like(sets[..., :2]))
+        forces = self.effect_rows.forces(inputs, before.wheel_rate, contact, values)
+        forces = forces * self.nominal.column_unit
+        along = along_body(plain.contact_angle).unsqueeze(-1)
+        scale = self.effect_rows.loaded(contact, values).body_scale[..., :1]
+        row = (along * forces).sum([1, 2]) * scale
+        weight = self.gravity * (torch.sin(before.pitch) - torch.sin(plain.pitch))
+        row = torch.cat([row[:, :2], (row[:, 2] + weight).unsqueeze(1)], 1)
+        return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])
+
+
+def nominal_of(physics: Physics | PhysicsWithEffects) -> Physics:
+    """Return the physics without named effects."""
+    return physics.nominal if isinstance(physics, PhysicsWithEffects) else physics
+
+
+def with_changes(rows: Rows, varied: Rows) -> Rows:
+    """Return ``rows`` [C, n, ...] with their changes by V values.
+
+    The rows ``varied`` [1, V n, ...] are by a thousandth of a deviation of each. The change of a
+    target stands, with the other sign, in the constant column.
+    """
+    n, r = rows.target.shape
+    alike = (varied.used.view(-1, n, r) == rows.used).to(rows.used.dtype).unsqueeze(-1)
+    by_target = 1e3 * (varied.target.view(-1, n, r) - rows.target)
+    features = 1e3 * (varied.features.view(-1, n, r, 3) - rows.features[0])
+    features = (
+        torch.cat([features[..., :2], (features[..., 2] - by_target).unsqueeze(-1)], -1) * alike
+    )
+    noise = (
+        1e3
+        * (varied.noise.view(-1, n, r, rows.noise.shape[3], 3) - rows.noise[0])
+        * alike.unsqueeze(-1)
+    )
+    return Rows(
+        torch.cat([rows.features, features]),
+        torch.cat([rows.noise, noise]),
+        rows.target,
+        rows.variance,
+        rows.used,
+    )
