@@ -12,12 +12,12 @@ from torch import Tensor
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator.screening import screen
-from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.packing import ground_torque, link, pack, view_of, without_link
+from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
-from terramechanics.simulation.sample import TIME_STEP
+from terramechanics.simulation.simulation import TIME_STEP
 from terramechanics.vehicle.rover import Rover
 
 
@@ -205,7 +205,7 @@ def _starts(usable: list[bool], linked: list[bool]) -> tuple[list[int], list[boo
 
 
 def _rim_rate(packed: Tensor, axles: int, radius: float) -> Tensor:
-    """Mean wheel rate of each block from velocity and slip, where no encoder tells it."""
+    """Return the mean wheel rate of each block from velocity and slip, without an encoder."""
     view = view_of(packed, axles)
     rim = view.velocity.unsqueeze(-1) / (1.0 - view.slip.clamp(max=0.9)) / radius
     return rim.mean(1, keepdim=True).expand(-1, packed.shape[1], -1)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Add named effects to a model, whose sizes it then estimates beside c and tan phi; no training."""
+"""Adds named effects to a model: a new model file that estimates their sizes beside c and tan phi, without any training."""
 
 import dataclasses
 import math
@@ -14,6 +14,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, NamedEffect
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
+from terrain_estimator.model.effect_rows import EffectRows
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
 from terrain_estimator.model.model_file import AddedEffect, LoadedModel, Metadata, ModelFileError
 from terrain_estimator.model.packing import scalar_fields
@@ -24,7 +25,7 @@ from terramechanics.effects import describe
 
 @dataclass(frozen=True, slots=True)
 class Sized:
-    """An effect with the prior of its size, in the effect's unit."""
+    """An effect and what is known of its size beforehand, in the effect's unit."""
 
     name: str
     mean: float
@@ -32,15 +33,12 @@ class Sized:
 
     @classmethod
     def of_library(cls, name: str) -> "Sized":
-        """Return the library's prior: zero, with half of the physical range as deviation."""
+        """The library's prior: none, give or take half of the physical range."""
         described = describe(name)
         return cls(name, 0.0, 0.5 * max(abs(described.low), abs(described.high)))
 
     def checked(self) -> "Sized":
-        """Return this effect.
-
-        Raises ConfigError where it cannot be estimated online, or where a number is wrong.
-        """
+        """The same. Raises ConfigError where the effect cannot be estimated online or where a number is wrong."""
         described = describe(self.name)
         if self.name in NOT_ONLINE:
             raise ConfigError(
@@ -56,7 +54,7 @@ class Sized:
 
 
 def restored(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
-    """Restore a model; raises ModelFileError where another version made the file."""
+    """As :func:`restore`. Raises ModelFileError where another version made the file, too."""
     try:
         return restore(loaded, trust=trust)
     except RuntimeError as error:  # torch's: tensors are missing or have other shapes
@@ -67,26 +65,23 @@ def restored(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
 
 
 def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
-    """Return the model ``loaded`` with ``effects`` as further parameters.
-
-    Raises ConfigError that names the effect, and the errors of :func:`restored`.
-    """
+    """The model ``loaded`` with ``effects`` as further parameters. Raises ConfigError that names the effect, and as :func:`restored`."""
     names = [effect.checked().name for effect in effects]
     if not names or len(set(names)) != len(names):
         raise ConfigError(
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
-    plain, rover = restored(loaded), loaded.rover
-    laws = [LAWS[name](rover) for name in names]
-    nominal, values = nominal_of(plain.physics), value_prior(effects)
-    physics = PhysicsWithEffects(nominal, laws, values, rover.mass)
+    plain = restored(loaded)
+    laws = [LAWS[name](loaded.rover) for name in names]
+    rows = EffectRows(laws, loaded.rover.mass)
+    physics = PhysicsWithEffects(nominal_of(plain.physics), rows, value_prior(effects))
     model = PAlpaca(physics, plain.net, plain.prior)
     model.hypotheses.load_state_dict(plain.hypotheses.state_dict())
     return model
 
 
 def value_prior(effects: Sequence[Sized]) -> ValuePrior:
-    """Return the prior of the effects' values: of each its size, then its further values."""
+    """Prior of the values of the effects: of each the size, then what else it has, which the library knows."""
     named = [NamedEffect(effect.name) for effect in effects]
     library = Hypothesis(tuple(named)).shared()
     mean, sd, place = torch.zeros_like(library.sd), library.sd.clone(), 0
@@ -103,7 +98,7 @@ def value_prior(effects: Sequence[Sized]) -> ValuePrior:
 def export_with(
     model: PAlpaca, loaded: LoadedModel, effects: Sequence[Sized], path: Path
 ) -> Metadata:
-    """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects."""
+    """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects in it."""
     names = [effect.name for effect in effects]
     values = tuple(
         f"{name}_{k}" if k else name for name in names for k in range(NamedEffect(name).count)
@@ -123,5 +118,5 @@ def export_with(
 
 
 def add_effects(loaded: LoadedModel, effects: Sequence[Sized], path: Path) -> Metadata:
-    """Write the model with ``effects`` to ``path``; raises ConfigError that names the effect."""
+    """Write the model ``loaded`` with ``effects`` to ``path``. Raises ConfigError that names the effect."""
     return export_with(with_effects(loaded, effects), loaded, effects, path)

@@ -13,13 +13,8 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.model.packing import (
-    view_of,
-    with_pitch,
-    with_sinkage,
-    with_slip_and_sd,
-    with_torque,
-)
+from terrain_estimator.model import packing
+from terrain_estimator.model.packing import view_of, with_pitch, with_sinkage, with_slip_and_sd
 from terrain_estimator.model.rows import (
     ContactModel,
     Rows,
@@ -32,8 +27,7 @@ from terrain_estimator.model.rows import (
     with_body,
 )
 from terramechanics.contact.stresses import wheel_forces
-from terramechanics.effects.law import Law, Readings
-from terramechanics.effects.law import with_torque as with_true_torque
+from terramechanics.effects.law import Law, Readings, with_torque
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import Geometry, shifted_centre
 
@@ -49,13 +43,13 @@ class Observed(NamedTuple):
 
 def readings_of(observed: Observed) -> Readings:
     """Return the sensor values that effects can change."""
-    view = view_of(observed.packed, observed.wheel_rate.shape[1])
+    view = view_of(observed.packed, observed.wheel_rate.shape[-1])
     return Readings(
         slip=view.slip,
         slip_sd=view.slip_sd,
         sinkage=view.sinkage,
         torque=view.torque,
-        pitch=view.pitch.unsqueeze(1),
+        pitch=view.pitch.unsqueeze(-1),
         wheel_rate=observed.wheel_rate,
         slip_rate=observed.slip_rate,
         sinkage_rate=observed.sinkage_rate,
@@ -63,10 +57,10 @@ def readings_of(observed: Observed) -> Readings:
 
 
 def with_readings(packed: Tensor, readings: Readings) -> Tensor:
-    """Return ``packed`` [n, P] with other sensor values."""
+    """Return packed observations [n, P] with other sensor values."""
     packed = with_slip_and_sd(packed, readings.slip, readings.slip_sd)
-    packed = with_torque(with_sinkage(packed, readings.sinkage), readings.torque)
-    return with_pitch(packed, readings.pitch.squeeze(1), readings.wheel_rate.shape[1])
+    packed = packing.with_torque(with_sinkage(packed, readings.sinkage), readings.torque)
+    return with_pitch(packed, readings.pitch.squeeze(-1), readings.wheel_rate.shape[-1])
 
 
 class StressIntegrals(nn.Module):
@@ -113,7 +107,7 @@ class EffectRows(nn.Module):
         for k, law in enumerate(self.laws):
             readings = law.corrected(readings, own[k])
             loss = law.drive_loss(readings.wheel_rate, own[k])
-            readings = with_true_torque(readings, readings.torque - loss)
+            readings = with_torque(readings, readings.torque - loss)
         return with_readings(observed.packed, readings)
 
     def loaded(self, contact: ContactModel, values: Tensor) -> ContactModel:

@@ -7,8 +7,6 @@ constant. The rows are evaluated anew at the posterior's values in every block; 
 each value is a difference of whole rows.
 """
 
-from collections.abc import Sequence
-
 import torch
 from torch import Tensor, nn
 
@@ -17,7 +15,6 @@ from terrain_estimator.model.effect_rows import EffectRows, Observed
 from terrain_estimator.model.packing import PackedView, view_of
 from terrain_estimator.model.physics import Physics, SoilRows
 from terrain_estimator.model.rows import ContactModel, Rows, values_alone
-from terramechanics.effects.law import Law
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.suspension import along_body
 
@@ -28,7 +25,7 @@ NEAR = 0.01
 
 
 class ValuePrior(nn.Module):
-    """Gaussian prior of the V values of the effects, and the range of their laws, [V] each."""
+    """Gaussian prior of the V values of the effects, and the range in which their laws hold, [V] each."""
 
     mean: Tensor
     sd: Tensor
@@ -47,19 +44,15 @@ class PhysicsWithEffects(nn.Module):
     It has the methods of :class:`~terrain_estimator.model.physics.Physics` that the model calls.
     """
 
-    def __init__(
-        self, nominal: Physics, laws: Sequence[Law], values: ValuePrior, mass_kg: float
-    ) -> None:
-        """Take the nominal physics, the laws with the prior of their values, and the mass.
-
-        ``values`` are those of the ``laws``, one law behind the other.
-        """
+    def __init__(self, nominal: Physics, effect_rows: EffectRows, values: ValuePrior) -> None:
+        """Take the physics without effects, the rows with them, and the prior of their values."""
         super().__init__()
-        self.nominal, self.values = nominal, values
-        self.effect_rows = EffectRows(laws, mass_kg)
+        self.nominal, self.effect_rows, self.values = nominal, effect_rows, values
         self.axles, self.gravity = nominal.axles, nominal.gravity
-        self.known_soils = nominal.known_soils
-        self.uncertain_constants = nominal.uncertain_constants
+        self.known_soils, self.uncertain_constants = (
+            nominal.known_soils,
+            nominal.uncertain_constants,
+        )
         self.effect_values = values.mean.shape[0]
         self.reevaluations, self.near = REEVALUATIONS, NEAR
 
@@ -77,7 +70,8 @@ class PhysicsWithEffects(nn.Module):
         ``mean`` and ``variance`` [V] are those of the values, in prior deviations.
         """
         value = self.values.mean + self.values.sd * mean
-        return self.effect_rows.size_moments(value, self.values.sd**2 * variance)
+        spread = self.values.sd**2 * variance
+        return self.effect_rows.size_moments(value, spread)
 
     def within(self, deviations: Tensor) -> Tensor:
         """Return the ``deviations`` [M + V] with sizes inside their ranges.
@@ -99,7 +93,7 @@ class PhysicsWithEffects(nn.Module):
         ).unsqueeze(0)
 
     def varied_values(self, values: Tensor) -> Tensor:
-        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
+        """Return ``values`` [1, V] with one each a thousandth of its prior deviation larger, [V, V]."""
         return values + 1e-3 * torch.diag(self.values.sd)
 
     def rows(
@@ -110,13 +104,14 @@ class PhysicsWithEffects(nn.Module):
         theta: Tensor,
         chosen: Tensor,
     ) -> Rows:
-        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best.
+        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best, given ``theta`` [3].
 
-        ``theta`` [3] is (c [kPa], tan phi, 1). The changes by the effects' values follow those by
-        the constants; ``deviations`` [M + V] are of both.
+        The changes by the effects' values follow those by the constants; ``deviations`` [M + V] are
+        of both.
         """
         values, alone = self.values_at(deviations), values_alone(contact)
-        rate, strength = view_of(packed, self.axles).wheel_rate, theta[:2] * contact.column_unit[:2]
+        rate = view_of(packed, self.axles).wheel_rate
+        strength = theta[:2] * self.nominal.column_unit[:2]
         observed, none = Observed(packed, rate), torch.zeros_like(packed)
         straight = self.effect_rows.rows(observed, none, alone, values, strength)
         plain = self.effect_rows.corrected(observed, values)
@@ -139,7 +134,7 @@ class PhysicsWithEffects(nn.Module):
     def average(
         self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
     ) -> SoilRows:
-        """Return the rows of a block [n, P] on a soil; the arguments are those of Physics.
+        """Return the rows of a block [n, P] on a soil, with arguments as those of the nominal physics.
 
         ``expansion`` [2 + M + V] holds the deviations of the effects' values, too.
         """
@@ -159,12 +154,7 @@ class PhysicsWithEffects(nn.Module):
         return not bool(moved < self.near)
 
     def drive_row(
-        self,
-        view: PackedView,
-        constants: Tensor,
-        varied: Tensor,
-        deviations: Tensor,
-        strength: Tensor,
+        self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor
     ) -> Tensor:
         """Return the velocity row of one observation and its changes by constants and effects.
 
@@ -174,15 +164,18 @@ class PhysicsWithEffects(nn.Module):
         sets = constants + varied
         values = torch.cat([here.expand(sets.shape[0], -1), self.varied_values(here)])
         sets = torch.cat([sets, sets[:1].expand(here.shape[1], -1)]).unsqueeze(1)
-        before = view_of(view.packed.expand(values.shape[0], -1), self.axles)
-        observed = Observed(before.packed, before.wheel_rate)
+        packed = view.packed.expand(values.shape[0], -1)
+        before = view_of(packed, self.axles)
+        observed = Observed(packed, before.wheel_rate)
         plain = view_of(self.effect_rows.corrected(observed, values), self.axles)
         contact = self.nominal.contact_of(constants, varied)
-        inputs = ContactInputs(plain.slip, plain.sinkage, sets, strength)
+        # No law of a model depends on c and tan phi.
+        inputs = ContactInputs(plain.slip, plain.sinkage, sets, torch.zeros_like(sets[..., :2]))
         forces = self.effect_rows.forces(inputs, before.wheel_rate, contact, values)
+        forces = forces * self.nominal.column_unit
         along = along_body(plain.contact_angle).unsqueeze(-1)
-        loaded = self.effect_rows.loaded(contact, values)
-        row = (along * forces * contact.column_unit).sum([1, 2]) * loaded.body_scale[..., :1]
+        scale = self.effect_rows.loaded(contact, values).body_scale[..., :1]
+        row = (along * forces).sum([1, 2]) * scale
         weight = self.gravity * (torch.sin(before.pitch) - torch.sin(plain.pitch))
         row = torch.cat([row[:, :2], (row[:, 2] + weight).unsqueeze(1)], 1)
         return torch.cat([row[:1], 1e3 * (row[1:] - row[0])])

@@ -18,12 +18,7 @@ from terrain_estimator.learning.adding import Sized, add_effects, with_effects
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import measure_tasks
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
-from terrain_estimator.model.model_file import (
-    AddedEffect,
-    LoadedModel,
-    ModelFileError,
-    load_model,
-)
+from terrain_estimator.model.model_file import AddedEffect, LoadedModel, ModelFileError, load_model
 from terrain_estimator.model.packing import TIMING, pack, packed_size, view_of
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
@@ -102,7 +97,7 @@ def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
 
 
 def residuals(model: PAlpaca, drive: Drive, size: float) -> torch.Tensor:
-    """Return the largest residual of a row of an exact drive, in units of its scale.
+    """Return the largest rest of a row of an exact drive, in units of its scale.
 
     The effect is at ``size`` times the prior mean.
     """
@@ -244,8 +239,8 @@ def test_a_wrong_effect_is_refused_by_name(
 def test_a_model_of_another_version_is_refused_with_what_to_do(plain: LoadedModel) -> None:
     values = plain.module.state_dict()
     values["of_old"] = values.pop("physics.stencil_moves")
-    module = SimpleNamespace(state_dict=lambda: values)
-    old = dataclasses.replace(plain, module=module)  # type: ignore[arg-type]
+    other = SimpleNamespace(state_dict=lambda: values)
+    old = dataclasses.replace(plain, module=other)  # type: ignore[arg-type]
     with pytest.raises(
         ModelFileError,
         match=(

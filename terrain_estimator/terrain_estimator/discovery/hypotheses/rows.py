@@ -84,7 +84,7 @@ class LinearizationPoint:
 class Expansion(NamedTuple):
     """The inputs of n observations around which rows are expanded."""
 
-    input_correction: Tensor  # [n, 8 A + 9] less the measured ones
+    input_correction: Tensor  # [n, P] less the measured ones
     doubt: Tensor  # [n, 3, A] as of :class:`Agreement`
 
 

@@ -33,9 +33,11 @@ class SlopeTrack:
 
 
 def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
-    """Return the track of linked observations [n, P]: a smoothing spline through wheel slopes.
+    """Return the track of linked observations [n, P].
 
-    Its smoothness follows from the slopes themselves (generalised cross-validation, Craven and
+    A smoothing spline through the slopes below all wheels.
+
+    How smooth it is follows from the slopes themselves (generalised cross-validation, Craven and
     Wahba 1979).
     """
     view = view_of(packed, rover.axles)
@@ -58,7 +60,7 @@ def track_of(packed: Tensor, rover: Rover) -> SlopeTrack:
 
 
 def noisier(packed: Tensor, axles: int, generator: torch.Generator) -> Tensor:
-    """Return the observations [n, P] with noise added to their angles once more."""
+    """Return the observations [n, P] with noise added to their angles."""
     view, count = view_of(packed, axles), len(packed)
     noise = torch.randn(count, axles, generator=generator, dtype=torch.float64)
     again = with_contact_angle(packed, view.contact_angle + view.contact_angle_sd * noise)
