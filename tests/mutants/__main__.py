@@ -91,7 +91,7 @@ def measure(plan: Plan, tests: Sequence[str], tell: Callable[[str], None]) -> di
 def judge_all(
     plan: Plan, drawn: Sequence[Mutant], number: int, results: Results, tell: Callable[[str], None]
 ) -> list[Verdict]:
-    """Judge the first ``number`` of the ``drawn`` that compile; return verdicts in order."""
+    """Judge the ``drawn`` until ``number`` have compiled; return all verdicts in order."""
     tree = plan.tree
     judges = {file: tree.judges(file) for file in {mutant.file for mutant in drawn}}
     tests = sorted({test for found in judges.values() for _, test in found})

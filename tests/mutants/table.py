@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The verdicts of a run in a file, so that an interrupted run continues, and their table."""
+"""The verdicts of a run: kept in a file, so that a run can go on, and written as tables."""
 
 import json
 import threading

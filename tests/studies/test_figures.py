@@ -37,7 +37,7 @@ def tensor(values: object) -> Tensor:
 def judged(
     shares: list[tuple[float, float]], sd: tuple[float, float] = (200.0, 0.05), bound: float = 0.5
 ) -> Judged:
-    """Drives whose errors are ``shares`` of the published deviations ``sd``; the bound is smaller."""
+    """Drives whose errors are ``shares`` of the published deviations ``sd``."""
     count, spread = len(shares), tensor(sd)
     mean = (tensor(TRUTH) + tensor(shares) * spread).unsqueeze(1)
     covariance = torch.diag(spread**2).expand(count, 1, 2, 2)

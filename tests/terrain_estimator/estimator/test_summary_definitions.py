@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The summary of a posterior against its definitions: moments of mixtures, and scipy's Gaussians."""
+"""The summary of a posterior by its definitions: moments of mixtures, scipy's Gaussians."""
 
 import math
 

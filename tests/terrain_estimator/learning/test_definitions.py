@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the net learns from: tasks, their regressions, and the terms of its loss, by definition and by statistics."""
+"""Tasks, their regressions and the terms of the loss, by definition and by statistics."""
 
 import math
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Models with effects in their limits: an effect that is known to be absent, and moments of sizes."""
+"""Models with effects in their limits: effects known to be absent, moments of sizes."""
 
 import math
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Stencil, rows and the place of their expansion against sums over wheels and finite differences."""
+"""Stencil, rows and their place of expansion: sums over wheels and finite differences."""
 
 import math
 from collections.abc import Callable
@@ -128,7 +128,7 @@ def test_rows_are_the_balances_of_the_rover_summed_wheel_by_wheel(
 def test_the_noise_of_a_row_is_its_change_by_a_deviation_of_each_input(
     contact: ContactModel,
 ) -> None:
-    """Slip and sinkage over plus and minus one deviation; contact angle and pitch as derivatives."""
+    """Slip and sinkage by plus and minus one deviation; angles by derivatives."""
     noise = rows_of(packed(), contact).noise[0, 0].numpy()  # [R, 3 A + 1, 3]
     start = packed()
     for group, (name, sd_name) in enumerate((("slip", "slip_sd"), ("sinkage", "sinkage_sd"))):
@@ -195,7 +195,7 @@ def test_rows_of_several_observations_are_those_of_each(contact: ContactModel) -
 
 
 def test_rows_expanded_elsewhere_are_moved_back_to_first_order(contact: ContactModel) -> None:
-    """From inputs half a deviation away: what is left is of second order, a hundredth of the move."""
+    """From inputs half a deviation away: what is left is of second order."""
     near = packed(slip_0=0.12 + 0.005, sinkage_1=0.016 - 0.0006)
     exact = rows_of(packed(), contact).features[0, 0] @ torch.from_numpy(THETA)
     away = rows_of(near, contact).features[0, 0] @ torch.from_numpy(THETA)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The tracked model files compute what the source computes, and both do what a Kalman filter does."""
+"""The tracked model files compute what the source computes, which is a Kalman filter."""
 
 import itertools
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the contact model, its angles and its quadrature, and the ranges of what it is used for."""
+"""Limits of the contact model, its angles and its quadrature; ranges of effects and hills."""
 
 import itertools
 import math
@@ -112,8 +112,10 @@ def test_the_largest_stress_lies_between_the_ends_of_the_contact() -> None:
 def test_the_shear_changes_its_direction_where_its_integral_vanishes(
     slip: float, share: float
 ) -> None:
-    """j(theta) = r [theta_1 - theta - (1 - i)(sin theta_1 - sin theta)]; where it has one sign only,
-    an end of the contact is the answer."""
+    """j(theta) = r [theta_1 - theta - (1 - i)(sin theta_1 - sin theta)]
+
+    Where it has one sign only, an end of the contact is the answer.
+    """
     theta_1 = math.acos(1.0 - share)
     found = float(shear_reversal_angle(number(slip), number(theta_1)))
     assert 0.0 <= found <= theta_1
@@ -131,7 +133,7 @@ def test_the_shear_changes_its_direction_where_its_integral_vanishes(
 @pytest.mark.parametrize("slip", [-0.3, -0.05, 0.0, 0.15, 0.8])
 @pytest.mark.parametrize("exit_angle", [None, 0.1])
 def test_forces_are_the_integrals_of_the_stresses(slip: float, exit_angle: float | None) -> None:
-    """By scipy, from the definitions of the module; behind theta_m the stress of the mirrored place."""
+    """By scipy, from the definitions of the module: behind theta_m the stress is mirrored."""
     sinkage, constants = 0.015, SOIL.constants()
     n, k_c, k_phi, shear, c1, c2 = constants.tolist()
     first = math.acos(1.0 - sinkage / R)
@@ -161,7 +163,11 @@ def test_forces_are_the_integrals_of_the_stresses(slip: float, exit_angle: float
 
     expected = R * B * np.array(
         [
-            [total(mobilised, math.sin), total(normal, mobilised, math.sin), total(normal, math.cos)],
+            [
+                total(mobilised, math.sin),
+                total(normal, mobilised, math.sin),
+                total(normal, math.cos),
+            ],
             [
                 total(mobilised, math.cos),
                 total(normal, mobilised, math.cos),
@@ -239,7 +245,7 @@ def test_an_effect_of_one_axle_gets_it_and_the_others_do_not() -> None:
 
 
 def test_random_hills_scale_down_with_what_the_rover_can_pull() -> None:
-    """The same draw: up to twice the steepest slope all of it, below in proportion, below zero none."""
+    """The same draw: above twice the steepest slope all of it, below that in proportion."""
     steepest = math.tan(STEEPEST)
 
     def drawn(capability: float) -> Tensor:

@@ -172,6 +172,7 @@ def test_the_side_of_a_wheel_pushes_against_its_slip_angle_and_not_straight_ahea
         )  # fmt: skip
         pushed = LateralBulldozing(2e5).push(where, turned, forces)
         side = side_resistance(number(2e5), straight.sinkage, ROVER.wheel_radius, quadrature())
+        assert pushed.shape == forces.shape
         assert not pushed[..., :3].any()
         torch.testing.assert_close(pushed[..., 3], side * math.sin(angle))
 

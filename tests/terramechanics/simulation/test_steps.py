@@ -12,6 +12,7 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage, free_rolling
+from terramechanics.simulation.plant import ContactInputs, Effect, Plant, Situation
 from terramechanics.simulation.sample import SLOWEST, TIME_STEP, Sample
 from terramechanics.simulation.schedules import (
     HIGHEST_SLIP,
@@ -190,9 +191,36 @@ def test_named_schedules_start_settled_and_own_ones_as_they_are_given() -> None:
     assert torch.equal(again.velocity, schedule.start_velocity)
 
 
+def test_an_effect_is_asked_at_the_end_of_each_step() -> None:
+    """And before the first, for the place where the rover begins."""
+    asked: list[tuple[float, int]] = []
+
+    class Noting(Effect):
+        def contact(self, where: Situation, contact: ContactInputs) -> ContactInputs:
+            asked.append((where.time, where.episode.shape[0]))
+            return contact
+
+        def friction(self, where: Situation) -> Tensor:
+            return 0.25 * where.rate
+
+    velocity = torch.full((2,), 0.1, dtype=torch.float64)
+    plain = simulation(2, Flat())
+    sim = Simulation(ROVER, Ground.constant(SOIL), Flat(), velocity, plant=Plant([Noting()]))
+    asked.clear()
+    for step in (1, 2):
+        sample, without = (s.step(Command.RATE, rates(2, 0.12)) for s in (sim, plain))
+        times = [time for time, _ in asked]
+        assert times == pytest.approx([step * TIME_STEP] * len(times))
+        assert times
+        asked.clear()
+        torch.testing.assert_close(sample.velocity, without.velocity)
+        lost = sample.torque - without.torque
+        torch.testing.assert_close(lost, 0.25 * rates(2, 0.12), rtol=1e-6, atol=1e-9)
+
+
 @pytest.mark.parametrize("soil", ["loose_sand", "compact_sand"])
 def test_the_torques_of_s2_are_shares_of_what_an_even_load_needs(soil: str) -> None:
-    """From a third of the way between rolling freely and the highest torque, for 20 s; then half."""
+    """From a third of the way between rolling freely and the highest torque; then half."""
     ground, batch = Ground.constant(load_soil(soil)), 400
     schedule = make_schedule("S2", ROVER, ground, batch, torch.Generator().manual_seed(1))
     assert isinstance(schedule, TorqueBands)
@@ -250,7 +278,7 @@ class Counted:
 
 
 def test_a_pose_is_found_in_a_few_steps_of_newton() -> None:
-    """It converges quadratically: six evaluations of hills, from a level pose and from one before."""
+    """It converges quadratically: six evaluations of hills."""
     x = torch.linspace(0.3, 9.7, 24, dtype=torch.float64)
     hills = random_hills(24, torch.ones(24).double(), torch.Generator().manual_seed(5))
     fresh = Counted(hills)
@@ -262,7 +290,7 @@ def test_a_pose_is_found_in_a_few_steps_of_newton() -> None:
 
 
 def test_ground_that_is_curved_more_sharply_than_a_wheel_is_refused() -> None:
-    """The radius of a hollow may not come near that of the wheel: 1 - r h'' has to stay above 0.1."""
+    """The radius of a hollow may not come near that of the wheel: 1 - r h'' > 0.1."""
     x = torch.zeros(1, dtype=torch.float64)
     for radii, refused in ((1.05, True), (1.3, False)):
         curvature = 1.0 / (radii * ROVER.wheel_radius)
@@ -308,7 +336,7 @@ def test_patches_that_overlap_are_refused(patches: Callable[[], list[Patch]]) ->
 
 
 def test_random_strengths_are_uniform_in_cohesion_and_in_the_friction_angle() -> None:
-    """5000 draws: the ends are approached within 1 % of the range, the mean within 4 standard errors."""
+    """5000 draws: the ends within 1 % of the range, the mean within 4 standard errors."""
     generator = torch.Generator().manual_seed(4)
     ground = Ground.random_strength(SOIL, 5000, generator)
     cohesion, tan_phi = ground.patches[0].strength.unbind(-1)

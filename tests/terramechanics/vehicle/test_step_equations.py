@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the solvers of one time step are given and how quickly they get there: derivatives by differences."""
+"""What the solvers of a time step are given, and how quickly they get there."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,10 +10,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from terramechanics.contact.sinkage import DEEPEST, SHALLOWEST, WheelGround, equilibrium_sinkage
+from terramechanics.contact.sinkage import (
+    DEEPEST,
+    FEW,
+    SHALLOWEST,
+    WheelGround,
+    equilibrium_sinkage,
+)
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP
-from terramechanics.numerics import roots
 from terramechanics.numerics.roots import bracketed_root, quasi_newton
+from terramechanics.simulation.plant import ContactInputs
 from terramechanics.terrain.profile import Flat
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle import equilibrium
@@ -267,7 +273,7 @@ def test_a_linear_problem_is_solved_by_one_move_and_a_far_one_by_bounded_moves()
     assert bool(solved.all())
     torch.testing.assert_close(found, goal)
     # the start, one move for the first, then half a unit each for the second
-    assert values == [2, 2] + [1] * (round(3.0 / roots.LARGEST_MOVE) - 1)
+    assert values == [2, 2] + [1] * 5
 
 
 def test_a_singular_problem_is_given_up_where_it_started() -> None:
@@ -349,6 +355,26 @@ def test_wheels_that_carry_nothing_or_too_much_are_not_searched_for() -> None:
     depth = equilibrium_sinkage(wheel, torch.zeros_like(load), load) / ROVER.wheel_radius
     assert depth.tolist() == pytest.approx([SHALLOWEST, DEEPEST, SHALLOWEST])
     assert len(calls) == 2  # the ends, and where the search begins
+
+
+@pytest.mark.parametrize(
+    ("count", "lowest", "groups"), [(FEW - 1, -0.3, 1), (FEW, -0.3, 2), (FEW, 0.0, 1)]
+)
+def test_braked_wheels_are_treated_apart_where_they_are_many(
+    count: int, lowest: float, groups: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[int] = []
+    forces = ContactInputs.forces
+
+    def counting(self: ContactInputs, *arguments: Any) -> Tensor:
+        calls.append(self.slip.numel())
+        return forces(self, *arguments)
+
+    monkeypatch.setattr(ContactInputs, "forces", counting)
+    slip = torch.linspace(lowest, 0.5, count, dtype=torch.float64)
+    wheel = WheelGround.of(ROVER, SOIL.constants(), SOIL.strength(), 6)
+    assert wheel.forces(slip, torch.full_like(slip, 0.01)).shape == (count, 3)
+    assert (len(calls), sum(calls)) == (groups, count)
 
 
 def test_many_braked_wheels_at_a_slip_angle_get_the_forces_of_each() -> None:
