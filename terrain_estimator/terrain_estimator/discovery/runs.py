@@ -12,12 +12,12 @@ from torch import Tensor
 
 from terrain_estimator.config import CoreConfig
 from terrain_estimator.estimator.screening import screen
+from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.packing import ground_torque, link, pack, view_of, without_link
-from terrain_estimator.model.palpaca import BLOCK
 from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
-from terramechanics.simulation.simulation import TIME_STEP
+from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.vehicle.rover import Rover
 
 

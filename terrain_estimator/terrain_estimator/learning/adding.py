@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Adds named effects to a model: a new model file that estimates their sizes beside c and tan phi, without any training."""
+"""Add named effects to a model, whose sizes it then estimates beside c and tan phi; no training."""
 
 import dataclasses
 import math
@@ -25,7 +25,7 @@ from terramechanics.effects import describe
 
 @dataclass(frozen=True, slots=True)
 class Sized:
-    """An effect and what is known of its size beforehand, in the effect's unit."""
+    """An effect with the prior of its size, in the effect's unit."""
 
     name: str
     mean: float
@@ -33,12 +33,15 @@ class Sized:
 
     @classmethod
     def of_library(cls, name: str) -> "Sized":
-        """The library's prior: none, give or take half of the physical range."""
+        """Return the library's prior: zero, with half of the physical range as deviation."""
         described = describe(name)
         return cls(name, 0.0, 0.5 * max(abs(described.low), abs(described.high)))
 
     def checked(self) -> "Sized":
-        """The same. Raises ConfigError where the effect cannot be estimated online or where a number is wrong."""
+        """Return this effect.
+
+        Raises ConfigError where it cannot be estimated online, or where a number is wrong.
+        """
         described = describe(self.name)
         if self.name in NOT_ONLINE:
             raise ConfigError(
@@ -54,7 +57,7 @@ class Sized:
 
 
 def restored(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
-    """As :func:`restore`. Raises ModelFileError where another version made the file, too."""
+    """Restore a model; raises ModelFileError where another version made the file."""
     try:
         return restore(loaded, trust=trust)
     except RuntimeError as error:  # torch's: tensors are missing or have other shapes
@@ -65,15 +68,17 @@ def restored(loaded: LoadedModel, *, trust: float | None = None) -> PAlpaca:
 
 
 def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
-    """The model ``loaded`` with ``effects`` as further parameters. Raises ConfigError that names the effect, and as :func:`restored`."""
+    """Return the model ``loaded`` with ``effects`` as further parameters.
+
+    Raises ConfigError that names the effect, and the errors of :func:`restored`.
+    """
     names = [effect.checked().name for effect in effects]
     if not names or len(set(names)) != len(names):
         raise ConfigError(
             f"effects {', '.join(names) or '(none)'}: at least one is needed, and each once"
         )
-    plain = restored(loaded)
-    laws = [LAWS[name](loaded.rover) for name in names]
-    rows = EffectRows(laws, loaded.rover.mass)
+    plain, rover = restored(loaded), loaded.rover
+    rows = EffectRows([LAWS[name](rover) for name in names], rover.mass)
     physics = PhysicsWithEffects(nominal_of(plain.physics), rows, value_prior(effects))
     model = PAlpaca(physics, plain.net, plain.prior)
     model.hypotheses.load_state_dict(plain.hypotheses.state_dict())
@@ -81,7 +86,7 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
 
 
 def value_prior(effects: Sequence[Sized]) -> ValuePrior:
-    """Prior of the values of the effects: of each the size, then what else it has, which the library knows."""
+    """Return the prior of the effects' values: of each its size, then its further values."""
     named = [NamedEffect(effect.name) for effect in effects]
     library = Hypothesis(tuple(named)).shared()
     mean, sd, place = torch.zeros_like(library.sd), library.sd.clone(), 0
@@ -98,7 +103,7 @@ def value_prior(effects: Sequence[Sized]) -> ValuePrior:
 def export_with(
     model: PAlpaca, loaded: LoadedModel, effects: Sequence[Sized], path: Path
 ) -> Metadata:
-    """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects in it."""
+    """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects."""
     names = [effect.name for effect in effects]
     values = tuple(
         f"{name}_{k}" if k else name for name in names for k in range(NamedEffect(name).count)
@@ -118,5 +123,5 @@ def export_with(
 
 
 def add_effects(loaded: LoadedModel, effects: Sequence[Sized], path: Path) -> Metadata:
-    """Write the model ``loaded`` with ``effects`` to ``path``. Raises ConfigError that names the effect."""
+    """Write the model with ``effects`` to ``path``; raises ConfigError that names the effect."""
     return export_with(with_effects(loaded, effects), loaded, effects, path)

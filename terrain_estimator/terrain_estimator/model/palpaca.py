@@ -224,10 +224,7 @@ class PAlpaca(nn.Module):
         """Return the motion at one observation, as the posterior predicts it."""
         layout = self.layout
         deviations = state["expected"][layout.first_constant : layout.first_fixed]
-        strength = state["expected"][:2] * self.hypotheses.unit
-        row = self.physics.drive_row(
-            view, state["constants"], state["varied"], deviations, strength
-        )
+        row = self.physics.drive_row(view, state["constants"], state["varied"], deviations)
         pitch = view.pitch.unsqueeze(0)
         learnt = self.net.distinct(view.slip, view.sinkage, view.contact_angle, pitch)[0]
         return self.velocity.predict(state, row, learnt, view.pitch, view.step)

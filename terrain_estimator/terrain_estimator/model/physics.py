@@ -142,19 +142,14 @@ class Physics(nn.Module):
         return possible & (view.contact_angle.abs() < float("inf"))
 
     def drive_row(
-        self,
-        view: PackedView,
-        constants: Tensor,
-        varied: Tensor,
-        deviations: Tensor,
-        strength: Tensor,
+        self, view: PackedView, constants: Tensor, varied: Tensor, deviations: Tensor
     ) -> Tensor:
         """Return the velocity row of one observation and its changes, as rows.drive_row does.
 
         ``constants`` [6] are those of the soil with all ``deviations``, ``varied`` [C, 6] their
-        changes; ``strength`` [2] is (c [Pa], tan phi), for laws of effects.
+        changes.
         """
-        del deviations, strength
+        del deviations
         contact = self.contact_of(constants, varied)
         return drive_row(view.slip, view.sinkage, view.contact_angle, contact)
 

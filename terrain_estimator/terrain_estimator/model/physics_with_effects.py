@@ -25,7 +25,7 @@ NEAR = 0.01
 
 
 class ValuePrior(nn.Module):
-    """Gaussian prior of the V values of the effects, and the range in which their laws hold, [V] each."""
+    """Gaussian prior of the V values of the effects, and the range of their laws, [V] each."""
 
     mean: Tensor
     sd: Tensor
@@ -93,7 +93,7 @@ class PhysicsWithEffects(nn.Module):
         ).unsqueeze(0)
 
     def varied_values(self, values: Tensor) -> Tensor:
-        """Return ``values`` [1, V] with one each a thousandth of its prior deviation larger, [V, V]."""
+        """Return ``values`` [1, V] with one each larger by a thousandth of its deviation [V, V]."""
         return values + 1e-3 * torch.diag(self.values.sd)
 
     def rows(
@@ -104,10 +104,10 @@ class PhysicsWithEffects(nn.Module):
         theta: Tensor,
         chosen: Tensor,
     ) -> Rows:
-        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best, given ``theta`` [3].
+        """Return the rows of observations [n, P], expanded where the ``chosen`` [R] agree best.
 
-        The changes by the effects' values follow those by the constants; ``deviations`` [M + V] are
-        of both.
+        ``theta`` [3] is (c [kPa], tan phi, 1). The changes by the effects' values follow those by
+        the constants; ``deviations`` [M + V] are of both.
         """
         values, alone = self.values_at(deviations), values_alone(contact)
         rate = view_of(packed, self.axles).wheel_rate
@@ -134,7 +134,7 @@ class PhysicsWithEffects(nn.Module):
     def average(
         self, packed: Tensor, learnt: Tensor, soil: int, expansion: Tensor, chosen: Tensor
     ) -> SoilRows:
-        """Return the rows of a block [n, P] on a soil, with arguments as those of the nominal physics.
+        """Return the rows of a block [n, P] on a soil; arguments as of the nominal physics.
 
         ``expansion`` [2 + M + V] holds the deviations of the effects' values, too.
         """

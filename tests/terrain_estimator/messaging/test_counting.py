@@ -30,7 +30,7 @@ from terrain_estimator.messaging.history import (
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.messaging.timing import timing
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.ros_types import INPUT_TYPES
+from terrain_estimator.topics import INPUT_TYPES
 from terrain_estimator.update import Update
 from tests.terrain_estimator.updates import update
 
