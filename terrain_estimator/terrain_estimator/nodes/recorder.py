@@ -7,7 +7,7 @@ A kill -9 loses no message that has reached the node.
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -249,22 +249,27 @@ class RecorderNode(ManagedNode):
         self._refused.pop(name, None)
         if topic is None:
             return None
-        qos = QoSProfile(
-            depth=QUEUE,
-            reliability=(
-                QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
-            ),
-            durability=(
-                QoSDurabilityPolicy.TRANSIENT_LOCAL
-                if transient_local
-                else QoSDurabilityPolicy.VOLATILE
-            ),
-        )
         if old and not old.gone:
             self.guard(drain)([old.subscription])
             self.destroy_subscription(old.subscription)
             old.gone = True
 
+        subscription = self.create_subscription(
+            kind,
+            name,
+            cast("Any", self._recording(topic, name, kind)),
+            _qos(reliable=reliable, transient_local=transient_local),
+            raw=True,
+        )
+        self._sources[name] = Source(
+            topic, subscription, reliable, transient_local, matched=old is not None and old.matched
+        )
+        return self._sources[name]
+
+    def _recording(
+        self, topic: BagTopic, name: str, kind: type[Any]
+    ) -> Callable[[bytes, dict[str, int]], None]:
+        """Return the callback that gives the messages of a topic to the bag's thread."""
         thread = self._bag
 
         def write(data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
@@ -272,7 +277,7 @@ class RecorderNode(ManagedNode):
                 return
             try:
                 thread.bag.write(topic, data, log_time_ns, publish_time_ns)
-                if type_name == HEALTH:
+                if topic.count.type_name == HEALTH:
                     self._note_identity(thread.bag, name, data, kind)
             except OSError as error:
                 self._fail(thread, error)
@@ -286,13 +291,7 @@ class RecorderNode(ManagedNode):
                 len(data),
             )
 
-        subscription = self.create_subscription(
-            kind, name, cast("Any", self.guard(record)), qos, raw=True
-        )
-        self._sources[name] = Source(
-            topic, subscription, reliable, transient_local, matched=old is not None and old.matched
-        )
-        return self._sources[name]
+        return self.guard(record)
 
     def _topic(
         self, name: str, type_name: str, publishers: list[TopicEndpointInfo]
@@ -353,6 +352,18 @@ class RecorderNode(ManagedNode):
         if text not in self._warnings:
             self._warnings.add(text)
             self._log.warning(text)
+
+
+def _qos(*, reliable: bool, transient_local: bool) -> QoSProfile:
+    return QoSProfile(
+        depth=QUEUE,
+        reliability=(
+            QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
+        ),
+        durability=(
+            QoSDurabilityPolicy.TRANSIENT_LOCAL if transient_local else QoSDurabilityPolicy.VOLATILE
+        ),
+    )
 
 
 def main() -> int:

@@ -123,6 +123,46 @@ def _shared(lag: Tensor, sideways: Tensor) -> tuple[Tensor, Tensor]:
     return lag * share, sideways * share
 
 
+def _mobilised(
+    theta: Tensor,
+    theta_1: Tensor,
+    sine: Tensor,
+    slip: Tensor,
+    stretch: Tensor,
+    braked: bool,  # noqa: FBT001 - torch.jit.script
+    slip_angle: Tensor | None,
+) -> tuple[Tensor, Tensor]:
+    """Return -E and -E_y [2, P, ...] [1], the shares of the shear strength that are mobilised.
+
+    ``stretch`` is radius / K. Without a slip angle -E_y has no meaning.
+    """
+    # -j / K
+    lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * stretch
+    if slip_angle is not None:
+        return _shared(lag, (theta - theta_1) * ((1.0 - slip) * torch.tan(slip_angle) * stretch))
+    return -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag), lag
+
+
+def _force_rows(
+    step: Tensor, normal: Tensor, mobilised: Tensor, sine: Tensor, cosine: Tensor, radius: float
+) -> Tensor:
+    """Integrate the stresses: rows N, T, M, columns c, tan(phi), 1; shape [3, 3, ...].
+
+    ``step`` is the arc of each node times the width [m^2], ``normal`` its normal force [N].
+    """
+    stresses = torch.stack([step * mobilised, normal * mobilised, normal])
+    integrals = torch.stack(
+        [
+            (stresses * sine).sum([1, 2]),
+            (stresses * cosine).sum([1, 2]),
+            radius * stresses.sum([1, 2]),
+        ]
+    )
+    by_sine, by_cosine, _ = integrals[:, 2].unbind(0)
+    constant = torch.stack([by_cosine, -by_sine, torch.zeros_like(by_sine)])
+    return torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1)
+
+
 def wheel_forces(
     slip: Tensor,
     sinkage: Tensor,
@@ -176,32 +216,12 @@ def wheel_forces(
 
     theta = torch.stack([theta_1 - front, behind])  # [2, P, ...], as all of both sides
     sine, cosine = torch.sin(theta), torch.cos(theta)
-    # -j / K
-    lag = torch.addcmul(theta - theta_1, 1.0 - slip, torch.sin(theta_1) - sine) * (
-        radius / shear_modulus
+    mobilised, sideways = _mobilised(
+        theta, theta_1, sine, slip, radius / shear_modulus, braked, slip_angle
     )
-    sideways = lag
-    if slip_angle is None:
-        # -E
-        mobilised = -torch.sign(lag) * torch.expm1(-torch.abs(lag)) if braked else torch.expm1(lag)
-    else:
-        mobilised, sideways = _shared(
-            lag,
-            (theta - theta_1) * ((1.0 - slip) * torch.tan(slip_angle) * (radius / shear_modulus)),
-        )
     step = torch.stack([length * arc, rear * arc])
     normal = sigma * step
-    stresses = torch.stack([step * mobilised, normal * mobilised, normal])
-    integrals = torch.stack(
-        [
-            (stresses * sine).sum([1, 2]),
-            (stresses * cosine).sum([1, 2]),
-            radius * stresses.sum([1, 2]),
-        ]
-    )
-    by_sine, by_cosine, _ = integrals[:, 2].unbind(0)
-    constant = torch.stack([by_cosine, -by_sine, torch.zeros_like(by_sine)])
-    rows = torch.cat([-integrals[:, :2], constant.unsqueeze(1)], 1)
+    rows = _force_rows(step, normal, mobilised, sine, cosine, radius)
     if slip_angle is not None:
         lateral = torch.stack([step * sideways, normal * sideways, torch.zeros_like(sideways)]).sum(
             [1, 2]
