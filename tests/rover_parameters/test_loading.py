@@ -18,7 +18,7 @@ LOOSE = (PRESETS / "soils" / "loose_sand.yaml").read_text(encoding="utf-8")
 
 
 def written(folder: Path, text: str, **changes: object) -> Path:
-    """A file with that content, some of its keys changed; a change to None leaves the key out."""
+    """Write a file with that content, some keys changed; None removes a key."""
     content = yaml.safe_load(text) | changes
     path = folder / "given.yaml"
     path.write_text(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters and parameter files are strict: what is unknown, of a wrong type or out of range is named, on every way in."""
+"""An unknown parameter, a wrong type or a value out of range is an error that names it."""
 
 from pathlib import Path
 from typing import Any

@@ -80,8 +80,11 @@ def plain_step(step: dict[str, Any]) -> dict[str, object]:
 
 
 def test_errors_are_as_large_as_the_published_deviations_and_another_in_every_wheel() -> None:
-    """60 s of 6 wheels: 3600 errors. Their mean square in units of the deviations is 1 within 4.5 sqrt(2 / 3600), and 5 %
-    for deviations that follow from measured values."""
+    """Compare 3600 errors, 60 s of 6 wheels, with the published deviations.
+
+    Their mean square in units of the deviations is 1 within 4.5 sqrt(2 / 3600), and 5 % for
+    deviations that follow from measured values.
+    """
     steps = 600
     noisy, exact = readings(CONFIG, steps), readings(dataclasses.replace(CONFIG, noise=0.0), steps)
     for name in ("slip", "sinkage", "contact_angle", "torque"):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fixtures of the tests that start real processes: a ROS domain of their own, a starter, a listener."""
+"""Fixtures of the tests that start processes: a ROS domain, a starter, a listener."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +14,7 @@ from tests.system.processes import Starter
 
 @pytest.fixture
 def domain_id() -> Iterator[int]:
-    """A ROS domain that no other test uses, not even one of another run on this machine."""
+    """Reserve a ROS domain that no other test uses, in other runs on this machine neither."""
     with own_domain() as reserved:
         yield reserved
 
@@ -28,6 +28,6 @@ def start(tmp_path: Path, domain_id: int) -> Iterator[Starter]:
 
 @pytest.fixture
 def listener(domain_id: int) -> Iterator[Listener]:
-    """A node of the test itself, in the same domain as what `start` starts."""
+    """Make a node of the test itself, in the domain of what `start` starts."""
     with Listener(domain_id) as node:
         yield node

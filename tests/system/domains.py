@@ -15,6 +15,6 @@ _candidates = itertools.count(os.getpid() * 17)
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """A ROS domain that no other test uses, not even one of another run on this machine."""
+    """Reserve a ROS domain that no other test uses, in other runs on this machine neither."""
     with domain_id(lambda: next(_candidates) % 100 + 1) as reserved:
         yield reserved

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node inside the test: hears, says and asks what another process would."""
+"""A node inside the test that subscribes, publishes and calls services."""
 
 import itertools
 from collections.abc import Callable
@@ -24,7 +24,7 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Listener:
-    """A node in the test's ROS domain. Callbacks run only while one of its methods waits."""
+    """Node in the test's ROS domain. Callbacks run only while one of its methods waits."""
 
     def __init__(self, domain_id: int, namespace: str = "") -> None:
         self._context = Context()
@@ -55,7 +55,7 @@ class Listener:
         timeout: float = 20.0,
         seen: Callable[[], object] = lambda: "",
     ) -> T:
-        """Runs callbacks until the condition holds; returns its value, raises TimeOutError after timeout [s]."""
+        """Run callbacks until the condition holds; return its value. Raises TimeOutError."""
 
         def spin() -> T:
             self._executor.spin_once(timeout_sec=0.01)
@@ -64,18 +64,18 @@ class Listener:
         return wait_until(spin, what, timeout, seen)
 
     def host(self, make: Callable[..., NodeT], **options: Any) -> NodeT:
-        """Makes another node in this process, in the same executor."""
+        """Make another node in this process, in the same executor."""
         node = make(context=self._context, **options)
         self._executor.add_node(node)
         return node
 
     def leave(self, node: Node) -> None:
-        """Ends a node that :meth:`host` made."""
+        """End a node that :meth:`host` made."""
         self._executor.remove_node(node)
         node.destroy_node()
 
     def collect(self, kind: type, topic: str, qos: QoSProfile = RELIABLE) -> list[Any]:
-        """Subscribes; the list grows with every message that arrives while waiting."""
+        """Subscribe; the returned list grows with every message that arrives while waiting."""
         messages: list[Any] = []
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
@@ -88,7 +88,7 @@ class Listener:
         readers: int = 1,
         timeout: float = 20.0,
     ) -> Publisher:
-        """Returns a publisher that so many subscriptions have matched: what it says is heard."""
+        """Return a publisher that so many subscriptions have matched."""
         publisher = self.node.create_publisher(kind, topic, qos)
         self.spin_until(
             lambda: publisher.get_subscription_count() >= readers,
@@ -98,7 +98,7 @@ class Listener:
         return publisher
 
     def wait_for_messages(self, messages: list[Any], count: int, timeout: float = 20.0) -> None:
-        """Waits until the list of `collect` has so many messages."""
+        """Wait until the list of `collect` has so many messages."""
         self.spin_until(
             lambda: len(messages) >= count,
             f"{count} messages have arrived",
@@ -107,7 +107,7 @@ class Listener:
         )
 
     def call(self, kind: Any, service: str, request: object, timeout: float = 20.0) -> Any:
-        """Calls a service; returns its response."""
+        """Call a service; return its response."""
         client = self.node.create_client(kind, service)
         self.spin_until(client.service_is_ready, f"the service {service} is there", timeout)
         future = client.call_async(request)

@@ -16,7 +16,7 @@ from tests.system.waiting import wait_until
 
 
 class Process:
-    """One process of a package's executable. Its stdout and stderr go to one file, in the order of writing."""
+    """Process of an executable, with stdout and stderr in one file in the order of writing."""
 
     def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
         self.log = log
@@ -42,16 +42,19 @@ class Process:
 
     @property
     def output(self) -> str:
-        """Everything that it has written so far."""
+        """All output so far."""
         return self.log.read_text(encoding="utf-8", errors="replace")
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended yet."""
+        """True until the process ends."""
         return self._process.poll() is None
 
     def wait_for_output(self, pattern: str, timeout: float = 20.0) -> re.Match[str]:
-        """Returns the first match of a regular expression in the output; fails at once where the process ends without it."""
+        """Return the first match of a regular expression in the output.
+
+        Fails at once where the process ends without it.
+        """
 
         def found() -> re.Match[str] | None:
             running = self.running
@@ -69,11 +72,11 @@ class Process:
         return match
 
     def signal(self, number: signal.Signals) -> None:
-        """Sends a signal to the process."""
+        """Send a signal to the process."""
         self._process.send_signal(number)
 
     def wait(self, timeout: float = 20.0) -> int:
-        """Waits for the end; returns the exit code, minus the signal's number where a signal ended it."""
+        """Wait for the end; return the exit code, negative for the signal that ended it."""
         try:
             return self._process.wait(timeout)
         except subprocess.TimeoutExpired:
@@ -82,24 +85,24 @@ class Process:
             ) from None
 
     def interrupt(self, timeout: float = 20.0) -> int:
-        """Does what Ctrl-C does; returns the exit code."""
+        """Send SIGINT, as Ctrl-C does; return the exit code."""
         self.signal(signal.SIGINT)
         return self.wait(timeout)
 
     def terminate(self, timeout: float = 20.0) -> int:
-        """Does what a service manager does; returns the exit code."""
+        """Send SIGTERM, as a service manager does; return the exit code."""
         self.signal(signal.SIGTERM)
         return self.wait(timeout)
 
     def kill(self) -> int:
-        """Ends it without giving it a chance to tidy up, its children too; returns the exit code."""
+        """Kill the process and its children; return the exit code."""
         if self.running:
             os.killpg(self.pid, signal.SIGKILL)
         return self.wait()
 
 
 class Starter:
-    """Starts executables in one ROS domain; ends what is left of them when the test is over."""
+    """Starter of executables in one ROS domain, which ends them after the test."""
 
     def __init__(self, folder: Path, domain_id: int) -> None:
         self.folder = folder
@@ -130,13 +133,13 @@ class Starter:
             subprocess.run(["fastdds", "shm", "clean"], check=False, capture_output=True)
 
     def __call__(self, package: str, executable: str, *arguments: str) -> Process:
-        """Starts an executable of an installed package."""
+        """Start an executable of an installed package."""
         return self.command(
             str(Path(get_package_prefix(package), "lib", package, executable)), *arguments
         )
 
     def command(self, program: str, *arguments: str) -> Process:
-        """Starts any program."""
+        """Start any program."""
         log = self.folder / f"{len(self._processes)}_{Path(program).name}.log"
         process = Process([program, *arguments], log, self.environment)
         self._processes.append(process)

@@ -79,13 +79,13 @@ class Recording:
             )
 
     def close(self) -> str:
-        """What is left undone."""
+        """Close the bag; return the message about what is left undone."""
         with pytest.raises(TimeoutError) as error:
             self.thread.close(self.said.append)
         return str(error.value)
 
     def read(self) -> tuple[bool, list[int]]:
-        """Whether the bag is finished, and its seconds."""
+        """Return whether the bag is finished, and its seconds."""
         with BagReader(self.folder) as reader:
             return reader.finished, [
                 message.log_time_ns // SECOND_NS for message in reader.messages()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The `ros2 service call` of machines without ROS: values of any request, and what is wrong by its name."""
+"""`ros2 service call` without a ROS installation: requests of any type, and its errors."""
 
 import runpy
 from pathlib import Path

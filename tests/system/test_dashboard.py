@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The live page as a process of its own, in a real browser: it shows what the topics say, to everybody, and again after a restart."""
+"""The live page as a process of its own, in a real browser, also after a restart."""
 
 import re
 from collections.abc import Iterator
@@ -79,7 +79,7 @@ def awaits(page: Page, selector: str, value: float) -> None:
 
 
 def values_now(step: int) -> dict[str, list[float]]:
-    """What has to be shown, by selector."""
+    """Return the texts to be shown, by selector."""
     said = dict(instant(make, step))
     ground, place, state = (
         said["terrain_estimate"],
@@ -158,7 +158,7 @@ def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
 
 
 def history_equals_the_topics(page: Page) -> None:
-    """The rows of the recent history are those of the messages; the newest are not complete yet."""
+    """Compare the history with the messages; the newest rows are not complete yet."""
     steps = range(STEPS - 3, 0, -2)
     cohesion = [estimate(make, step).cohesion for step in steps]
     slip = [dict(instant(make, step))["wheel_slip"].slip[1] for step in steps]
@@ -172,7 +172,7 @@ def history_equals_the_topics(page: Page) -> None:
 
 
 def usable_by_everybody(page: Page) -> None:
-    """No finding of axe, nothing wider than the window, and the keyboard reaches what there is to press."""
+    """Check with axe, for width, and by keyboard."""
     found = Axe().run(page)
     assert found.violations_count == 0, found.generate_report()
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")

@@ -52,7 +52,10 @@ class Rover:
             self._publishers[topic].publish(message)
 
     def drive(self, events: list[Event], waiting: int = 0) -> list[Any]:
-        """Send second by second, and wait for an estimate of each instant but the last `waiting`; return the new ones."""
+        """Send second by second; return the new estimates.
+
+        Waits for an estimate of each instant but the last `waiting`.
+        """
         before, done = len(self.estimates), 0
         instants = sorted({stamp for _, stamp, _ in events})
         for start in range(0, len(instants), 10):
@@ -63,7 +66,7 @@ class Rover:
         return list(self.estimates[before:])
 
     def counted(self, accepted: int) -> Any:
-        """The first report of health with so many accepted observations."""
+        """Return the first report of health with so many accepted observations."""
         found = lambda: next((each for each in self.health if each.accepted == accepted), None)  # noqa: E731
         return self._listener.spin_until(found, f"{accepted} are reported as accepted")
 
@@ -147,7 +150,7 @@ def test_without_input_it_reports_that_it_is_stale(listener: Listener, estimator
 
 
 def spoiled(events: list[Event], topic: str, field: str, value: Any) -> list[Event]:
-    """The same events, with one field of one topic set in every message."""
+    """Return the events with one field of one topic set in every message."""
     for name, _, message in events:
         if name == topic:
             owner: Any = message

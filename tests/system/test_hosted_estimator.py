@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator's node in the test's own process: transitions in which something raises, states that are refused, several rovers."""
+"""The estimator's node inside the test: failing transitions, refused states, several rovers."""
 
 import threading
 from functools import partial
@@ -268,7 +268,7 @@ class Rover:
         ]
 
     def counted(self) -> bool:
-        """Whether it has counted as many messages as were meant for it, on every topic."""
+        """Return whether every topic has counted the messages meant for it."""
         return bool(self.health) and set(self.health[-1].input_received) == {STEPS}
 
 
@@ -319,7 +319,7 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
 
 
 def alone(model: LoadedModel, events: list[Event], *, reset: bool) -> list[tuple[float, ...]]:
-    """What an estimator says that is the only one in the world."""
+    """Return the estimates of an estimator without others beside it."""
     pipeline = Pipeline(model, EstimatorConfig())
     said = []
     for index, (topic, _, message) in enumerate(events):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder's node in the test's own process: long recordings, and topics that change under it."""
+"""The recorder's node inside the test: long recordings, and topics that change meanwhile."""
 
 import json
 import threading

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where nothing comes, a node says why, and what to do."""
+"""A node logs why no messages arrive, and what to do."""
 
 import itertools
 import re

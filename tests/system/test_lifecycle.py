@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Estimator and recorder as managed nodes: their states, what they say of themselves, and a state that outlives the process."""
+"""Estimator and recorder as managed nodes: states, diagnostics, and a saved state."""
 
 import shutil
 from pathlib import Path
@@ -38,7 +38,7 @@ def state(listener: Listener, node: str) -> str:
 
 
 def status(messages: list[Any], name: str) -> Any:
-    """The newest status of that name."""
+    """Return the newest status of that name."""
     return next(
         (
             each

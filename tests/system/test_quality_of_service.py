@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The table of docs/messages.md is what the nodes offer, and what they ask for unless a user overrides it."""
+"""The nodes offer and request the table of docs/messages.md, unless a user overrides it."""
 
 import re
 import threading
@@ -32,7 +32,7 @@ PACKAGE_OF = {
 
 
 class Offer(NamedTuple):
-    """What discovery tells about a publisher (it does not tell the depth)."""
+    """Return what discovery has about a publisher, which is all but the depth."""
 
     topic: str
     type: str

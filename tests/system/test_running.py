@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every node relies on: a message that cannot be digested does not end it."""
+"""A message that raises does not end a node."""
 
 import os
 import signal
@@ -70,7 +70,7 @@ def test_a_guarded_callback_still_gets_the_details_of_the_reception(listener: Li
 def test_what_is_not_judged_any_more_is_not_said_to_be_well(
     listener: Listener, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """A node that was paused while its odometry was missing said that all was well again."""
+    """Log no "all is well again" for a check that a paused node no longer makes."""
     steady_s = [0.0]
     monkeypatch.setattr(diagnostics, "time", SimpleNamespace(monotonic=lambda: steady_s[0]))
     publisher = diagnostics.DiagnosticsPublisher(listener.node, list)

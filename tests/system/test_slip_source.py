@@ -18,7 +18,7 @@ from tests.system.processes import Starter
 
 
 def refusals(reports: list[DiagnosticArray]) -> list[DiagnosticStatus]:
-    """What was said of refused pairs."""
+    """Return the diagnostics about refused pairs."""
     return [
         each
         for report in reports

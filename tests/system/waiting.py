@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting for a condition. Nothing in the tests sleeps for a fixed time in the hope that it suffices."""
+"""Wait for a condition; no test sleeps for a fixed time in the hope that it suffices."""
 
 import threading
 import time
@@ -21,7 +21,10 @@ def wait_until(
     timeout: float = 20.0,
     seen: Callable[[], object] = lambda: "",
 ) -> T:
-    """Returns the first true value of the condition; raises TimeOutError after timeout [s], with what `seen` returns."""
+    """Return the first true value of the condition.
+
+    Raises TimeOutError after timeout [s], with what `seen` returns.
+    """
     end = time.monotonic() + timeout
     pause = threading.Event()
     while not (value := condition()):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""colcon test runs tests of every package; `make colcon-test` runs all that the packages declare."""
+"""colcon test runs tests of every package; `make colcon-test` runs all that they declare."""
 
 import os
 import subprocess

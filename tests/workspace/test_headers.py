@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every source file begins with its two lines of licence (for Python files the linter checks it, too)."""
+"""Every source file begins with its two lines of licence, also where no linter checks it."""
 
 import os
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""ros2_ws/prepare and ros2_ws/compile: what they say where something is missing, and that they do nothing twice."""
+"""ros2_ws/prepare and ros2_ws/compile: their errors, and that they do nothing twice."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ TOOLS = ("bash", "cat", "dirname", "flock", "head", "rm", "sed", "sha256sum", "u
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A copy of what prepare reads, and a bin folder with a machine's tools, to take some away from."""
+    """Copy the inputs of prepare, beside a bin folder of tools from which tests remove some."""
     (tmp_path / "ros2_ws").mkdir()
     for name in ("prepare", "repair_wheels.py"):
         shutil.copy(ROOT / "ros2_ws" / name, tmp_path / "ros2_ws" / name)
@@ -30,7 +30,7 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def write_python(checkout: Path, name: str, preamble: str) -> None:
-    """Writes an interpreter of that name which runs the preamble before any -c code."""
+    """Write an interpreter of that name that runs the preamble before any -c code."""
     path = checkout / "bin" / name
     path.write_text(
         f'#!/bin/sh\n[ "$1" = -c ] || exec {sys.executable} "$@"\nexec {sys.executable} -c'
@@ -41,7 +41,7 @@ def write_python(checkout: Path, name: str, preamble: str) -> None:
 
 
 def prepare(checkout: Path, **environment: str) -> str:
-    """Returns what prepare says when it fails, which it has to, and leaves no environment behind."""
+    """Return the error of prepare, which leaves no environment behind."""
     command = [str(checkout / "ros2_ws/prepare")]
     result = subprocess.run(
         command,

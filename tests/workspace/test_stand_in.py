@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""ros2_ws/bin/ros2, the `ros2 run` of machines without a ROS installation, on a workspace of one package made here."""
+"""ros2_ws/bin/ros2, `ros2 run` without a ROS installation, on a small workspace."""
 
 import os
 import re
@@ -21,7 +21,7 @@ def write_script(path: Path, text: str) -> None:
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
-    """A workspace in a folder with a space, with one executable that says who it is."""
+    """Make a workspace in a folder with a space, with one executable."""
     workspace = tmp_path / "a folder/ros2_ws"
     for name in ("bin/ros2", "setup.bash", "fastdds.xml"):
         (workspace / name).parent.mkdir(parents=True, exist_ok=True)

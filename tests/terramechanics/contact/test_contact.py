@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The contact forces against scipy's adaptive integration of the stresses as written in the literature."""
+"""Contact forces against scipy's adaptive integration of the stresses of the literature."""
 
 import itertools
 import math
@@ -68,7 +68,7 @@ def stresses(
 def integrated(
     slip: float, sinkage: float, soil: Soil, radius: float, width: float
 ) -> NDArray[np.float64]:
-    """The nine coefficients by adaptive integration."""
+    """Return the nine coefficients by adaptive integration."""
     sigma, e, kinks = stresses(slip, sinkage, soil, radius, width)
 
     def total(f: Stress) -> float:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""A wheel at a slip angle against scipy's adaptive integration, in the limits, and what the side of the wheel adds."""
+"""A wheel at a slip angle against scipy's adaptive integration, its limits, and its side."""
 
 import itertools
 import math

@@ -32,7 +32,7 @@ DEGREE = math.pi / 180.0
 
 
 def truth(**values: float) -> Sample:
-    """The same true sample many times, [SAMPLES] and [SAMPLES, 3]."""
+    """Repeat a true sample many times, [SAMPLES] and [SAMPLES, 3]."""
     scalars = {"velocity": 0.15, "acceleration": 0.01, "pitch": 0.04}
     axles = {"slip": 0.2, "sinkage": 0.018, "contact_angle": 0.03, "wheel_rate": 1.2, "torque": 4.0}
     filled: dict[str, Tensor] = {}

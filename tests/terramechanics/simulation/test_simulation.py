@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives: balances of force and energy, limits, robustness, repeatability, and an independent integration."""
+"""Drives: balances of force and energy, limits, repeatability, an independent integration."""
 
 from dataclasses import fields
 
@@ -44,7 +44,7 @@ def rates(rover: Rover, speed: float, batch: int = 1) -> Tensor:
 
 
 def driven(simulation: Simulation, speed: float, steps: int) -> Sample:
-    """The last of so many steps with equal wheel rates."""
+    """Return the last of so many steps with equal wheel rates."""
     return [simulation.step(Command.RATE, rates(simulation.rover, speed)) for _ in range(steps)][-1]
 
 
@@ -60,7 +60,10 @@ CASES = [
 def test_the_regression_rows_hold_exactly_without_noise(
     rover: str, soil: str, schedule: str
 ) -> None:
-    """Velocity, load and torque rows, affine in (c, tan phi), with more quadrature points than the simulation used."""
+    """Check velocity, load and torque rows with more quadrature points than the simulation.
+
+    The rows are affine in (c, tan phi).
+    """
     run = drive(rover, soil, schedule)
     truth, r, p = run.sample, run.rover, run.rover.wheels_per_axle
     coefficients = wheel_forces(
@@ -99,7 +102,10 @@ def test_the_loads_of_a_drive_are_those_of_the_statics(rover: str) -> None:
 
 
 def test_the_work_of_the_wheels_goes_into_motion_height_and_soil() -> None:
-    """Motor work = change of kinetic energy + rise in gravity + what the soil takes; the soil never gives energy back."""
+    """Check motor work = change of kinetic energy + rise in gravity + loss to the soil.
+
+    The soil never returns energy.
+    """
     run = drive("mars_rover", "loose_sand", seconds=20.0, batch=30)
     truth, r = run.sample, run.rover
     good = run.measurable()
@@ -122,7 +128,10 @@ def test_the_work_of_the_wheels_goes_into_motion_height_and_soil() -> None:
 
 
 def test_a_steady_drive_is_that_of_an_independent_solver() -> None:
-    """Level ground, equal wheel rates: seven equations written with scipy in N, z and v, explicit small steps of time."""
+    """Compare with seven equations in N, z and v, in scipy, with small explicit steps.
+
+    The ground is level, the wheel rates are equal.
+    """
     speed = 0.2
     ground = Ground.constant(LOOSE)
     simulation = Simulation(
@@ -139,7 +148,11 @@ def test_a_steady_drive_is_that_of_an_independent_solver() -> None:
         ).numpy()
 
     def statics(z: np.ndarray, v: float) -> list[float]:
-        """Vertical balance; moments about the ground below the centre of mass with inertia m a h; bogie about its pivot."""
+        """Balance vertical forces and moments of the rover and of the bogie.
+
+        The rover turns about the ground below its centre of mass, with inertia m a h; the bogie
+        about its pivot.
+        """
         f = np.array([forces(depth, v) for depth in z])
         push = 2.0 * f[:, 1].sum()
         # The ground acts at the axle with N, T and the moment M; about a point on the ground T has
@@ -326,7 +339,7 @@ def test_hostile_commands_leave_finite_numbers(kind: Command) -> None:
 
 
 def test_the_search_finds_what_newton_finds() -> None:
-    """From a start that is far off Newton gives up; from what the bracketing search finds it has the same answer."""
+    """Newton gives up from a far start, and solves from the bracketing search."""
     batch = 10
     ground = Ground.random_strength(LOOSE, batch, torch.Generator().manual_seed(1))
     pose = level_pose(MARS, torch.zeros(batch, dtype=torch.float64))

@@ -38,7 +38,11 @@ def test_a_gradual_change_is_linear_along_the_track() -> None:
 
 
 def test_random_strengths_are_uniform_in_their_ranges() -> None:
-    """2000 draws: extremes come within 1 % of the ends with probability 1 - 4 (0.99)^2000, and means within 4 of their deviations."""
+    """Draw 2000 times.
+
+    Extremes come within 1 % of the ends with probability 1 - 4 (0.99)^2000, means within 4
+    deviations.
+    """
     ground = Ground.random_strength(LOOSE, 2000, torch.Generator().manual_seed(1))
     cohesion, tan_phi = ground.patches[0].strength.unbind(-1)
     angle = torch.atan(tan_phi).rad2deg()

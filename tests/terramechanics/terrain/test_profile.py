@@ -32,7 +32,7 @@ def hills(capability: float = 1.0, seed: int = 1) -> Hills:
 
 
 def sampled(spacing: float = 0.5) -> Sampled:
-    """The slopes of hills, by samples that begin and end inside of what is asked for."""
+    """Return slopes of hills by samples that cover less than the queries."""
     places = spacing * torch.arange(round(4.0 / spacing) + 1, dtype=torch.float64).expand(BATCH, -1)
     _, slope, curvature = hills().shape(places)
     curvature[:, [0, -1]] = 0.0

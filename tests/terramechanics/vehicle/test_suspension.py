@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rocker-bogie suspension against solvers that were written independently of it, in other unknowns and other frames."""
+"""The rocker-bogie suspension against independent solvers in other unknowns and frames."""
 
 import math
 
@@ -61,7 +61,7 @@ def test_on_a_long_ramp_the_body_has_the_slope_of_the_ramp() -> None:
 @pytest.mark.parametrize("rover", ROVERS, ids=lambda rover: rover.name)
 @pytest.mark.parametrize("kind", range(4), ids=["flat", "ramp", "step", "hills"])
 def test_every_wheel_touches_the_ground_and_does_not_cut_it(rover: Rover, kind: int) -> None:
-    """The distance of each axle to the sampled profile is the wheel's radius; links keep their lengths."""
+    """Check that each axle is a radius from the profile, and that links keep their lengths."""
     profile = profiles()[kind]
     pose = posed(rover, profile)
     track = torch.linspace(-3.0, 13.0, 64001, dtype=torch.float64).expand(24, -1)
@@ -86,7 +86,10 @@ def test_every_wheel_touches_the_ground_and_does_not_cut_it(rover: Rover, kind: 
 
 @pytest.mark.parametrize("rover", ROVERS, ids=lambda rover: rover.name)
 def test_the_pose_is_that_of_a_general_root_finder(rover: Rover) -> None:
-    """Unknowns: body height, pitch, absolute bogie angle, three places of contact; equations: axle = contact + r normal."""
+    """Solve for body height, pitch, absolute bogie angle and three contacts.
+
+    The equations are axle = contact + r normal.
+    """
     profile = profiles()[3]
     pose = posed(rover, profile)
 
@@ -136,7 +139,7 @@ def rotation(angle: float) -> np.ndarray:
 def free_bodies(
     rover: Rover, pose: Pose, episode: int, traction: np.ndarray, torque: np.ndarray
 ) -> np.ndarray:
-    """N of the three axles and the acceleration along the body, from free-body diagrams of five bodies in the world frame.
+    """Return N of the axles and the acceleration, from free-body diagrams in the world frame.
 
     Bodies: three wheels (all wheels of an axle as one), bogie, rocker with all mass. Unknown: three
     N, the forces on the axles and on the pivot, the motors' torques and the acceleration: 3 + 6 + 2
