@@ -129,8 +129,8 @@ def _mobilised(
     sine: Tensor,
     slip: Tensor,
     stretch: Tensor,
-    slip_angle: Tensor | None,
     braked: bool,  # noqa: FBT001 - torch.jit.script
+    slip_angle: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
     """Return -E and -E_y [2, P, ...] [1], the shares of the shear strength that are mobilised.
 
@@ -217,7 +217,7 @@ def wheel_forces(
     theta = torch.stack([theta_1 - front, behind])  # [2, P, ...], as all of both sides
     sine, cosine = torch.sin(theta), torch.cos(theta)
     mobilised, sideways = _mobilised(
-        theta, theta_1, sine, slip, radius / shear_modulus, slip_angle, braked
+        theta, theta_1, sine, slip, radius / shear_modulus, braked, slip_angle
     )
     step = torch.stack([length * arc, rear * arc])
     normal = sigma * step
