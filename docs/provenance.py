@@ -44,7 +44,7 @@ _FOLDERS = {
 """Folders whose modules each command of the Makefile runs; what they import follows."""
 _NO_FIGURES = re.compile(
     r"(^|\.)(cli|console|importing|demonstration|rover_parameters)\b"
-    r"|\.(__main__|config|model_file|outcome|ros_types|workers|records|command|pieces|tables?|lines"
+    r"|\.(__main__|config|model_file|outcome|topics|workers|records|command|pieces|tables?|lines"
     r"|page|targets|figures)$"
 )
 """Modules that may change without any figure changing: they parse arguments, read and print."""
@@ -52,13 +52,13 @@ _DATA = (".yaml", ".json")
 BEFORE_REGROUPING = "before-regrouping"
 """Stands for the digest of pages that were measured before digests were written."""
 _MARKS = {
-    True: " **Measured before a change of the code.**",
+    True: " **The code has changed since.**",
     False: "",
-    None: " **Measured before the code was regrouped, which changed no estimate.**",
+    None: " (The code was regrouped since; no estimate changed.)",
 }
 _LINE = re.compile(
     r"(?P<begin>Measured by `make (?P<command>[a-z]+)[^`]*` on [\d-]+ at commit [^.\s]+\.)"
-    r"(?: \*\*[^*]+\*\*)? <!-- code (?P<code>[\w-]+) -->"
+    r"(?: \*\*[^*]+\*\*| \([^)]+\))? <!-- code (?P<code>[\w-]+) -->"
 )
 
 

@@ -19,7 +19,6 @@ from docs.pages import FOLDER, MEASURED, PAGES
 from docs.provenance import BEFORE_REGROUPING, digest, measured, refreshed
 from tests.faults import million
 
-MARK = "**Measured before"
 PROSE = (
     *(("accuracy", text) for text in (accuracy.INTRODUCTION, accuracy.METHOD, accuracy.REASONS)),
     *(("accuracy_tables", text) for text in (accuracy.TABLES, accuracy.LONG, accuracy.OVER_TIME)),
@@ -75,9 +74,9 @@ def test_a_mark_comes_with_a_change_of_the_code_and_goes_with_a_new_measurement(
     line = measured("paper", "--trainings 1")
     assert refreshed(f"Head\n\n{line} On two cores.\n") == f"Head\n\n{line} On two cores.\n"
     older = refreshed(line.replace(digest("paper"), "0123456789abcdef"))
-    assert f"{MARK} a change of the code.** <!-- code 0123456789abcdef -->" in older
+    assert "**The code has changed since.** <!-- code 0123456789abcdef -->" in older
     assert refreshed(older) == older
     assert refreshed(older.replace("0123456789abcdef", digest("paper"))) == line
-    assert f"{MARK} the code was regrouped" in refreshed(
-        line.replace(digest("paper"), BEFORE_REGROUPING)
-    )
+    regrouped = refreshed(line.replace(digest("paper"), BEFORE_REGROUPING))
+    assert "(The code was regrouped since; no estimate changed.) <!-- code" in regrouped
+    assert refreshed(regrouped) == regrouped

@@ -200,20 +200,16 @@ def wheel_forces(
     braked = any_of(slip < 0.0)
     if braked:
         reach = torch.zeros_like(theta_1) if exit_angle is None else exit_angle
-        u, weight = _split_nodes(
-            shear_reversal_angle(slip, theta_1) + reach, theta_1 + reach, theta_m + reach, u, weight
-        )
+        reversal = shear_reversal_angle(slip, theta_1) + reach
+        u, weight = _split_nodes(reversal, theta_1 + reach, theta_m + reach, u, weight)
     square, arc = u * u, (2.0 * radius * width) * u * weight
     length, rear = theta_1 - theta_m, theta_m if exit_angle is None else theta_m + exit_angle
-    front, behind = (
-        length * square,
-        rear * square if exit_angle is None else rear * square - exit_angle,
-    )
+    front = length * square
+    behind = rear * square if exit_angle is None else rear * square - exit_angle
     half = 0.5 * front
     height = (2.0 * radius) * torch.sin(theta_1 - half) * torch.sin(half)
     n, k_c, k_phi, shear_modulus = constants[..., :4].unbind(-1)
     sigma = (k_c / width + k_phi) * torch.pow(height, n)
-
     theta = torch.stack([theta_1 - front, behind])  # [2, P, ...], as all of both sides
     sine, cosine = torch.sin(theta), torch.cos(theta)
     mobilised, sideways = _mobilised(
@@ -223,10 +219,8 @@ def wheel_forces(
     normal = sigma * step
     rows = _force_rows(step, normal, mobilised, sine, cosine, radius)
     if slip_angle is not None:
-        lateral = torch.stack([step * sideways, normal * sideways, torch.zeros_like(sideways)]).sum(
-            [1, 2]
-        )
-        rows = torch.cat([rows, -lateral.unsqueeze(0)])
+        lateral = torch.stack([step * sideways, normal * sideways, torch.zeros_like(sideways)])
+        rows = torch.cat([rows, -lateral.sum([1, 2]).unsqueeze(0)])
     return rows.movedim([0, 1], [-2, -1])
 
 
