@@ -35,7 +35,7 @@ from terrain_estimator.discovery import (
     testable,
 )
 from terrain_estimator.discovery.evidence.verdict import Gains
-from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis, NamedEffect
+from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis, LibraryEffect
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics.effects import describe, make_effect
 from terramechanics.simulation import sample as simulated
@@ -215,7 +215,7 @@ def _read(path: Path) -> dict[tuple[str, int], CalibrationCase]:
 
 def _gains(plain: dict[str, Any]) -> Gains:
     named = tuple(
-        (Hypothesis(tuple(NamedEffect(*effect) for effect in effects)), gain)
+        (Hypothesis(tuple(LibraryEffect(*effect) for effect in effects)), gain)
         for effects, gain in plain["named"]
     )
     return Gains(named, float(plain["nothing_with"]), float(plain["best_with"]))

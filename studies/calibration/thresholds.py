@@ -16,7 +16,7 @@ from terrain_estimator.discovery.hypotheses.library import singles
 MARGIN = 1.5
 """[1] By how much more than the worst null case something has to gain."""
 LEAST = 8.0
-"""[nat] Least gain that counts, whatever a few null cases say."""
+"""[nat] Least gain that counts, whatever a few null cases give."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,11 +50,11 @@ class Refusals:
 
     def __str__(self) -> str:
         """Return the counts in words, the most frequent first."""
-        said = (
+        reasons = (
             f"{count} {outcome.name} ({self._first[outcome]}): {outcome.advice}"
             for outcome, count in self._counts.most_common()
         )
-        return "; ".join(said) or "there is none"
+        return "; ".join(reasons) or "there is none"
 
 
 def run_of(

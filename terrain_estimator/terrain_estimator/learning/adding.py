@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.discovery.hypotheses.library import Hypothesis, NamedEffect
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, LibraryEffect
 from terrain_estimator.learning.export import save
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.model.effect_rows import EffectRows
@@ -106,7 +106,7 @@ def export_with(
     """Write ``path`` (.pt) and the .json beside it: the metadata of ``loaded`` with the effects."""
     names = [effect.name for effect in effects]
     values = tuple(
-        f"{name}_{k}" if k else name for name in names for k in range(NamedEffect(name).count)
+        f"{name}_{k}" if k else name for name in names for k in range(LibraryEffect(name).count)
     )
     fixed = loaded.metadata.parameters[-4:]
     changed = dataclasses.replace(

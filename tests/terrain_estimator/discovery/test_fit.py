@@ -9,7 +9,7 @@ import torch
 
 from terrain_estimator.discovery import (
     Candidate,
-    NamedEffect,
+    LibraryEffect,
     RecordedRun,
     RunError,
     cut,
@@ -59,7 +59,7 @@ def test_the_effect_that_is_missing_is_found_at_its_size(name: str) -> None:
 
 
 def test_the_fit_does_not_depend_on_where_the_search_for_the_size_begins() -> None:
-    drag = Hypothesis((NamedEffect("drive_drag"),))
+    drag = Hypothesis((LibraryEffect("drive_drag"),))
     with torch.inference_mode():
         first = study("drive_drag").explain(drag)
         again = study("drive_drag").refine(first)

@@ -10,7 +10,7 @@ import pytest
 
 from studies.calibration.thresholds import CalibrationCase, thresholds
 from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds, Verdict, is_pair, judge
-from terrain_estimator.discovery.hypotheses.library import Hypothesis, NamedEffect
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, LibraryEffect
 from terrain_estimator.discovery.next_drive.next_drive import BESIDES, NextDrive, advise
 from terrain_estimator.discovery.single_wheel import shown_by_one_wheel
 from terrain_estimator.discovery.single_wheel.separation import separate_by
@@ -22,7 +22,7 @@ RULE = Thresholds(anything=8.0, share=0.7, apart=0.1)
 def gains(named: dict[str, float], nothing_with: float, best_with: float) -> Gains:
     ranked = sorted(named.items(), key=lambda item: -item[1])
     return Gains(
-        tuple((Hypothesis((NamedEffect(name),)), gain) for name, gain in ranked),
+        tuple((Hypothesis((LibraryEffect(name),)), gain) for name, gain in ranked),
         nothing_with,
         best_with,
     )
@@ -73,7 +73,7 @@ def test_probabilities_agree_with_the_verdict() -> None:
 
 def test_two_axles_of_one_effect_are_one_name() -> None:
     axles = tuple(
-        (Hypothesis((NamedEffect("failed_wheel", axle),)), gain)
+        (Hypothesis((LibraryEffect("failed_wheel", axle),)), gain)
         for axle, gain in ((2, 100.0), (1, 98.0))
     )
     assert judge(Gains(axles, 80.0, 95.0), RULE).verdict is Verdict.NAMED
@@ -92,7 +92,7 @@ def test_two_effects_are_named_where_the_second_closes_nearly_all_that_the_first
 ) -> None:
     single = gains({"payload": 1318.0, "latency": 20.0}, 1300.0, best_with)
     both = Gains(
-        ((Hypothesis((NamedEffect("payload"), NamedEffect("drive_drag"))), 1318.0 + second),),
+        ((Hypothesis((LibraryEffect("payload"), LibraryEffect("drive_drag"))), 1318.0 + second),),
         1300.0,
         best_with,
         single=1318.0,
@@ -102,7 +102,7 @@ def test_two_effects_are_named_where_the_second_closes_nearly_all_that_the_first
 
 def test_pairs_with_a_common_effect_are_told_apart_by_what_the_other_one_adds() -> None:
     named = tuple(
-        (Hypothesis((NamedEffect("payload"), NamedEffect(name))), gain)
+        (Hypothesis((LibraryEffect("payload"), LibraryEffect(name))), gain)
         for name, gain in (("drive_drag", 1715.0), ("coulomb_drag", 1590.0))
     )
     assert judge(Gains(named, 1300.0, 1700.0, single=1318.0), RULE).verdict is Verdict.NAMED
@@ -124,11 +124,14 @@ def test_confusable_effects_come_with_what_would_separate_them() -> None:
 
 
 def test_effects_that_tables_of_one_wheel_confuse_come_with_a_measurement() -> None:
-    shown = [Hypothesis((NamedEffect(name),)) for name in shown_by_one_wheel()]
+    shown = [Hypothesis((LibraryEffect(name),)) for name in shown_by_one_wheel()]
     for first, second in itertools.combinations(shown, 2):
         assert separate_by([first, second])
     assert "two speeds" in separate_by(
-        [Hypothesis((NamedEffect("slip_sinkage"),)), Hypothesis((NamedEffect("rate_dependence"),))]
+        [
+            Hypothesis((LibraryEffect("slip_sinkage"),)),
+            Hypothesis((LibraryEffect("rate_dependence"),)),
+        ]
     )
     assert separate_by(shown[:1]) == ""
 

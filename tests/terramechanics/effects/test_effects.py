@@ -338,7 +338,7 @@ def test_the_stresses_behind_the_axle_are_integrated_like_a_plain_sum() -> None:
     )
 
 
-class Tether(Effect):
+class SteadyPull(Effect):
     """A constant pull backwards at a height."""
 
     def __init__(self, force: float, height: float) -> None:
@@ -352,7 +352,7 @@ class Tether(Effect):
 def test_a_pull_on_the_body_is_balanced_by_the_wheels_and_shifts_load_to_the_rear() -> None:
     generator = torch.Generator().manual_seed(2)
     ground = Ground.constant(LOOSE)
-    plants = (None, Plant([Tether(20.0, 0.45)]))
+    plants = (None, Plant([SteadyPull(20.0, 0.45)]))
     runs = [
         simulate(MARS, ground, "S3", 1.0, generator.manual_seed(2), 1, Flat(), plant=plant)
         for plant in plants

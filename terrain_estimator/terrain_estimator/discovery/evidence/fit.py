@@ -216,7 +216,7 @@ def predict(
 
     The rows count as linear; weights and ``spreads`` follow.
 
-    A fraction of the time of :func:`fit`, good enough to tell which hypotheses deserve it.
+    A fraction of the time of :func:`fit`, good enough to choose the hypotheses for it.
     ``before`` are the equations of a fit from which the start was taken: columns of the soil
     constants and inputs around which to expand are theirs.
     """

@@ -9,7 +9,7 @@ discrepancy without a name on top:
 2. An effect is named where it closes at least the ``share`` of what can be explained at all, L /
    max(L, L+, L+ of nothing). A test for "something is left" would not do: a right name whose law is
    slightly another leaves something too, and a wrong one gains hundreds of nats as soon as anything
-   is missing. What tells them apart is the share of the gap that a name closes.
+   is missing. What separates them is the share of the gap that a name closes.
 3. Every effect that closes the share and comes within ``apart`` of the best, relative to what the
    best gains, is as good an explanation: together they are a confusable set.
 4. Two effects are named where together they close the ``share``, and the second gains ``anything``

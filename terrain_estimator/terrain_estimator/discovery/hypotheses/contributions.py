@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, RunEquations
-from terrain_estimator.discovery.hypotheses.library import NamedEffect
+from terrain_estimator.discovery.hypotheses.library import LibraryEffect
 from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal
 from terrain_estimator.discovery.runs import Blocks
 
@@ -23,7 +23,7 @@ class ContributionTask:
     """A hypothesis to evaluate on one run after the other."""
 
     nominal: Nominal
-    effects: tuple[NamedEffect, ...]
+    effects: tuple[LibraryEffect, ...]
     mask: Tensor  # [R] 1 for rows that may be used
 
     @torch.inference_mode()

@@ -60,7 +60,7 @@ class Shared:
 
 
 @dataclass(frozen=True, slots=True)
-class NamedEffect:
+class LibraryEffect:
     """One effect of the registry, on one axle where it acts on one."""
 
     name: str
@@ -99,7 +99,7 @@ class Hypothesis:
     of its size, then the extra ones.
     """
 
-    effects: tuple[NamedEffect, ...]
+    effects: tuple[LibraryEffect, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -201,7 +201,7 @@ def singles(names: tuple[str, ...] = ()) -> list[Hypothesis]:
                 " not show"
             )
         axles: tuple[int | None, ...] = tuple(range(AXLES)) if description.by_axle else (None,)
-        found += [Hypothesis((NamedEffect(name, axle),)) for axle in axles]
+        found += [Hypothesis((LibraryEffect(name, axle),)) for axle in axles]
     return found
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.discovery.hypotheses.library import NamedEffect
+from terrain_estimator.discovery.hypotheses.library import LibraryEffect
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
@@ -91,7 +91,9 @@ class Expansion(NamedTuple):
 class HypothesisRows:
     """The rows of one run under one hypothesis, at any point."""
 
-    def __init__(self, nominal: Nominal, blocks: Blocks, effects: tuple[NamedEffect, ...]) -> None:
+    def __init__(
+        self, nominal: Nominal, blocks: Blocks, effects: tuple[LibraryEffect, ...]
+    ) -> None:
         """Prepare what does not depend on the point."""
         self._nominal, self._observed = nominal, observed_of(blocks)
         self._rows = effect_rows(nominal.rover, effects, RememberedIntegrals())
@@ -133,7 +135,7 @@ class HypothesisRows:
 
 
 def effect_rows(
-    rover: Rover, effects: Sequence[NamedEffect], integrals: nn.Module | None = None
+    rover: Rover, effects: Sequence[LibraryEffect], integrals: nn.Module | None = None
 ) -> EffectRows:
     """Return the row building of ``rover`` under ``effects``."""
     return EffectRows([effect.on(rover) for effect in effects], rover.mass, integrals)
@@ -151,7 +153,7 @@ def observed_of(blocks: Blocks) -> Observed:
 
 
 def corrected(
-    rover: Rover, effects: Sequence[NamedEffect], values: Sequence[float], blocks: Blocks
+    rover: Rover, effects: Sequence[LibraryEffect], values: Sequence[float], blocks: Blocks
 ) -> Tensor:
     """Return the packed observations [n, P] of a run without effects on sensors and drives."""
     return effect_rows(rover, effects).corrected(observed_of(blocks), _tensor(values))

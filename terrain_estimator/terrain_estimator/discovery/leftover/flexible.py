@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A discrepancy without a name: weights on smooth functions of the signals, in every row.
 
-It measures how much of the residual depends on anything at all, and tells in which row and on which
+It measures how much of the residual depends on anything at all, in which row and on which
 signal.
 """
 

@@ -181,7 +181,7 @@ def _jitter(value: Tensor, sd: Tensor, factor: float) -> Jitter:
 
     From measured values and their deviations [B, n].
 
-    What lasts from one sample to the next is told by their differences: half of their variance is
+    Differences between samples show what lasts from one to the next: half of their variance is
     missing where noise does. The median keeps the few large differences of a sharp start out.
     """
     count = value.shape[1]

@@ -43,7 +43,7 @@ class Disagreement:
     row: str
     signal: str
     region: str
-    strength: float  # what is measured less what the model says, in ``unit``
+    strength: float  # measured less modelled, in ``unit``
     unit: str
     p: float  # adjusted for everything that was tried
     runs: tuple[str, ...]  # in which it shows by itself
@@ -241,7 +241,7 @@ def sentence(
         "everywhere" if region.signal in ("none", "wheel") else f"{region.signal} {region.words}"
     )
     more = "more" if strength > 0.0 else "less"
-    said = f"{_MEASURED[region.row.split('_')[0]]} {abs(strength):.2g} {unit} {more} than modelled"
+    words = f"{_MEASURED[region.row.split('_')[0]]} {abs(strength):.2g} {unit} {more} than modelled"
     certain = "p < 1e-6" if p < 1e-6 else f"p = {p:.1g}"
     shown = (
         "no run by itself"
@@ -250,7 +250,7 @@ def sentence(
         if len(runs) == len(every)
         else ", ".join(runs)
     )
-    return f"{row_words(region.row)}, {place}: {said} ({certain}, {shown})"
+    return f"{row_words(region.row)}, {place}: {words} ({certain}, {shown})"
 
 
 def row_words(row: str) -> str:

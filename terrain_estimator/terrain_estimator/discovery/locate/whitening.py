@@ -5,9 +5,9 @@
 A fit absorbs part of what is missing, and residuals of one fit are correlated over blocks. With the
 run's own unknowns spread as their priors have them the rows of a run have the covariance V = S + D
 + J Lambda^-1 J'. In the order of time its Cholesky factor turns them into innovations: each row
-less what everything before it says of it (Brown, Durbin and Evans 1975). They are independent and
-of unit variance where nothing is missing, and a column g regressed on them gives the score test g'
-V^-1 r, in which what the fit can absorb does not count.
+less its prediction from everything before it (Brown, Durbin and Evans 1975). They are independent,
+and of unit variance where nothing is missing, and a column g regressed on them gives the score test
+g' V^-1 r, in which what the fit can absorb does not count.
 """
 
 from dataclasses import dataclass

@@ -168,9 +168,9 @@ def advise(names: Sequence[str], drives: Sequence[NextDrive]) -> str:
     ]
     if drives:
         best, (true, other) = drives[0], drives[0].pair
-        told = (
+        drive_first = (
             f"Drive {best.seconds:.0f} s {best.words}: {best.nats:.0f} nat more are expected, if it"
             f" is {true}, against {other}"
         )
-        advice.insert(0, told)
+        advice.insert(0, drive_first)
     return ". ".join(advice)

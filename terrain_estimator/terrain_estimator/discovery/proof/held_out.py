@@ -89,11 +89,11 @@ def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Ha
         RunError: see ``long_enough``.
     """
     parts = _halved(long_enough(run))
-    told = [_told(Study(nominal, [part]), models) for part in parts]
-    return Half(parts[0], told[1]), Half(parts[1], told[0])
+    grounds = [_grounds(Study(nominal, [part]), models) for part in parts]
+    return Half(parts[0], grounds[1]), Half(parts[1], grounds[0])
 
 
-def _told(study: Study, models: tuple[Model, ...]) -> tuple[GroundEstimate, ...]:
+def _grounds(study: Study, models: tuple[Model, ...]) -> tuple[GroundEstimate, ...]:
     fits = _fits(study, models)
     return tuple(
         GroundEstimate(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model))
@@ -140,11 +140,11 @@ def equations_of(nominal: Nominal, half: Half, number: int, model: Model) -> Equ
 
     ``number`` is that of the ``model``.
     """
-    told = half.grounds[number].unknowns
+    other = half.grounds[number].unknowns
     columns = no_columns([half.blocks]).columns[0]
     mask = torch.ones(columns.shape[1] - 1, dtype=torch.float64)
     velocity = torch.zeros(half.blocks.velocities, dtype=torch.float64)
-    there = dataclasses.replace(told, velocity=velocity)
+    there = dataclasses.replace(other, velocity=velocity)
     none = torch.zeros(0, dtype=torch.float64)
     query = Query(
         there, tuple(model.values.tolist()), none, columns, model.hypothesis.shared().step, None

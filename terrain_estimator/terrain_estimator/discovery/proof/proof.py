@@ -9,7 +9,7 @@ worse by an interval below zero. Else the effect is not added.
 The measure of rollouts is the root mean square error of all signals, means over a second, in
 standard deviations of the sensors' noise: no model can talk it up by being less sure of itself.
 That of one second ahead is the log likelihood of all rows: c and tan phi of a single run may stand
-in for an effect in a rollout, while the rows together tell. That of whole runs is the log Bayes
+in for an effect in a rollout, while the rows together show it. That of whole runs is the log Bayes
 factor at the size that the other runs found, with a run's own unknowns integrated out: half a run
 that is judged by the other half has a c and a tan phi that make up for the effect wherever the
 halves are alike, a ground that the whole run need not allow.
@@ -36,7 +36,12 @@ from terrain_estimator.discovery.proof.held_out import (
     halves,
 )
 from terrain_estimator.discovery.proof.one_step import names, one_step
-from terrain_estimator.discovery.proof.rollout import Simulated, Windows, simulated, windows_of
+from terrain_estimator.discovery.proof.rollout import (
+    SimulatedSignals,
+    Windows,
+    simulated,
+    windows_of,
+)
 from terrain_estimator.discovery.proof.scores import Predicted, RowScore, joined, regions_of, scores
 from terrain_estimator.discovery.proof.signals import compared
 from terrain_estimator.discovery.proof.signals import names as signal_names
@@ -154,9 +159,9 @@ def prove(
         models += (
             Model(candidate.hypothesis, candidate.fit.point.shared, candidate.fit.covariance),
         )
-    told = list(spread(partial(_judged, nominal, models), runs))
-    judged = [half for each in told for half in each.halves]
-    likelier = sum(each.evidences[-1] - each.evidences[0] for each in told)
+    runs_judged = list(spread(partial(_judged, nominal, models), runs))
+    judged = [half for each in runs_judged for half in each.halves]
+    likelier = sum(each.evidences[-1] - each.evidences[0] for each in runs_judged)
     regions = _joined(regions_of(runs))
     stepped = [_one_step(nominal, judged, number, model) for number, model in enumerate(models)]
     windows = windows_of(nominal, judged)
@@ -240,7 +245,7 @@ def _strength(half: Half, number: int) -> Strength:
         for index, unit in ((0, 1000.0), (1, 1.0))
         for table in (means, spreads)
     ]
-    # What a half is judged by, the other half told.
+    # The ground that judges a half is that of the other half.
     return Strength(half.blocks.name, 1 - number, *columns)
 
 
@@ -248,7 +253,7 @@ def _pictures(
     axles: int,
     judged: Sequence[Half],
     windows: Windows,
-    driven: Sequence[Simulated],
+    driven: Sequence[SimulatedSignals],
     before: Predicted,
 ) -> tuple[SignalSeries, SignalSeries]:
     window = int(before.misfit.view(-1, PIECE).sum(1).argmax())

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Five seconds of a held-out run, simulated from the wheel rates and compared with the sensors.
 
-A window starts in the measured velocity of its first observation. From then on the simulation knows
+A window starts in the measured velocity of its first observation. From then on the simulation has
 the wheel rates and the terrain along the track; slip, sinkage, torque and velocity are its own, and
 pass through what the effects do to the sensors.
 """
@@ -49,7 +49,7 @@ class Windows:
 
 
 @dataclass(frozen=True, slots=True)
-class Simulated:
+class SimulatedSignals:
     """Signals of one model at every observation of the windows but the first, and their changes."""
 
     signals: Tensor  # [W, T - 1, R]
@@ -87,7 +87,7 @@ def windows_of(nominal: Nominal, halves: Sequence[Half]) -> Windows:
 
 def simulated(
     nominal: Nominal, halves: Sequence[Half], windows: Windows, number: int, model: Model, seed: int
-) -> Simulated:
+) -> SimulatedSignals:
     """Simulate all windows under the model of that ``number``; ``seed`` of the other terrains."""
     generator = torch.Generator().manual_seed(seed)
     values = tuple(model.values.tolist())
@@ -123,7 +123,7 @@ def simulated(
         _drive(nominal, windows, centre, terrain, start, hypothesis.plant(sizes)).unsqueeze(0)
         for sizes in _other_sizes(model)
     ]
-    return Simulated(base[0], torch.cat([changes, *by_size]) - base, by_terrain - base)
+    return SimulatedSignals(base[0], torch.cat([changes, *by_size]) - base, by_terrain - base)
 
 
 def _known(ground: GroundEstimate) -> tuple[Tensor, Tensor]:

@@ -44,7 +44,7 @@ def measured(packed: Tensor, axles: int) -> MeasuredSignals:
 def compared(seen: MeasuredSignals, base: Tensor, changes: Tensor, by_terrain: Tensor) -> Predicted:
     """Return the errors of all seconds of all windows [W PIECE, R].
 
-    Arguments as in ``rollout.Simulated``.
+    Arguments as in ``rollout.SimulatedSignals``.
 
     ``misfit`` is in units of the sensors' noise alone, which no model can talk up; what a model is
     not sure of is in ``expected``.

@@ -225,8 +225,8 @@ def explain(
         values = least_squares(
             short, values, slope, (model.low, model.high), max_nfev=12, xtol=1e-6
         ).x
-        said, by = model.jacobian(cells, values)
-        residual = (measured - said.ravel()[seen]) / noise
+        modelled, by = model.jacobian(cells, values)
+        residual = (measured - modelled.ravel()[seen]) / noise
         jacobian = by.reshape(len(seen), -1)[seen] / noise[:, None]
         hyper = _most_likely(
             residual + jacobian @ values, jacobian, spread, hyper, flexible=flexible

@@ -21,7 +21,7 @@ from terrain_estimator.discovery.evidence.verdict import (
 from terrain_estimator.discovery.hypotheses.library import (
     NOTHING,
     Hypothesis,
-    NamedEffect,
+    LibraryEffect,
     together,
 )
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
@@ -34,7 +34,7 @@ FLOOR = 1.0
 FEWEST_HELD_OUT = 5
 """Different settings without which held-out ones prove nothing: replicates are not independent."""
 BY_RATE, BY_SLIP, SAME_SPEED = "rate_dependence", "slip_sinkage", 1.1
-"""Where the carriage's speed is the same within that ratio, slip and wheel rate say the same."""
+"""Ratio of carriage speeds within which slip and wheel rate vary together."""
 _RESAMPLED = 2000
 
 
@@ -81,7 +81,7 @@ class WheelFinding:
     held_out: HeldOut
     proven: (
         bool | None
-    )  # whether the best name helps on held-out settings; None where there are too few to tell
+    )  # whether the best name helps on held-out settings; None where there are too few
     separate_by: str
     left: tuple[str, str]  # row and signal on which what the best name leaves depends most
 
@@ -100,7 +100,7 @@ def shown_by_one_wheel() -> tuple[str, ...]:
 
 def of_one_wheel(names: Sequence[str]) -> list[Hypothesis]:
     """Return one hypothesis for each of the effects that one wheel shows."""
-    return [Hypothesis((NamedEffect(name),)) for name in names]
+    return [Hypothesis((LibraryEffect(name),)) for name in names]
 
 
 def investigate_wheel(
@@ -119,7 +119,7 @@ def investigate_wheel(
 
     Effects act outside of the tables of ``reference``; ``given`` ones act everywhere. Cells are
     held out one at a time, with all their replicates; or ``by_trial`` all cells of one trial, which
-    says how well it repeats and nothing about new settings.
+    shows how well it repeats and nothing about new settings.
     """
     cells = cells_of(rows, reference)
     hypotheses = of_one_wheel(names)

@@ -24,7 +24,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 OPTIONAL = ("slip_angle", "lateral_force")
 """Columns that may be absent: then the wheel moves straight ahead."""
 TRIAL = "trial"
-"""Column that tells repetitions apart."""
+"""Column that numbers the repetitions."""
 STRAIGHT_DEG = 1.0
 """[deg] Slip angle up to which the wheel rolls straight ahead."""
 SIDEWAYS_DEG = 89.0

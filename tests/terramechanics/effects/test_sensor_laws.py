@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of sensors: a correction is the inverse of what is reported; sizes and their values."""
+
+import pytest
+import torch
+
+from terramechanics.effects import EFFECTS, describe
+from terramechanics.effects.law import Readings
+from terramechanics.vehicle.rover import load_rover
+
+MARS = load_rover("mars_rover")
+VALUES = {"slope_bias": [0.02], "odometry_scale": [0.06, 0.3], "sinkage_bias": [0.002]}
+
+
+def readings() -> Readings:
+    wheels = torch.tensor([[0.1, 0.2, 0.3], [-0.1, 0.0, 0.4]], dtype=torch.float64)
+    return Readings(
+        slip=wheels,
+        slip_sd=0.01 + 0.0 * wheels,
+        sinkage=0.02 + 0.01 * wheels,
+        torque=wheels,
+        pitch=torch.tensor([[0.1], [-0.2]], dtype=torch.float64),
+        wheel_rate=1.0 + wheels,
+    )
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_correction_gives_the_true_readings_back(name: str) -> None:
+    law, true = describe(name).law(MARS), readings()
+    values = torch.tensor([VALUES[name]], dtype=torch.float64)
+    seen = law.reported(true, values)
+    assert not all(torch.equal(a, b) for a, b in zip(seen[:5], true[:5], strict=True))
+    for found, expected in zip(law.corrected(seen, values)[:6], true[:6], strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_size_and_its_value_belong_together(name: str) -> None:
+    law, size = EFFECTS[name].law, 0.3 * EFFECTS[name].high
+    value = law.value_of(size)
+    assert law.size_of(value) == pytest.approx(size, rel=1e-12)
+    step = 1e-6 * value
+    change = (law.size_of(value + step) - law.size_of(value - step)) / (2.0 * step)
+    assert law.slope(value) == pytest.approx(change, rel=1e-6)
+    assert EFFECTS[name].values(size).shape == (1, 1 + len(law.extra))
+
+
+def test_an_unevenly_worn_rover_has_the_size_at_its_middle_axle() -> None:
+    law = describe("odometry_scale").law(MARS)
+    true, values = readings(), torch.tensor([[0.1, 0.2]], dtype=torch.float64)
+    error = torch.tensor([0.08, 0.1, 0.12], dtype=torch.float64)
+    expected = (true.slip + error) / (1.0 + error)
+    torch.testing.assert_close(law.reported(true, values).slip, expected)
