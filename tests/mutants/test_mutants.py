@@ -8,14 +8,21 @@ import pytest
 
 from tests.mutants.__main__ import Plan, draw, judge_all
 from tests.mutants.choice import Tree, choose
-from tests.mutants.judge import KILLED, NOT_COMPILED, SURVIVED, TIMED_OUT
+from tests.mutants.judge import (
+    KILLED,
+    NOT_COMPILED,
+    SURVIVED,
+    TIMED_OUT,
+    Job,
+    copy_of,
+    judge,
+    run,
+)
 from tests.mutants.mutations import Mutant, find_mutants
 from tests.mutants.table import Equivalents, Results, Verdict, as_markdown, killed_share, passes
 
 FILE = "terramechanics/terramechanics/toy.py"
 MODULE = '''"""A toy."""
-
-import time
 
 from torch import Tensor
 
@@ -32,7 +39,6 @@ def countdown(n: int) -> int:
     """Zero."""
     while n != 0:
         n -= 1
-        time.sleep(1e-3)
     return n
 
 
@@ -77,7 +83,7 @@ def toy(tmp_path: Path) -> Plan:
     tree = Tree(tmp_path / "repository", ("terramechanics/terramechanics",))
     return Plan(
         tree, tmp_path / "kept", Equivalents(tmp_path / "none.toml"),
-        "terramechanics.scripted:models", limit_s=10.0,
+        "terramechanics.scripted:models",
     )  # fmt: skip
 
 
@@ -91,13 +97,12 @@ CASES = {
     "scale = 4.0": KILLED,
     "if steps >= 5:": SURVIVED,
     "while n == 0:": KILLED,
-    "n -= 2": TIMED_OUT,
     "return scale * x.abs() if steps < 2 else x": SURVIVED,
     "return x.clamp(min=1.0)": KILLED,
 }
 
 
-def test_mutants_are_killed_survive_or_run_out_of_time_and_none_is_judged_twice(
+def test_mutants_are_killed_or_survive_and_none_is_judged_twice(
     plan: Plan,
 ) -> None:
     drawn, told = changed(plan, *CASES), list[str]()
@@ -108,8 +113,33 @@ def test_mutants_are_killed_survive_or_run_out_of_time_and_none_is_judged_twice(
     again = judge_all(plan, drawn, len(drawn), Results(path), told.append)
     assert again == verdicts
     assert len(told) == len(drawn)
-    assert killed_share(verdicts) == pytest.approx(4 / 6)
+    assert killed_share(verdicts) == pytest.approx(3 / 5)
     assert (plan.tree.root / FILE).read_text() == MODULE
+
+
+@pytest.mark.parametrize(
+    ("statuses", "verdict"), [([None, 0], TIMED_OUT), ([None, None], SURVIVED), ([1], KILLED)]
+)
+def test_a_timeout_is_a_kill_where_the_unmutated_module_is_quick(
+    plan: Plan, statuses: list[int | None], verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits: list[float] = []
+
+    def answer(_: Job, limit_s: float) -> int | None:
+        limits.append(limit_s)
+        return statuses[len(limits) - 1]
+
+    monkeypatch.setattr("tests.mutants.judge.run", answer)
+    (mutant,) = changed(plan, "n -= 2")
+    with copy_of(plan.tree) as copy:
+        assert judge(copy, mutant, Job((), "", ()), 8.0)[0] == verdict
+    assert limits == [8.0, 4.0][: len(statuses)]
+
+
+def test_a_job_that_hangs_is_ended_at_its_limit(plan: Plan) -> None:
+    hang = "import time\n\n\ndef test_that_hangs():\n    time.sleep(600)\n"
+    (plan.tree.root / "tests/test_hang.py").write_text(hang)
+    assert run(Job((), str(plan.tree.root), ("tests/test_hang.py",)), 2.0) is None
 
 
 def test_a_mutant_that_torchscript_cannot_compile_is_replaced_by_another(plan: Plan) -> None:
@@ -131,7 +161,7 @@ def test_texts_types_and_docstrings_are_no_mutants(plan: Plan) -> None:
     lines = {mutant.line for mutant in find_mutants(plan.tree.root, FILE)}
     texts = {number for number, line in enumerate(MODULE.splitlines(), 1) if '"' in line}
     assert not lines & texts
-    assert lines >= {8, 10, 11, 13, 18, 19, 20, 26}
+    assert lines >= {6, 8, 9, 11, 16, 17, 23}
 
 
 def test_the_same_seed_draws_the_same_mutants(plan: Plan) -> None:
