@@ -87,7 +87,7 @@ def with_effects(loaded: LoadedModel, effects: Sequence[Sized]) -> PAlpaca:
 
 def value_prior(effects: Sequence[Sized]) -> ValuePrior:
     """Return the prior of the effects' values: of each its size, then its further values."""
-    named = [NamedEffect(effect.name) for effect in effects]
+    named = [LibraryEffect(effect.name) for effect in effects]
     library = Hypothesis(tuple(named)).shared()
     mean, sd, place = torch.zeros_like(library.sd), library.sd.clone(), 0
     for each, effect in zip(named, effects, strict=True):

@@ -45,7 +45,7 @@ def shifts() -> tuple[Tensor, Tensor]:
 
 
 def shifts_of(seen: Blocks, true: Blocks, strength: Tensor) -> tuple[Tensor, Tensor]:
-    """Return measured less true velocity row, beyond what is linear in the errors, over its noise."""
+    """Return the velocity row measured less true, beyond its linear part, over its noise."""
     strength = strength / NOMINAL.contact.column_unit[:2]
     kappa = torch.zeros(len(NOMINAL.uncertain), dtype=torch.float64)
     point = LinearizationPoint(strength, kappa, (PAYLOAD_KG, 0.0, 0.0))
