@@ -20,6 +20,9 @@ from terrain_estimator.outcome import Outcome
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.vehicle.rover import Rover
 
+PIECE = 5
+"""[blocks] of a rollout: five seconds, linked."""
+
 
 class RunError(ValueError):
     """A run cannot be used."""

@@ -4,13 +4,16 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from terrain_estimator.discovery import Diagnosis, Finding, Proof
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.proof.gap import Gap
+from terrain_estimator.discovery.proof.proof import Proof
+from terrain_estimator.discovery.report.diagnosis import Diagnosis
+from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.offline.effect_entries import effect_entries
 from terrain_estimator.pages.finding_words import doubt_note
 from terramechanics.effects import describe
 
@@ -62,23 +65,6 @@ def _effects(finding: Finding, hypothesis: Hypothesis) -> list[dict[str, Any]]:
     probability = finding.judgement.probabilities[" + ".join(hypothesis.names)]
     factor = candidate.fit.log_evidence - finding.nothing.fit.log_evidence
     return effect_entries(candidate.sizes, probability, factor)
-
-
-def effect_entries(
-    sizes: Iterable[tuple[str, float, float]], probability: float, log_bayes_factor: float
-) -> list[dict[str, Any]]:
-    """Return the entries of one hypothesis in ``effects``; ``sizes`` are name, mean and sd."""
-    return [
-        {
-            "name": name,
-            "coefficient": size,
-            "sd": sd,
-            "unit": describe(name).unit,
-            "probability": probability,
-            "log_bayes_factor": log_bayes_factor,
-        }
-        for name, size, sd in sizes
-    ]
 
 
 def _parameters(finding: Finding, hypothesis: Hypothesis | None) -> dict[str, list[float]]:

@@ -14,7 +14,7 @@ from terrain_estimator.discovery.single_wheel import Rig, Row, WheelFinding
 from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of
 from terrain_estimator.discovery.single_wheel.investigation import FLOOR, HeldOut
 from terrain_estimator.observation import Floats
-from terrain_estimator.offline.finding_content import effect_entries
+from terrain_estimator.offline.effect_entries import effect_entries
 from terrain_estimator.pages.finding_words import doubt_note
 
 NOT_IDENTIFIED = (

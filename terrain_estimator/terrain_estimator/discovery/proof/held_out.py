@@ -21,13 +21,11 @@ from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.leftover.flexible import no_columns
-from terrain_estimator.discovery.runs import Blocks, RunError
+from terrain_estimator.discovery.runs import PIECE, Blocks, RunError
 from terrain_estimator.model.gaussian import cholesky
 
 SHORTEST_HALF = 8
 """[blocks] of a half of a run: eight seconds."""
-PIECE = 5
-"""[blocks] of a rollout: five seconds, linked."""
 
 
 @dataclass(frozen=True, slots=True)

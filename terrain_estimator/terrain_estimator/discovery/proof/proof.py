@@ -27,14 +27,7 @@ from terrain_estimator.discovery.evidence.search import Candidate
 from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.proof.gap import Gap, gap_of
-from terrain_estimator.discovery.proof.held_out import (
-    PIECE,
-    Half,
-    Model,
-    equations_of,
-    evidences,
-    halves,
-)
+from terrain_estimator.discovery.proof.held_out import Half, Model, equations_of, evidences, halves
 from terrain_estimator.discovery.proof.one_step import names, one_step
 from terrain_estimator.discovery.proof.rollout import (
     SimulatedSignals,
@@ -45,7 +38,7 @@ from terrain_estimator.discovery.proof.rollout import (
 from terrain_estimator.discovery.proof.scores import Predicted, RowScore, joined, regions_of, scores
 from terrain_estimator.discovery.proof.signals import compared
 from terrain_estimator.discovery.proof.signals import names as signal_names
-from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.discovery.runs import PIECE, Blocks
 from terrain_estimator.model.block import BLOCK
 
 LIKELIER = 8.0

@@ -14,9 +14,10 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.rows import Nominal, corrected
-from terrain_estimator.discovery.proof.held_out import PIECE, GroundEstimate, Half, Model
+from terrain_estimator.discovery.proof.held_out import GroundEstimate, Half, Model
 from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
+from terrain_estimator.discovery.runs import PIECE
 from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.gaussian import cholesky
 from terrain_estimator.model.packing import view_of

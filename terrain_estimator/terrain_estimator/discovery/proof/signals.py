@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery.proof.held_out import PIECE
 from terrain_estimator.discovery.proof.scores import Predicted
+from terrain_estimator.discovery.runs import PIECE
 from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.packing import view_of
 
