@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the contact model, its angles and its quadrature, and the ranges of what it is used for."""
+"""Limits of the contact model, its angles and quadrature, and the ranges of its inputs."""
 
 import itertools
 import math
@@ -27,7 +27,8 @@ from terramechanics.contact.stresses import (
     wheel_forces_linear_stress,
 )
 from terramechanics.effects import EFFECTS, describe, make_effect
-from terramechanics.effects.vehicle import REAR, FailedWheel
+from terramechanics.effects.vehicle import REAR
+from terramechanics.simulation.plant import ContactInputs, Situation
 from terramechanics.terrain.profile import MEAN_SLOPE, STEEPEST, random_hills
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.climbing import climb
@@ -112,8 +113,10 @@ def test_the_largest_stress_lies_between_the_ends_of_the_contact() -> None:
 def test_the_shear_changes_its_direction_where_its_integral_vanishes(
     slip: float, share: float
 ) -> None:
-    """j(theta) = r [theta_1 - theta - (1 - i)(sin theta_1 - sin theta)]; where it has one sign only,
-    an end of the contact is the answer."""
+    """j(theta) = r [theta_1 - theta - (1 - i)(sin theta_1 - sin theta)].
+
+    Where it has one sign only, an end of the contact is the answer.
+    """
     theta_1 = math.acos(1.0 - share)
     found = float(shear_reversal_angle(number(slip), number(theta_1)))
     assert 0.0 <= found <= theta_1
@@ -131,7 +134,7 @@ def test_the_shear_changes_its_direction_where_its_integral_vanishes(
 @pytest.mark.parametrize("slip", [-0.3, -0.05, 0.0, 0.15, 0.8])
 @pytest.mark.parametrize("exit_angle", [None, 0.1])
 def test_forces_are_the_integrals_of_the_stresses(slip: float, exit_angle: float | None) -> None:
-    """By scipy, from the definitions of the module; behind theta_m the stress of the mirrored place."""
+    """By scipy, from the module's definitions; behind theta_m the stress of the mirrored place."""
     sinkage, constants = 0.015, SOIL.constants()
     n, k_c, k_phi, shear, c1, c2 = constants.tolist()
     first = math.acos(1.0 - sinkage / R)
@@ -161,7 +164,11 @@ def test_forces_are_the_integrals_of_the_stresses(slip: float, exit_angle: float
 
     expected = R * B * np.array(
         [
-            [total(mobilised, math.sin), total(normal, mobilised, math.sin), total(normal, math.cos)],
+            [
+                total(mobilised, math.sin),
+                total(normal, mobilised, math.sin),
+                total(normal, math.cos),
+            ],
             [
                 total(mobilised, math.cos),
                 total(normal, mobilised, math.cos),
@@ -227,19 +234,26 @@ def test_a_size_is_taken_up_to_the_ends_of_its_range(name: str) -> None:
 
 
 def test_an_effect_of_one_axle_gets_it_and_the_others_do_not() -> None:
-    failed = make_effect("failed_wheel", 0.5, 1)
-    assert isinstance(failed, FailedWheel)
-    assert failed.axle == 1
-    rear = make_effect("failed_wheel", 0.5)
-    assert isinstance(rear, FailedWheel)
-    assert rear.axle == REAR == ROVER.axles - 1
-    assert make_effect("payload", 3.0, 1) is not None
+    assert ROVER.axles - 1 == REAR
+    wheels = torch.ones(1, ROVER.axles, dtype=torch.float64)
+    where = Situation(ROVER, 0.0, torch.arange(1), 0.0 * wheels, wheels, 0.1 * wheels[:, 0])
+    inputs = ContactInputs(0.3 * wheels, 0.015 * wheels, SOIL.constants(), SOIL.strength())
+    for failed, axle in (
+        (make_effect("failed_wheel", 0.5, 0), 0),
+        (make_effect("failed_wheel", 0.5, 1), 1),
+        (make_effect("failed_wheel", 0.5), REAR),
+    ):
+        changed = failed.contact(where, inputs).slip[0] != 0.3
+        assert changed.tolist() == [k == axle for k in range(ROVER.axles)]
+    payload = make_effect("payload", 3.0, 1).payload(where)
+    assert payload is not None
+    assert payload.mass.tolist() == [3.0]
     with pytest.raises(ConfigError, match="acts sideways"):
         make_effect("lateral_bulldozing", 1.0)
 
 
 def test_random_hills_scale_down_with_what_the_rover_can_pull() -> None:
-    """The same draw: up to twice the steepest slope all of it, below in proportion, below zero none."""
+    """Of one draw up to twice the steepest slope takes all, below its share, below zero nothing."""
     steepest = math.tan(STEEPEST)
 
     def drawn(capability: float) -> Tensor:
