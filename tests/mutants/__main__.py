@@ -91,7 +91,7 @@ def measure(plan: Plan, tests: Sequence[str], tell: Callable[[str], None]) -> di
 def judge_all(
     plan: Plan, drawn: Sequence[Mutant], number: int, results: Results, tell: Callable[[str], None]
 ) -> list[Verdict]:
-    """Judge the first ``number`` of the ``drawn`` that compile; return all verdicts in their order."""
+    """Judge the first ``number`` of the ``drawn`` that compile; return the verdicts in order."""
     tree = plan.tree
     judges = {file: tree.judges(file) for file in {mutant.file for mutant in drawn}}
     tests = sorted({test for found in judges.values() for _, test in found})
@@ -106,9 +106,8 @@ def judge_all(
             compiled = plan.compiled if mutant.file.startswith(SCRIPTED) else ""
             job = Job((), str(tree.root), chosen[mutant.file], compiled)
             found = judge(copy, mutant, job, plan.limit_s)
-            tell(
-                f"{found[0]:12} {found[1]:5.1f} s {mutant.file}:{mutant.line} {mutant.mutated_line[:90]}"
-            )
+            place, line = f"{mutant.file}:{mutant.line}", mutant.mutated_line[:90]
+            tell(f"{found[0]:12} {found[1]:5.1f} s {place} {line}")
         else:
             found = known
         verdict = Verdict(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps the verdicts of a run in a file, so that one that was broken off goes on, and tells them."""
+"""The verdicts of a run in a file, from which an interrupted run goes on, and their report."""
 
 import json
 import threading

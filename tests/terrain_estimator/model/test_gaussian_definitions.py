@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Gaussians in information form: each function against the definition, written as plain as can be."""
+"""Gaussians in information form: each function against its definition, in plain numpy."""
 
 import numpy as np
 import pytest

@@ -60,7 +60,7 @@ def test_a_stall_is_certain_or_impossible_on_ground_that_is_known(spare: float) 
 
 
 def test_each_soil_keeps_its_weight() -> None:
-    """Firm and soft ground as two beliefs about one soil: the stall probability is the soft share."""
+    """Firm and soft ground as two beliefs about a soil: the stall probability is the soft share."""
     firm, soft = (draw(np.array(s), np.zeros((2, 2)), (1.0,)) for s in (FIRM, SOFT))
     both = firm.or_else(soft, 0.3)
     assert margins(table(), both, 0.05, LIMIT, 0.0).stall_probability == pytest.approx(0.3)

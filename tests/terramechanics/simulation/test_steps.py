@@ -199,7 +199,7 @@ def test_named_schedules_start_settled_and_own_ones_as_they_are_given() -> None:
 
 @pytest.mark.parametrize("soil", ["loose_sand", "compact_sand"])
 def test_the_torques_of_s2_are_shares_of_what_an_even_load_needs(soil: str) -> None:
-    """From a third of the way between rolling freely and the highest torque, for 20 s; then half."""
+    """From a third of the way from rolling freely to the highest torque, for 20 s; then half."""
     ground, batch = Ground.constant(load_soil(soil)), 400
     schedule = make_schedule("S2", ROVER, ground, batch, torch.Generator().manual_seed(1))
     assert isinstance(schedule, TorqueBands)
@@ -257,7 +257,7 @@ class Counted:
 
 
 def test_a_pose_is_found_in_a_few_steps_of_newton() -> None:
-    """It converges quadratically: six evaluations of hills, from a level pose and from one before."""
+    """It converges quadratically: six evaluations of hills, from a level pose or from the last."""
     x = torch.linspace(0.3, 9.7, 24, dtype=torch.float64)
     hills = random_hills(24, torch.ones(24).double(), torch.Generator().manual_seed(5))
     fresh = Counted(hills)
@@ -269,7 +269,7 @@ def test_a_pose_is_found_in_a_few_steps_of_newton() -> None:
 
 
 def test_ground_that_is_curved_more_sharply_than_a_wheel_is_refused() -> None:
-    """The radius of a hollow may not come near that of the wheel: 1 - r h'' has to stay above 0.1."""
+    """A hollow's radius may not come near that of the wheel: 1 - r h'' has to stay above 0.1."""
     x = torch.zeros(1, dtype=torch.float64)
     for radii, refused in ((1.05, True), (1.3, False)):
         curvature = 1.0 / (radii * ROVER.wheel_radius)
@@ -315,7 +315,7 @@ def test_patches_that_overlap_are_refused(patches: Callable[[], list[Patch]]) ->
 
 
 def test_random_strengths_are_uniform_in_cohesion_and_in_the_friction_angle() -> None:
-    """5000 draws: the ends are approached within 1 % of the range, the mean within 4 standard errors."""
+    """5000 draws: the ends are met within 1 % of the range, the mean within 4 standard errors."""
     generator = torch.Generator().manual_seed(4)
     ground = Ground.random_strength(SOIL, 5000, generator)
     cohesion, tan_phi = ground.patches[0].strength.unbind(-1)

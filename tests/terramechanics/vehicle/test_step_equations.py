@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the solvers of one time step are given and how quickly they get there: derivatives by differences."""
+"""Derivatives of the equations of one time step, by differences, and the solvers' convergence."""
 
 import math
 from collections.abc import Callable, Sequence
