@@ -223,9 +223,9 @@ def test_a_change_is_scored_by_its_delays_and_by_when_the_ground_is_known_again(
     found = score_change(CHANGE, followed([2.0, 3.0, math.inf, 50.0], errors, fresh))
     assert found.drives == (4, 4, 3)
     assert found.crossing_s == 4.0
-    assert found.found == 0.5
+    assert found.detected == 0.5
     assert found.delay_median_s.value == 3.0
-    assert found.known_s == (12.0, 6.0)
+    assert found.recovered_s == (12.0, 6.0)
     assert found.error_15_s == pytest.approx((0.1, 0.1))
     assert found.fresh_15_s == pytest.approx((0.09, 0.09))
     assert found.coverage_40_s == (1.0, 1.0)
@@ -238,7 +238,7 @@ def test_ground_is_never_known_where_the_last_second_is_not_good() -> None:
     errors[:, -1, 1] = 0.9
     fresh = torch.full_like(errors, 0.1)
     found = score_change(CHANGE, followed([1.0] * 3, errors, fresh))
-    assert found.known_s == (4.0, math.inf)  # c at once, which counts from the crossing
+    assert found.recovered_s == (4.0, math.inf)  # c at once, which counts from the crossing
 
 
 # tables

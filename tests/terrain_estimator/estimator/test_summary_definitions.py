@@ -17,7 +17,7 @@ from terrain_estimator.estimator.summary import (
     MOST_CORRELATED,
     Beliefs,
     definite,
-    doubted,
+    inflated,
     summarise,
 )
 from terrain_estimator.intervals import HALF_WIDTH_95, credible_interval
@@ -58,7 +58,7 @@ def test_a_soil_that_is_known_is_certain_and_an_unknown_one_is_refused_by_name()
 @pytest.mark.parametrize("doubt", [0.0, 0.1, 0.5, 1.0])
 def test_doubt_mixes_the_posterior_with_the_prior(doubt: float) -> None:
     """Mean and covariance of the mixture by its first and second moments."""
-    mean, covariance = doubted(MEAN, COVARIANCE, BELIEFS, doubt)
+    mean, covariance = inflated(MEAN, COVARIANCE, BELIEFS, doubt)
     parts = (
         (1.0 - doubt, MEAN, COVARIANCE),
         (doubt, BELIEFS.prior_mean, np.diag(BELIEFS.prior_sd**2)),

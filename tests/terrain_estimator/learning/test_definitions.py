@@ -30,8 +30,11 @@ from terrain_estimator.learning.tasks import (
     uniform,
 )
 from terrain_estimator.model.block import BLOCK
-from terrain_estimator.model.packing import AXLE_FIELDS, SCALAR_FIELDS
+from terrain_estimator.model.packing import PACKED_SCALAR_FIELDS
+from terrain_estimator.model.packing import PACKED_WHEEL_FIELDS
 from terrain_estimator.model.rows import row_names
+from terramechanics.effects import EFFECTS
+from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -163,7 +166,7 @@ def drawn() -> Tasks:
 
 def test_what_is_true_of_a_task_has_the_deviations_of_what_is_measured(tasks: Tasks) -> None:
     """And differs from it by about one of them."""
-    for index, name in enumerate(AXLE_FIELDS):
+    for index, name in enumerate(PACKED_WHEEL_FIELDS):
         place = slice(index * A, (index + 1) * A)
         if name.endswith("_sd"):
             assert torch.equal(tasks.true[..., place], tasks.measured[..., place])
@@ -172,7 +175,7 @@ def test_what_is_true_of_a_task_has_the_deviations_of_what_is_measured(tasks: Ta
         share = ((tasks.measured - tasks.true)[..., place] / spread)[tasks.usable]
         assert float(share.std()) == pytest.approx(1.0, abs=0.05), name
     for name in ("velocity_sd", "pitch_sd", "acceleration_sd"):
-        scalar = 8 * A + SCALAR_FIELDS.index(name)
+        scalar = 8 * A + PACKED_SCALAR_FIELDS.index(name)
         assert torch.equal(tasks.true[..., scalar], tasks.measured[..., scalar])
 
 
@@ -243,8 +246,13 @@ def test_each_effect_acts_in_its_share_of_the_drives_with_sizes_in_its_range(
     plant = random_plant(family, ROVER, 4000, HIDDEN, torch.Generator().manual_seed(5))
     assert plant is not None
     assert len(plant.effects) == len(ranges)
-    for effect, (low, high) in zip(plant.effects, ranges.values(), strict=True):
-        size = effect.size  # type: ignore[attr-defined] # of every named effect
+    for effect, (name, (low, high)) in zip(plant.effects, ranges.items(), strict=True):
+        assert isinstance(effect, SimulatedEffect)
+        own = effect.values[:, 0].tolist()
+        size = torch.tensor(
+            [EFFECTS[name].law.size_of(value) for value in own], dtype=torch.float64
+        )
+        assert not effect.values[:, 1:].any()
         assert abs(float((size != 0.0).double().mean()) - HIDDEN) < 0.031
         assert low <= float(size.min()) <= low + 0.01 * (high - low) or low == 0.0
         assert high - 0.01 * (high - low) <= float(size.max()) <= high

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_estimator.intervals import HALF_WIDTH_95
+from terrain_estimator.messaging.arrival_rates import timing
 from terrain_estimator.messaging.diagnostics import CHECKS, Check, CheckResult, Level, table, worst
 from terrain_estimator.messaging.health import (
     FEWEST_INNOVATIONS,
@@ -28,7 +29,6 @@ from terrain_estimator.messaging.history import (
     WheelSpan,
 )
 from terrain_estimator.messaging.pairing import Counters
-from terrain_estimator.messaging.timing import timing
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES
 from terrain_estimator.update import Update

@@ -16,11 +16,11 @@ from terrain_estimator.model.bank import (
     Bank,
     Solved,
     join,
-    kinship,
     log_physical,
     merge,
     prune,
     shared_noise,
+    siblings,
     take,
     weigh,
 )
@@ -51,15 +51,15 @@ def solved(count: int, size: int = 3, seed: int = 0) -> Solved:
 
 
 def bank(mean: Tensor, precision: Tensor, log_weight: Tensor) -> Bank:
-    """Kin."""
+    """Return a bank of siblings."""
     count = log_weight.shape[0]
     covariance = torch.linalg.inv(precision)
     return Bank(mean, covariance, precision, log_weight, torch.ones(count), torch.zeros(count))
 
 
-def test_kin_share_age_and_kind() -> None:
+def test_siblings_share_age_and_kind() -> None:
     ages, kinds = [1.0, 1.0, 2.0, 1.0, 2.0], [0, 1, 0, 0, 0]
-    found = kinship(torch.tensor(ages), torch.tensor(kinds))
+    found = siblings(torch.tensor(ages), torch.tensor(kinds))
     for i in range(5):
         for j in range(5):
             assert bool(found[i, j]) == (ages[i] == ages[j] and kinds[i] == kinds[j])
@@ -92,7 +92,7 @@ def test_a_hypothesis_far_below_zero_keeps_a_finite_weight() -> None:
     assert found == pytest.approx(300.0 * math.log(0.1) + stats.norm.logcdf(1.0), rel=1e-9)
 
 
-def test_kin_share_the_mean_of_their_noise_and_others_keep_theirs() -> None:
+def test_siblings_share_the_mean_of_their_noise_and_others_keep_theirs() -> None:
     hypotheses = solved(4)._replace(age=vector(1, 1, 2, 1), kind=torch.tensor([0, 0, 0, 1]))
     weight = hypotheses.solution.posterior.log_weight.exp()
     noise = hypotheses.solution.noise
@@ -138,7 +138,7 @@ def test_a_weight_is_negligible_below_the_limit_alone() -> None:
 
 
 def line(places: list[float], weights: list[float]) -> Bank:
-    """Kin of unit variance at places on a line, with weights that need not sum to one."""
+    """Return siblings of unit variance on a line, with weights that need not sum to one."""
     count = len(places)
     return bank(vector(*places)[:, None], torch.ones(count, 1, 1).double(), vector(*weights).log())
 

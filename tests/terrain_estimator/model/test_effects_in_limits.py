@@ -12,9 +12,11 @@ from scipy import integrate, stats
 from terrain_estimator.learning.adding import Sized, with_effects
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import draw_tasks
-from terrain_estimator.learning.training import body_of
+from terrain_estimator.model.effect_rows import EffectRows, Observed
 from terrain_estimator.model.effects import LAWS, NOT_ONLINE
 from terrain_estimator.model.model_file import load_model
+from terrain_estimator.model.packing import view_of
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terramechanics.effects import EFFECTS
 
 LOADED = load_model("mars_rover")
@@ -66,9 +68,9 @@ def moment(power: int, mean: float, sd: float) -> float:
 
 def test_a_size_that_is_a_square_has_the_moments_of_the_square_of_what_is_above_zero() -> None:
     """Of exit_angle: the value is the root of the size, zero where that would be negative."""
-    law = LAWS["exit_angle"](body_of(LOADED.rover))
+    law = LAWS["exit_angle"](LOADED.rover)
     for mean, sd in ((0.5, 0.1), (0.1, 0.3), (0.0, 0.2), (-0.2, 0.2)):
-        found = law.size(torch.tensor(mean).double(), torch.tensor(sd**2).double()).tolist()
+        found = law.size_moments(torch.tensor(mean).double(), torch.tensor(sd**2).double()).tolist()
         second, fourth = (moment(power, mean, sd) for power in (2, 4))
         assert found == pytest.approx([second, fourth - second**2], rel=1e-4, abs=1e-9)
 
@@ -80,12 +82,13 @@ def test_every_effect_is_estimated_online_or_says_why_not() -> None:
 
 def test_what_sensors_and_drives_do_is_undone_from_an_observation() -> None:
     """The formulas of the registry, inverted by hand."""
-    body = body_of(LOADED.rover)
     packed = with_rates(observations()[:3])
     size = torch.tensor([[0.02]], dtype=torch.float64)
 
     def changed(name: str, values: torch.Tensor) -> dict[int, torch.Tensor]:
-        after = LAWS[name](body).undone(packed, values)
+        rows = EffectRows([LAWS[name](LOADED.rover)], LOADED.rover.mass)
+        rate = view_of(packed, AXLES).wheel_rate
+        after = rows.corrected(Observed(packed, rate), values)
         return {k: after[:, k] for k in range(packed.shape[1]) if not _same(after, packed, k)}
 
     pitch = changed("slope_bias", size)
@@ -118,11 +121,11 @@ def _same(after: torch.Tensor, before: torch.Tensor, column: int) -> bool:
 
 
 def test_a_load_makes_the_rover_heavier_and_moves_its_centre() -> None:
-    model = restore(LOADED)
-    contact = model.nominal_contact()
+    contact = nominal_of(restore(LOADED).physics).nominal_contact()
     mass, moments = 25.0, (3.0, -2.0)
     values = torch.tensor([[mass, *moments]], dtype=torch.float64)
-    loaded = LAWS["payload"](body_of(LOADED.rover)).loaded(contact, values)
+    rows = EffectRows([LAWS["payload"](LOADED.rover)], LOADED.rover.mass)
+    loaded = rows.loaded(contact, values)
     total = LOADED.rover.mass + mass
     torch.testing.assert_close(loaded.body_scale[0], contact.body_scale * LOADED.rover.mass / total)
     shift = torch.tensor(moments, dtype=torch.float64) / total

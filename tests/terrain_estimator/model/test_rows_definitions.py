@@ -12,7 +12,13 @@ from torch import Tensor
 
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.agreement import LARGEST_ERROR, agreement
-from terrain_estimator.model.packing import SCALAR_FIELDS, SCALARS
+from terrain_estimator.model.packing import (
+    PACKED_SCALAR_FIELDS,
+    PACKED_WHEEL_FIELDS,
+    packed_size,
+    view_of,
+)
+from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.prior import UNCERTAIN, uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
@@ -37,11 +43,11 @@ THETA = np.array([1.3, 0.55, 1.0])  # c [kPa], tan phi, 1
 
 @pytest.fixture(name="contact", scope="module")
 def nominal() -> ContactModel:
-    return physics_alone(ROVER, SOIL, exact=True).nominal_contact()
+    return nominal_of(physics_alone(ROVER, SOIL, exact=True).physics).nominal_contact()
 
 
 def packed(**changes: float) -> Tensor:
-    """One observation [8 A + SCALARS]; ``changes`` by name, of a group with the axle behind it."""
+    """Return one observation [P]; ``changes`` by name, of a group with the axle behind it."""
     values = {
         "slip": (0.12, 0.2, 0.31),
         "slip_sd": (0.01, 0.012, 0.011),
@@ -59,8 +65,9 @@ def packed(**changes: float) -> Tensor:
     }  # fmt: skip
     flat = {f"{g}_{k}": v for g in GROUPS for k, v in enumerate(values[g])}
     flat |= scalars | changes
-    assert len(flat) == 8 * A + SCALARS
-    assert tuple(scalars) == SCALAR_FIELDS
+    assert len(flat) == packed_size(A)
+    assert [name.replace("contact_", "") for name in PACKED_WHEEL_FIELDS] == [*GROUPS]
+    assert tuple(scalars) == PACKED_SCALAR_FIELDS
     return torch.tensor(list(flat.values()), dtype=torch.float64)
 
 
@@ -75,7 +82,7 @@ def by_hand(observation: Tensor, contact: ContactModel) -> np.ndarray:
     forces = wheel_forces(
         slip, sinkage, contact.constants, contact.radius, contact.width, contact.nodes
     ).numpy() * np.array([1e3, 1.0, 1.0])
-    bogie = float(observation[8 * A + SCALAR_FIELDS.index("bogie_angle")])
+    bogie = float(observation[8 * A + PACKED_SCALAR_FIELDS.index("bogie_angle")])
     pivot = np.array([ROVER.bogie_pivot_x, ROVER.bogie_pivot_height])
     centre = np.array([ROVER.centre_of_mass_x, ROVER.centre_of_mass_height])
     turn = np.array([[math.cos(bogie), -math.sin(bogie)], [math.sin(bogie), math.cos(bogie)]])
@@ -114,14 +121,14 @@ def test_rows_are_the_balances_of_the_rover_summed_wheel_by_wheel(
     np.testing.assert_allclose(
         rows.features[0, 0], by_hand(observation, contact), rtol=1e-9, atol=1e-12
     )
-    pitch = float(observation[8 * A + SCALAR_FIELDS.index("pitch")])
+    pitch = float(observation[8 * A + PACKED_SCALAR_FIELDS.index("pitch")])
     target = [ROVER.gravity * math.sin(pitch), math.cos(pitch), 4.0, 5.0, 6.0, 0.2, 0.0, 0.0]
     np.testing.assert_allclose(rows.target[0], target, rtol=1e-12)
     variance = [0.0, 0.0, 0.04, 0.09, 0.16, 0.0025, MOMENT_VARIANCE, MOMENT_VARIANCE]
     np.testing.assert_allclose(rows.variance[0], variance, rtol=1e-12)
     assert bool((rows.used == 1.0).all())
-    groups = observation[: 8 * A].view(8, A)
-    drive = drive_row(groups, contact)
+    view = view_of(observation, A)
+    drive = drive_row(view.slip, view.sinkage, view.contact_angle, contact)
     np.testing.assert_allclose(drive[0], rows.features[0, 0, 0], rtol=1e-9)
 
 
@@ -207,7 +214,7 @@ def test_rows_expanded_elsewhere_are_moved_back_to_first_order(contact: ContactM
 
 def test_the_change_of_a_row_by_a_soil_constant_is_its_derivative() -> None:
     """By the prior deviation of each uncertain constant, for values and noise."""
-    model = physics_alone(ROVER, SOIL, exact=False)
+    model = nominal_of(physics_alone(ROVER, SOIL, exact=False).physics)
     contact, observation = model.nominal_contact(), packed()
     rows = rows_of(observation, contact)
     for index in range(len(UNCERTAIN)):
@@ -299,7 +306,7 @@ def test_the_place_of_agreement_is_one_step_of_orthogonal_distance_regression(
             wanted = float(value + sd * error[group * A + axle])
             wanted = wanted if name == "slip" else max(wanted, 0.3 * float(value))
             assert float(moved[place + axle]) == pytest.approx(wanted, rel=1e-8)
-    kept = [k for k in range(8 * A + SCALARS) if k // A not in {0, 2}]
+    kept = [k for k in range(packed_size(A)) if k // A not in {0, 2}]
     assert torch.equal(moved[kept], observation[kept])
     diagonal = np.diag(left)
     np.testing.assert_allclose(found.doubt[0, 0], diagonal[:A], rtol=1e-8)

@@ -10,11 +10,13 @@ from torch import Tensor
 
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.learning.tasks import draw_tasks
+from terrain_estimator.model.hypotheses import HAZARD
 from terrain_estimator.model.block import BLOCK
-from terrain_estimator.model.hypotheses import HAZARD, NO_SAY
+from terrain_estimator.model.hypotheses import ZERO_PRECISION
 from terrain_estimator.model.model_file import LoadedModel, load_model
-from terrain_estimator.model.packing import SCALAR_FIELDS, SCALARS
 from terrain_estimator.model.palpaca import PAlpaca
+from terrain_estimator.model.packing import PACKED_SCALAR_FIELDS
+from terrain_estimator.model.parameters import ROVER_PARAMETERS
 from terrain_estimator.model.velocity import MEMORY, OPEN
 
 State = dict[str, Tensor]
@@ -23,7 +25,7 @@ STEP_S = 0.1
 
 def place(name: str) -> int:
     """Of a scalar in a packed observation, from its end."""
-    return SCALAR_FIELDS.index(name) - SCALARS
+    return PACKED_SCALAR_FIELDS.index(name) - len(PACKED_SCALAR_FIELDS)
 
 
 def drive(loaded: LoadedModel, soils: tuple[int, ...], seconds: float = 3.0) -> Tensor:
@@ -118,7 +120,8 @@ def test_before_anything_is_measured_the_mixture_is_the_prior(
     torch.testing.assert_close(estimate[1:], torch.diag(sd**2), rtol=1e-9, atol=1e-9)
     torch.testing.assert_close(state["soils"], soils)
     assert float(state["weight"].sum()) == pytest.approx(1.0)
-    assert bool(torch.isnan(model.forecast(state, STEP_S)).all())
+    assert bool(torch.isnan(torch.stack(model.velocity.forecast(state, STEP_S))).all())
+    assert bool(torch.isnan(torch.stack([state["forecast"], state["forecast_variance"]])).all())
 
 
 def test_an_innovation_is_what_differs_from_the_prediction(
@@ -130,14 +133,13 @@ def test_an_innovation_is_what_differs_from_the_prediction(
     for observation in observations[1 : BLOCK - 1]:
         mean, variance = model.predict(state, observation).unbind(0)
         state = model.update(state, observation)
-        innovation, total = state["innovation"].unbind(0)
+        innovation, total = state["innovation"], state["innovation_variance"]
         noise = observation[deviation] ** 2
         torch.testing.assert_close(innovation, observation[speed] - mean)
         torch.testing.assert_close(total, variance)
         gain = (variance - noise) / variance
-        torch.testing.assert_close(
-            state["velocity"], torch.stack([mean + gain * innovation, gain * noise])
-        )
+        torch.testing.assert_close(state["velocity"], mean + gain * innovation)
+        torch.testing.assert_close(state["velocity_variance"], gain * noise)
 
 
 def test_a_forecast_goes_on_with_the_acceleration_and_ever_less_surely(
@@ -147,15 +149,18 @@ def test_a_forecast_goes_on_with_the_acceleration_and_ever_less_surely(
     state = model.initial()
     for observation in observations[:15]:
         state = model.update(state, observation)
-    now, near, far = (model.forecast(state, h) for h in (0.0, 0.5, 1.0))
-    torch.testing.assert_close(now, state["velocity"])
+    now, near, far = (model.velocity.forecast(state, h) for h in (0.0, 0.5, 1.0))
+    assert now == (state["velocity"], state["velocity_variance"])
     torch.testing.assert_close(far[0] - near[0], near[0] - now[0])
-    torch.testing.assert_close(near[0] - now[0], 0.5 * state["drive"][0])
-    _, noise, change, seen, spread, shared = state["drive"].unbind(0)
+    torch.testing.assert_close(near[0] - now[0], 0.5 * state["acceleration"])
     bend = 2.0 * (far[1] - 2.0 * near[1] + now[1])
-    wander = (change / seen - 2.0 * noise).clamp(min=0.0)
-    torch.testing.assert_close(bend, spread + wander, rtol=1e-6, atol=0.0)
+    change = state["change"] / state["change_weight"]
+    walk = (change - 2.0 * state["feature_noise"]).clamp(min=0.0)
+    spread, shared = state["acceleration_variance"], state["velocity_acceleration_covariance"]
+    torch.testing.assert_close(bend, spread + walk, rtol=1e-6, atol=0.0)
     torch.testing.assert_close(far[1] - now[1] - bend, 2.0 * shared, rtol=1e-6, atol=1e-15)
+    ahead = model.velocity.forecast(state, STEP_S)
+    assert ahead == (state["forecast"], state["forecast_variance"])
 
 
 def test_changes_of_the_acceleration_are_remembered_with_falling_weight(
@@ -165,13 +170,13 @@ def test_changes_of_the_acceleration_are_remembered_with_falling_weight(
     accelerations: list[float] = []
     for observation in observations[1:9]:
         state = model.update(state, observation)
-        accelerations.append(float(state["drive"][0]))
+        accelerations.append(float(state["acceleration"]))
     change, seen = 0.0, 0.0
     for before, after in itertools.pairwise(accelerations):
         change = (1.0 - MEMORY) * change + MEMORY * (after - before) ** 2
         seen = (1.0 - MEMORY) * seen + MEMORY
-    assert float(state["drive"][2]) == pytest.approx(change, rel=1e-9)
-    assert float(state["drive"][3]) == pytest.approx(seen, rel=1e-9)
+    assert float(state["change"]) == pytest.approx(change, rel=1e-9)
+    assert float(state["change_weight"]) == pytest.approx(seen, rel=1e-9)
 
 
 def test_a_discarded_block_leaves_the_ground_as_it_was_and_opens_the_velocity(
@@ -186,8 +191,8 @@ def test_a_discarded_block_leaves_the_ground_as_it_was_and_opens_the_velocity(
     dropped = model.discard(state)
     assert dropped["block"].shape[0] == 0
     torch.testing.assert_close(model.estimate(dropped), before)
-    assert float(dropped["velocity"][1]) == pytest.approx(1.0 / OPEN)
-    torch.testing.assert_close(dropped["velocity"][0], state["velocity"][0])
+    assert float(dropped["velocity_variance"]) == pytest.approx(1.0 / OPEN)
+    torch.testing.assert_close(dropped["velocity"], state["velocity"])
     covariance = torch.linalg.inv(dropped["precision"])
     torch.testing.assert_close(
         covariance[:, :2, :2], torch.linalg.inv(state["precision"])[:, :2, :2]
@@ -198,39 +203,41 @@ def test_a_discarded_block_leaves_the_ground_as_it_was_and_opens_the_velocity(
     assert not covariance[:, -1, :-1].abs().max() > 1e-12
 
 
-def test_what_is_born_on_changed_ground_is_the_prior_with_the_rovers_own_parameters(
+def test_what_is_started_anew_is_the_prior_with_the_rovers_own_parameters(
     model: PAlpaca, observations: Tensor
 ) -> None:
     """Four Gaussians whose mixture has mean and covariance of the prior in c and tan phi."""
     state = model.initial()
     for observation in observations[: 2 * BLOCK]:
         state = model.update(state, observation)
-    born = model.born(state, 1)
-    kept = model.kept
-    covariance = torch.linalg.inv(born.precision)
-    mean, sd = state["prior"][0], state["prior"][1]
-    torch.testing.assert_close(born.mean[:, :2].mean(0), mean)
-    spread = born.mean[:, :2] - mean
+    anew, layout = model.hypotheses.restart(state, 1), model.layout
+    kept, first_constant = ROVER_PARAMETERS, layout.first_constant
+    assert kept == layout.size - layout.first_effect  # it has no effects
+    covariance = torch.linalg.inv(anew.precision)
+    mean, sd = state["prior_mean"], state["prior_sd"]
+    torch.testing.assert_close(anew.mean[:, :2].mean(0), mean)
+    spread = anew.mean[:, :2] - mean
     whole = covariance[:, :2, :2].mean(0) + spread.T @ spread / 4.0
     torch.testing.assert_close(whole, torch.diag(sd**2))
-    torch.testing.assert_close(born.mean[:, -kept:], state["expected"][-kept:].expand(4, kept))
+    torch.testing.assert_close(anew.mean[:, -kept:], state["expected"][-kept:].expand(4, kept))
     torch.testing.assert_close(
         covariance[:, -kept:, -kept:],
         state["covariance"][-kept:, -kept:].expand(4, kept, kept),
         rtol=1e-6,
         atol=1e-12,
     )
-    silent = covariance[:, 2 : model.first_constant, 2 : model.first_constant]
+    without_net = covariance[:, 2:first_constant, 2:first_constant]
     torch.testing.assert_close(
-        silent.diagonal(dim1=1, dim2=2), torch.full_like(silent[..., 0], 1.0 / NO_SAY)
+        without_net.diagonal(dim1=1, dim2=2),
+        torch.full_like(without_net[..., 0], 1.0 / ZERO_PRECISION),
     )
     # prior mass: the four share the hazard, times the soil's prior, over what is physical of each
     physical = torch.distributions.Normal(
         0.0, 1.0
     ).cdf(  # type: ignore[no-untyped-call]
-        born.mean[:, :2] / covariance[:, [0, 1], [0, 1]].sqrt()
+        anew.mean[:, :2] / covariance[:, [0, 1], [0, 1]].sqrt()
     )
-    weight = born.log_weight.exp() * physical.prod(1)
+    weight = anew.log_weight.exp() * physical.prod(1)
     torch.testing.assert_close(weight, torch.full_like(weight, HAZARD / 4.0 / 3.0))
 
 
@@ -238,11 +245,11 @@ def test_drifting_ground_is_forgotten_at_the_rate_that_the_user_gives(model: PAl
     """The covariance of c and tan phi of every posterior grows by drift^2 t of the prior's."""
     sd, soils = torch.tensor([900.0, 0.2]).double(), torch.full((3,), 1.0 / 3.0).double()
     state = model.initial_with_prior(torch.tensor([1500.0, 0.5]).double(), sd, soils, 0.3)
-    later = model.wander(state, torch.tensor(2.0).double())
+    later = model.hypotheses.diffuse(state, torch.tensor(2.0).double())
     grown = torch.linalg.inv(later["precision"]) - torch.linalg.inv(state["precision"])
     expected = torch.zeros_like(grown)
     unit = torch.tensor([1e3, 1.0]).double()
     expected[:, [0, 1], [0, 1]] = 2.0 * (0.3 * sd / unit) ** 2
     torch.testing.assert_close(grown, expected, rtol=1e-6, atol=1e-9)
-    still = model.wander(model.initial(), torch.tensor(2.0).double())
+    still = model.hypotheses.diffuse(model.initial(), torch.tensor(2.0).double())
     assert torch.equal(still["precision"], model.initial()["precision"])

@@ -27,7 +27,8 @@ from terramechanics.contact.stresses import (
     wheel_forces_linear_stress,
 )
 from terramechanics.effects import EFFECTS, describe, make_effect
-from terramechanics.effects.vehicle import REAR, FailedWheel
+from terramechanics.effects.vehicle import REAR
+from terramechanics.simulation.plant import ContactInputs, Situation
 from terramechanics.terrain.profile import MEAN_SLOPE, STEEPEST, random_hills
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.climbing import climb
@@ -233,13 +234,20 @@ def test_a_size_is_taken_up_to_the_ends_of_its_range(name: str) -> None:
 
 
 def test_an_effect_of_one_axle_gets_it_and_the_others_do_not() -> None:
-    failed = make_effect("failed_wheel", 0.5, 1)
-    assert isinstance(failed, FailedWheel)
-    assert failed.axle == 1
-    rear = make_effect("failed_wheel", 0.5)
-    assert isinstance(rear, FailedWheel)
-    assert rear.axle == REAR == ROVER.axles - 1
-    assert make_effect("payload", 3.0, 1) is not None
+    assert ROVER.axles - 1 == REAR
+    wheels = torch.ones(1, ROVER.axles, dtype=torch.float64)
+    where = Situation(ROVER, 0.0, torch.arange(1), 0.0 * wheels, wheels, 0.1 * wheels[:, 0])
+    inputs = ContactInputs(0.3 * wheels, 0.015 * wheels, SOIL.constants(), SOIL.strength())
+    for failed, axle in (
+        (make_effect("failed_wheel", 0.5, 0), 0),
+        (make_effect("failed_wheel", 0.5, 1), 1),
+        (make_effect("failed_wheel", 0.5), REAR),
+    ):
+        changed = failed.contact(where, inputs).slip[0] != 0.3
+        assert changed.tolist() == [k == axle for k in range(ROVER.axles)]
+    payload = make_effect("payload", 3.0, 1).payload(where)
+    assert payload is not None
+    assert payload.mass.tolist() == [3.0]
     with pytest.raises(ConfigError, match="acts sideways"):
         make_effect("lateral_bulldozing", 1.0)
 

@@ -12,31 +12,31 @@ from scipy import integrate
 from torch import Tensor
 
 from terramechanics.contact.stresses import CONSTANTS, MAX_SLIP, MIN_SLIP, quadrature
-from terramechanics.effects import make_effect
-from terramechanics.effects.laws import (
+from terramechanics.effects import describe, make_effect
+from terramechanics.effects.law import Readings
+from terramechanics.effects.sensing import SHALLOWEST, OdometryScale, SinkageBias
+from terramechanics.effects.soil import (
     GROUSER_SLIP,
     REFERENCE_SPEED,
-    SHALLOWEST,
     SOFTEST,
-    bulldozing_resistance,
-    digging_exponent,
-    dry_torque,
-    grouser_thrust,
-    in_slip_range,
-    rate_stiffness,
-    rebound_angle,
-    reported_slip,
-    rut_stiffness,
+    Bulldozing,
+    ExitAngle,
+    Grousers,
+    Multipass,
+    RateDependence,
+    SlipSinkage,
     side_resistance,
-    sinkage_behind,
-    slip_behind,
-    uneven,
-    viscous_torque,
 )
-from terramechanics.effects.sensing import Latency, SlopeBias
-from terramechanics.effects.soil import Bulldozing, Grousers, LateralBulldozing
-from terramechanics.effects.vehicle import CoulombDrag, DriveDrag, ExtraMass, FailedWheel
-from terramechanics.simulation.plant import ContactInputs, Plant, Pull, Situation
+from terramechanics.effects.vehicle import CoulombDrag, DriveDrag
+from terramechanics.simulation.plant import (
+    ContactInputs,
+    Effect,
+    Plant,
+    Pull,
+    Situation,
+    with_exponent,
+    with_stiffness,
+)
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
@@ -64,13 +64,60 @@ def contact(slip: float = 0.2, sinkage: float = 0.015, batch: int = 2) -> Contac
     return ContactInputs(slip * wheels, sinkage * wheels, SOIL.constants(), SOIL.strength())
 
 
+def values(*row: float) -> Tensor:
+    """Return the values [1, V] of a law."""
+    return torch.tensor([row], dtype=torch.float64)
+
+
+def column(*sizes: float) -> Tensor:
+    """Return values [batch, 1] of a law, one for each episode."""
+    return torch.tensor(sizes, dtype=torch.float64).unsqueeze(1)
+
+
+def at_slips(*slips: float) -> ContactInputs:
+    """Return the inputs of wheels in one row that slip differently."""
+    return contact(batch=1)._replace(
+        slip=values(*slips), sinkage=torch.full_like(values(*slips), 0.015)
+    )
+
+
+def stiffness(found: ContactInputs) -> Tensor:
+    """Return the factor of k_c and k_phi, by which no other constant is multiplied."""
+    factors = found.constants / SOIL.constants()
+    by_name = dict(zip(CONSTANTS, factors.unbind(-1), strict=True))
+    for name in {*CONSTANTS} - {"k_c", "k_phi"}:
+        assert bool((by_name[name] == 1.0).all())
+    torch.testing.assert_close(by_name["k_c"], by_name["k_phi"])
+    return by_name["k_phi"]
+
+
+def readings(slip: Tensor, sinkage: float = 0.015, slip_sd: float = 0.01) -> Readings:
+    """Return readings of [n, A] wheels."""
+    return Readings(
+        slip=slip,
+        slip_sd=torch.full_like(slip, slip_sd),
+        sinkage=torch.full_like(slip, sinkage),
+        torque=torch.ones_like(slip),
+        pitch=torch.zeros_like(slip[:, :1]),
+        wheel_rate=torch.ones_like(slip),
+    )
+
+
+RATE = torch.full((1, AXLES), 1.2, dtype=torch.float64)
+
+
 # laws
 
 
 def test_resistances_and_torques_are_their_formulas() -> None:
-    assert float(bulldozing_resistance(number(3e4), number(0.02))) == pytest.approx(12.0)
-    assert float(viscous_torque(number(2.0), number(-1.5))) == -3.0
-    assert dry_torque(number(2.0), number(-1.5, 0.0, 7.0)).tolist() == [-2.0, 0.0, 2.0]
+    pushed = Bulldozing(ROVER).added_force(contact(sinkage=0.02), values(3e4))
+    assert pushed is not None
+    torch.testing.assert_close(pushed.traction, torch.full((2, AXLES), -12.0).double())
+    assert not pushed.torque.any()
+    assert pushed.lateral is None
+    assert DriveDrag(ROVER).drive_loss(values(-1.5), values(2.0)).tolist() == [[-3.0]]
+    dry = CoulombDrag(ROVER).drive_loss(values(-1.5, 0.0, 7.0), values(2.0))
+    assert dry.tolist() == [[-2.0, 0.0, 2.0]]
 
 
 @pytest.mark.parametrize("sinkage", [0.004, 0.03])
@@ -88,60 +135,87 @@ def test_the_side_resistance_is_its_integral(sinkage: float) -> None:
 
 
 def test_grousers_push_with_63_percent_at_their_slip_and_with_all_far_beyond() -> None:
-    size, mobilised = number(50.0), number(GROUSER_SLIP)
-    thrust = [float(grouser_thrust(size, number(s), mobilised)) for s in (-0.1, 0.0, 0.1, 10.0)]
-    part = 50.0 * (1.0 - math.exp(-1.0))
-    assert thrust == pytest.approx([-part, 0.0, part, 50.0])
+    law, part = Grousers(ROVER), 50.0 * (1.0 - math.exp(-1.0))
+    for extra in (0.0, 0.7):  # the logarithm of that slip over its usual one
+        mobilised = GROUSER_SLIP * math.exp(extra)
+        lugs = law.added_force(at_slips(-mobilised, 0.0, mobilised, 100.0), values(50.0, extra))
+        assert lugs is not None
+        assert lugs.traction[0].tolist() == pytest.approx([-part, 0.0, part, 50.0])
+        torch.testing.assert_close(lugs.torque, ROVER.wheel_radius * lugs.traction)
 
 
 @given(size=st.floats(0.0, 2.0), slip=st.floats(-0.6, 0.95), n=st.floats(0.5, 1.5))
 def test_a_spinning_wheel_digs_by_the_amount_of_its_slip(
     size: float, slip: float, n: float
 ) -> None:
-    factor = float(digging_exponent(number(size), number(slip), number(n)))
-    assert n * factor == pytest.approx(n + size * abs(slip))
+    constants = SOIL.constants().clone()
+    constants[0] = n
+    inputs = contact(slip)._replace(constants=constants)
+    found = SlipSinkage(ROVER).contact(inputs, values(size), RATE).constants
+    torch.testing.assert_close(found[..., 1:], constants[1:].expand(2, AXLES, 5))
+    torch.testing.assert_close(found[..., 0], torch.full((2, AXLES), n + size * abs(slip)).double())
 
 
 def test_a_rut_is_stiffened_by_every_wheel_that_went_before() -> None:
-    order = number(0.0, 1.0, 2.0)
-    assert rut_stiffness(number(0.4), number(1.0), order).tolist() == pytest.approx([1.0, 1.4, 1.8])
-    assert rut_stiffness(number(0.4), number(0.5), order).tolist() == pytest.approx([1.0, 1.4, 1.6])
-    softened = rut_stiffness(number(-0.8), number(1.0), order).tolist()
-    assert softened == pytest.approx([1.0, 0.2, SOFTEST])
+    """The extra value is the growth with later passes, less 1."""
+    law = Multipass(ROVER)
+    for size, extra, expected in (
+        (0.4, 0.0, [1.0, 1.4, 1.8]),
+        (0.4, -0.5, [1.0, 1.4, 1.6]),
+        (-0.8, 0.0, [1.0, 0.2, SOFTEST]),
+    ):
+        found = stiffness(law.contact(contact(batch=1), values(size, extra), RATE))
+        assert found[0].tolist() == pytest.approx(expected)
 
 
 def test_the_rate_changes_nothing_at_the_reference_speed() -> None:
-    assert float(rate_stiffness(number(0.3), number(REFERENCE_SPEED))) == 1.0
-    assert float(rate_stiffness(number(0.5), number(4.0 * REFERENCE_SPEED))) == pytest.approx(2.0)
-    assert float(rate_stiffness(number(-0.5), number(4.0 * REFERENCE_SPEED))) == pytest.approx(0.5)
+    law, reference = RateDependence(ROVER), REFERENCE_SPEED / ROVER.wheel_radius
+    for size, times, expected in ((0.3, 1.0, 1.0), (0.5, 4.0, 2.0), (-0.5, 4.0, 0.5)):
+        rate = torch.full((1, AXLES), times * reference, dtype=torch.float64)
+        found = stiffness(law.contact(contact(batch=1), values(size), rate))
+        assert found[0].tolist() == pytest.approx([expected] * AXLES, rel=1e-12)
 
 
 def test_soil_that_springs_back_touches_the_wheel_up_to_its_height() -> None:
-    angle = rebound_angle(number(0.5), number(0.02, 0.0, -0.01), 0.13)
-    assert angle.tolist() == pytest.approx([math.acos(1.0 - 0.01 / 0.13), 0.0, 0.0])
+    inputs = contact(batch=1)._replace(sinkage=values(0.02, 0.0, -0.01))
+    found = ExitAngle(ROVER).contact(inputs, values(ExitAngle.value_of(0.5)), RATE).exit_angle
+    assert found is not None
+    expected = math.acos(1.0 - 0.01 / ROVER.wheel_radius)
+    assert found[0].tolist() == pytest.approx([expected, 0.0, 0.0])
 
 
 @given(slip=st.floats(-0.5, 0.9), error=st.floats(-0.05, 0.05))
 def test_a_slip_is_found_again_behind_the_error_of_the_radius(slip: float, error: float) -> None:
     """1 - v / (r w) with r larger by the share ``error``, and back."""
-    reported = reported_slip(number(slip), number(error))
-    assert float(reported) == pytest.approx(1.0 - (1.0 - slip) / (1.0 + error))
-    assert float(slip_behind(reported, number(error))) == pytest.approx(slip, abs=1e-12)
+    law, true = OdometryScale(ROVER), readings(torch.full((1, AXLES), slip, dtype=torch.float64))
+    reported = law.reported(true, values(error, 0.0))
+    expected = torch.full((1, AXLES), 1.0 - (1.0 - slip) / (1.0 + error)).double()
+    torch.testing.assert_close(reported.slip, expected, rtol=1e-6, atol=1e-12)
+    back = law.corrected(reported, values(error, 0.0))
+    torch.testing.assert_close(back.slip, true.slip, rtol=0.0, atol=1e-12)
+    torch.testing.assert_close(back.slip_sd, true.slip_sd, rtol=1e-12, atol=0.0)
 
 
 def test_what_is_corrected_stays_within_its_range() -> None:
-    assert in_slip_range(number(-2.0, 0.3, 2.0)).tolist() == [MIN_SLIP, 0.3, MAX_SLIP]
-    assert slip_behind(number(0.94, -0.59), number(0.3)).tolist()[0] == pytest.approx(0.922)
-    assert float(slip_behind(number(-0.59), number(0.3))) == MIN_SLIP
-    taken = sinkage_behind(number(0.02), number(0.005, 0.019, -0.01)).tolist()
-    assert taken == pytest.approx([0.015, SHALLOWEST * 0.02, 0.03])
+    law = OdometryScale(ROVER)
+    same = law.corrected(readings(values(-2.0, 0.3, 2.0)), values(0.0, 0.0))
+    assert same.slip.tolist() == [[MIN_SLIP, 0.3, MAX_SLIP]]
+    behind = law.corrected(readings(values(0.94, -0.59, -0.59)), values(0.3, 0.0)).slip[0].tolist()
+    assert behind[0] == pytest.approx(0.922)
+    assert behind[1:] == [MIN_SLIP, MIN_SLIP]
+    deep = readings(torch.zeros(3, AXLES, dtype=torch.float64), 0.02)
+    taken = SinkageBias(ROVER).corrected(deep, column(0.005, 0.019, -0.01)).sinkage
+    for axle in range(AXLES):
+        assert taken[:, axle].tolist() == pytest.approx([0.015, SHALLOWEST * 0.02, 0.03])
 
 
 def test_uneven_radii_have_their_error_in_the_middle() -> None:
-    assert uneven(number(0.1), number(0.5), number(0.0, 1.0, 2.0)).tolist() == pytest.approx(
-        [0.05, 0.1, 0.15]
-    )
-    assert uneven(number(0.1), number(0.0), number(0.0, 1.0)).tolist() == pytest.approx([0.1, 0.1])
+    law = OdometryScale(ROVER)
+    assert law.error(values(0.1, 0.5))[0].tolist() == pytest.approx([0.05, 0.1, 0.15])
+    assert law.error(values(0.1, 0.0))[0].tolist() == pytest.approx([0.1] * AXLES)
+    law.order = torch.arange(2.0, dtype=torch.float64)  # the middle of two axles is between them
+    assert law.error(values(0.1, 0.5))[0].tolist() == pytest.approx([0.075, 0.125])
+    assert law.error(values(0.1, 0.0))[0].tolist() == pytest.approx([0.1, 0.1])
 
 
 # where they act
@@ -149,28 +223,30 @@ def test_uneven_radii_have_their_error_in_the_middle() -> None:
 
 def test_forces_are_changed_in_the_direction_in_which_the_effect_pushes() -> None:
     where, forces = situation(), torch.arange(24.0, dtype=torch.float64).view(2, 3, 4)
-    pushed = Bulldozing(3e4).push(where, contact(sinkage=0.02), forces) - forces
+    pushed = make_effect("bulldozing", 3e4).push(where, contact(sinkage=0.02), forces) - forces
     expected = torch.tensor([0.0, -12.0, 0.0, 0.0], dtype=torch.float64)
     torch.testing.assert_close(pushed, expected.expand(2, 3, 4))
     thrust = 50.0 * (1.0 - math.exp(-2.0))
-    lugs = Grousers(50.0).push(where, contact(), forces[..., :3]) - forces[..., :3]
+    lugs = make_effect("grousers", 50.0).push(where, contact(), forces[..., :3]) - forces[..., :3]
     wanted = number(0.0, thrust, ROVER.wheel_radius * thrust)
     torch.testing.assert_close(lugs, wanted.expand(2, 3, 3))
     sizes = number(1e4, 2e4)
-    each = Bulldozing(sizes).push(where, contact(sinkage=0.01), forces) - forces
+    each = make_effect("bulldozing", sizes).push(where, contact(sinkage=0.01), forces) - forces
     torch.testing.assert_close(each[:, :, 1], number(-1.0, -2.0)[:, None].expand(2, 3))
 
 
 def test_the_side_of_a_wheel_pushes_against_its_slip_angle_and_not_straight_ahead() -> None:
     where, forces = situation(), torch.zeros(2, 3, 4, dtype=torch.float64)
     straight = contact()
-    assert LateralBulldozing(2e5).push(where, straight, forces) is forces
+    described = describe("lateral_bulldozing")
+    sides = described.acting(described.values(2e5))
+    assert sides.push(where, straight, forces) is forces
     for angle in (0.3, -0.3):
         turned = ContactInputs(
             straight.slip, straight.sinkage, straight.constants, straight.strength,
             slip_angle=torch.full_like(straight.slip, angle),
         )  # fmt: skip
-        pushed = LateralBulldozing(2e5).push(where, turned, forces)
+        pushed = sides.push(where, turned, forces)
         side = side_resistance(number(2e5), straight.sinkage, ROVER.wheel_radius, quadrature())
         assert pushed.shape == forces.shape
         assert not pushed[..., :3].any()
@@ -179,8 +255,8 @@ def test_the_side_of_a_wheel_pushes_against_its_slip_angle_and_not_straight_ahea
 
 def test_soil_constants_are_multiplied_by_name() -> None:
     factor = number(2.0, 3.0)[:, None].expand(2, AXLES)
-    changed = contact().with_constants(n=factor).constants
-    stiffer = contact().stiffened(factor).constants
+    changed = with_exponent(contact(), factor).constants
+    stiffer = with_stiffness(contact(), factor).constants
     plain = SOIL.constants()
     for column, name in enumerate(CONSTANTS):
         for row, times in enumerate((2.0, 3.0)):
@@ -190,12 +266,16 @@ def test_soil_constants_are_multiplied_by_name() -> None:
             assert stiffer[row, 1, column] == pytest.approx(float(plain[column]) * k_times)
 
 
-def test_a_situation_knows_size_speed_and_order_of_each_wheel() -> None:
+def test_each_wheel_has_the_speed_and_order_of_its_situation_and_the_size_of_its_episode() -> None:
     where = situation(rate=2.0, batch=3)
-    assert float(where.of(0.5)) == 0.5
-    assert float(where.of(number(7.0))) == 7.0
     part = where.rows(torch.tensor([2, 0]))
-    assert part.of(number(1.0, 2.0, 3.0)).tolist() == [[3.0], [1.0]]
+    for size, expected in (
+        (0.5, [0.5, 0.5]),
+        (number(7.0), [7.0, 7.0]),
+        (number(1.0, 2.0, 3.0), [3.0, 1.0]),
+    ):
+        lost = make_effect("coulomb_drag", size).friction(part)
+        assert lost.tolist() == [[each] * AXLES for each in expected]
     assert part.rate.shape == (2, AXLES)
     torch.testing.assert_close(
         where.speed, 2.0 * ROVER.wheel_radius * torch.ones(3, AXLES).double()
@@ -204,14 +284,15 @@ def test_a_situation_knows_size_speed_and_order_of_each_wheel() -> None:
 
 
 def test_a_plant_adds_frictions_masses_and_pulls() -> None:
-    class Wind(ExtraMass):
+    class Wind(Effect):
         def pull(self, where: Situation) -> Pull:
             return Pull(
                 torch.full_like(where.velocity, -30.0), torch.zeros_like(where.velocity), 0.1, 0.5
             )
 
     where = situation(rate=1.5)
-    plant = Plant([DriveDrag(2.0), CoulombDrag(0.5), Wind(number(10.0, 20.0))])
+    drags = [make_effect("drive_drag", 2.0), make_effect("coulomb_drag", 0.5)]
+    plant = Plant([*drags, make_effect("payload", number(10.0, 20.0)), Wind()])
     torch.testing.assert_close(plant.friction(where), torch.full((2, AXLES), 3.5).double())
     body = plant.body(where)
     assert isinstance(body.mass, Tensor)
@@ -250,10 +331,11 @@ def test_a_load_moves_the_centre_of_mass_by_its_lever() -> None:
 @pytest.mark.parametrize("axle", [0, 2])
 def test_a_failed_wheel_slips_as_the_torque_that_is_left_calls_for(size: float, axle: int) -> None:
     given_contact, where = contact(slip=0.3), situation()
-    effect = FailedWheel(size, axle)
+    effect = make_effect("failed_wheel", size, axle)
     effect.begin(ROVER, 2)
-    effect.contact(where, given_contact)
-    failed = effect.contact(where, given_contact)  # starts where the first search ended
+    first = effect.contact(where, given_contact)
+    failed = effect.contact(where, given_contact)
+    assert torch.equal(failed.slip, first.slip)  # it does not depend on earlier searches
     nodes = quadrature(12)
     before, after = (
         c.forces(ROVER.wheel_radius, ROVER.wheel_width, nodes)[..., 2]
@@ -271,7 +353,7 @@ def test_wheels_that_fail_in_part_are_each_found() -> None:
     """One has nothing to search for, the others must not stop with it."""
     slip = contact().slip * number(0.5, 1.0, 2.0, 3.0)[:, None].expand(4, AXLES)[:2]
     whole = ContactInputs(slip, contact().sinkage, SOIL.constants(), SOIL.strength())
-    failed = FailedWheel(number(0.0, 0.9), 1).contact(situation(), whole)
+    failed = make_effect("failed_wheel", number(0.0, 0.9), 1).contact(situation(), whole)
     nodes = quadrature(12)
     before, after = (
         c.forces(ROVER.wheel_radius, ROVER.wheel_width, nodes)[:, 1, 2] for c in (whole, failed)
@@ -282,7 +364,7 @@ def test_wheels_that_fail_in_part_are_each_found() -> None:
 def test_a_tilted_sensor_changes_the_pitch_and_not_the_specific_force() -> None:
     generator = torch.Generator().manual_seed(1)
     drive = simulate(ROVER, Ground.constant(SOIL), "S1", 2.0, generator, 1)
-    effect = SlopeBias(0.03)
+    effect = make_effect("slope_bias", 0.03)
     effect.begin(ROVER, 1)
     told = effect.sensed(drive.sample)
     torch.testing.assert_close(told.pitch, drive.sample.pitch + 0.03)
@@ -295,7 +377,7 @@ def test_a_tilted_sensor_changes_the_pitch_and_not_the_specific_force() -> None:
 def test_what_a_camera_sees_is_reported_late(delay: float) -> None:
     """Interpolated between two samples; before the first it is the first's."""
     generator = torch.Generator().manual_seed(2)
-    plant = Plant([Latency(delay)])
+    plant = Plant([make_effect("latency", delay)])
     drive = simulate(ROVER, Ground.constant(SOIL), "S1", 2.0, generator, 1, plant=plant)
     true, told = drive.sample.sinkage[0], drive.seen.sinkage[0]
     assert told.shape == true.shape
@@ -306,7 +388,6 @@ def test_what_a_camera_sees_is_reported_late(delay: float) -> None:
         expected = true[below] if share < 1e-9 else torch.lerp(true[below], true[below + 1], share)
         torch.testing.assert_close(told[step], expected, rtol=1e-9, atol=1e-12)
     assert torch.equal(drive.seen.velocity, drive.sample.velocity)
-    assert make_effect("latency", delay) is not None
 
 
 def test_noise_keeps_its_correlation_its_scatter_and_its_claims() -> None:
