@@ -301,7 +301,7 @@ def solve_block(
 ) -> Solution:
     """Return the posterior after a block, by Gauss-Newton until every hypothesis has converged.
 
-    It starts from the prior mean.     No step is longer than ``longest_step`` [2] in (c, tan phi).
+    It starts from the prior mean. No step is longer than ``longest_step`` [2] in (c, tan phi).
     """
     start = extended(prior)
     step = gauss_newton(start, start.mean, rows, longest_step)
