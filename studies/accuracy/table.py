@@ -29,8 +29,8 @@ INTRODUCTION = """# Accuracy
 
 {measured}
 
-How large are the errors of c and tan phi after 40 s, and how often does the 95 % interval hold the
-truth? The drives are simulated, over hills (S1), seed {seed}: {done} of the {episodes} drives
+How large are the errors of c and tan phi after 40 s, and how often does the 95 % interval cover
+the truth? The drives are simulated, over hills (S1), seed {seed}: {done} of the {episodes} drives
 planned for each cell of the method, {side} for each cell of the models that ship.
 
 ## The models that ship, after 40 s with every row
@@ -70,8 +70,8 @@ The figures do not depend on the number of processes.
   accelerometer is not used. [stream_study.md](stream_study.md) judges that estimator.
 - **The bound is not the tightest.** Like the estimator, it treats the rover's mass (1 %) and centre
   of mass (2 cm) as unknown, with the deviations of the model's prior. The simulated rover always
-  has the file's values. Knowing both exactly would lower the bound by 0.1 to 4 % of itself
-  (60 drives on loose sand of each rover, v+L+M and v+L+M+B).
+  has the file's values. Knowing both exactly would lower the bound by 0.1 to 4 % of its
+  value (60 drives on loose sand of each rover, v+L+M and v+L+M+B).
 
 """
 REASONS = """
@@ -93,14 +93,14 @@ Why targets are missed:
   separate what none of them can (Huang, Mourikis and Roumeliotis, 2010, on the consistency of
   Kalman filters). On regolith (100 drives, c / tan phi) the 95 % intervals cover the truth in
   84 / 82 %. With one hypothesis instead of nine, and no new ones, they cover it in 49 / 51 %;
-  without noise they are slightly too wide. A trial that also keeps the information about the
-  products of c and tan phi with each constant, so that all blocks have the newest derivatives,
-  covered 92 / 91 % with one hypothesis, but lost the posterior's definiteness in 4 of the drives.
-  It is not in the models.
+  without noise they are slightly too wide. In a trial the estimator also kept the information
+  about the products of c and tan phi with each constant, so that all blocks have the newest
+  derivatives. With one hypothesis the intervals then covered the truth in 92 / 91 %, but in 4 of
+  the drives the posterior was no longer positive definite. The models do not use it.
 - **68 % of tan phi on compact sand**, Mars-like rover. With exact constants 15 % of the drives are
   stuck before the first estimate, nearly all of them on ground of little friction. They keep the
-  prior, whose interval covers 6 % of these truths: that a rover is stuck is not an observation. In
-  the other drives the coverage is 66 to 68 %.
+  prior, whose interval covers 6 % of these truths: the model does not use the fact that a rover is
+  stuck. In the other drives the coverage is 66 to 68 %.
 - **Least deviation.** The bound is taken at the true parameters. The posterior is taken at the
   estimated ones, with the noise of one drive, so single drives lie below the bound.
 """
@@ -126,7 +126,7 @@ VELOCITY = """\
 - **Calibration**: the rms predicted deviation over the rms innovation.
 - **Identified**: the share of drives whose status is identified (at most a tenth of the prior's
   variance is left); in brackets the share of those that the bound would not identify.
-- **Covered**: of the drives with status identified, the share whose 95 % interval holds the truth.
+- **Covered**: of the drives with status identified, the share whose 95 % interval covers the truth.
 - **Narrowest**: the 1 % quantile of the published deviation over the bound; in brackets the least
   of any drive.
 

@@ -33,9 +33,9 @@ INTRODUCTION = """# Ground that changes
 
 {measured}
 
-How soon does the estimator detect other ground, how long until the new estimate is as good as a
-fresh one, and how often does it raise a false alarm? The drives are simulated, over hills (S1),
-with every row, seed {seed} and drift {drift:g}. The models have all three soils:
+How soon does the estimator detect a change of the ground? How long until the new estimate is as
+good as a fresh one? How often does it raise a false alarm? The drives are simulated, over hills
+(S1), with every row, seed {seed} and drift {drift:g}. The models have all three soils:
 {models}. Planned are {drives} drives of each change, and {hours:g} hours on
 constant ground for each rover. The tables have the numbers that were driven.
 
@@ -51,9 +51,10 @@ TERMS = """## How the drives are judged
 - **Detected**: the time until `change_probability` rises above 0.5, with {confidence:g} % limits
   from order statistics. A rise before the crossing is a false alarm. A probability that is already
   above 0.5 at the crossing does not count as detected.
-- **Recovered**: the first second from which on the median error is at most 1.3 times that of an
-  estimator started afresh when the last axle has crossed, and the coverage of the 95 % interval is
-  not below nominal by its {confidence:g} % limits; never before the median crossing.
+- **Recovered**: the first second from which on both conditions hold. The median error is at most
+  1.3 times that of an estimator that starts when the last axle has crossed ("fresh"). The
+  coverage of the 95 % interval is not below nominal by its {confidence:g} % limits. The earliest
+  possible value is the median crossing.
 - **Drives**: all, those that still drive after 15 s, and those that still drive after 40 s. Drives
   that get stuck, or that end within 20 s of the last axle's crossing, are drawn anew.
 

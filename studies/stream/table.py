@@ -119,8 +119,8 @@ FORECAST = """
 ## The predicted velocity
 
 Each `motion_prediction` is compared with the next measured velocity. The target is a coverage of
-93 to 97 % of the 95 % interval after 5 s. Before, each drive has only 47 predictions, too few for a
-verdict on a cell.
+93 to 97 % of the 95 % interval after 5 s. In the first 5 s each drive has only 47 predictions, too
+few for a verdict on a cell.
 
 - **Spread**: the median predicted deviation over that of the velocity sensor.
 - **Calibration**: the rms predicted deviation over the rms innovation; 1 is right.

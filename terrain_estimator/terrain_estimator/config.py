@@ -78,7 +78,7 @@ class CoreConfig:
         default=0.01,
     )
     gate_probability: float = number(
-        "share of good observations that the gates may reject; 0: no gates",
+        "share of good observations that the gates may refuse; 0: no gates",
         "1",
         0.0,
         0.1,

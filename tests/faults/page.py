@@ -24,7 +24,7 @@ fault lasts eight seconds unless the row gives another duration. Then the rover 
 - **Lost**: sound observations that did not enter the estimate. The posterior is kept unless the row
   names it.
 
-The exit code is 1 where a row changes.
+The command exits with code 1 if a row is not as expected.
 
 | fault | what was done | outcome | diagnostics | log | back after | lost |
 |---|---|---|---|---|---|---|

@@ -112,7 +112,7 @@ REQUIRED = Check(
 OPTIONAL = Check(
     "optional input",
     "time without a message after the first, by the steady clock",
-    "its rows are missing: check its publisher",
+    "s",
     "its rows are missing: check its publisher",
     1.0,
 )
