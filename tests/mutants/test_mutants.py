@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The drawing and judging of mutants, on a toy library with one test."""
 
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,8 @@ from tests.mutants.judge import (
 )
 from tests.mutants.mutations import Mutant, find_mutants
 from tests.mutants.table import Equivalents, Results, Verdict, as_markdown, killed_share, passes
+
+EQUIVALENTS = Path(__file__).parent / "equivalent.toml"
 
 FILE = "terramechanics/terramechanics/toy.py"
 MODULE = '''"""A toy."""
@@ -213,3 +216,10 @@ def test_an_equivalent_mutant_does_not_count_and_a_tenth_may_be_equivalent(
     table = as_markdown(verdicts(95, 5, 2), 1)
     assert f"| {FILE} | 95 | 0 | 5 | 2 | 50 |" in table
     assert "95.0%" in table
+
+
+def test_every_argued_equivalent_is_about_a_line_that_is_there() -> None:
+    root = Path(__file__).parents[2]
+    for entry in tomllib.loads(EQUIVALENTS.read_text(encoding="utf-8"))["equivalent"]:
+        lines = (root / entry["file"]).read_text(encoding="utf-8").splitlines()
+        assert entry["line"] in map(str.strip, lines), entry
