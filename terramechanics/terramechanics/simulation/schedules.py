@@ -72,7 +72,7 @@ class SineRates:
     kind: Command = Command.RATE
 
     def command(self, time: float) -> Tensor:
-        """See Schedule."""
+        """Return the wheel rates [batch, axles] [rad/s] at ``time`` [s]."""
         wave = torch.sin(2.0 * math.pi * self.frequency * time + self.phase)
         rate = (self.start_velocity / self.radius).unsqueeze(-1) * (
             1.0 + self.depth * (0.6 * wave[0] + 0.4 * wave[1])
@@ -98,7 +98,7 @@ class TorqueBands:
     kind: Command = Command.TORQUE
 
     def command(self, time: float) -> Tensor:
-        """See Schedule."""
+        """Return the wheel torques [batch, axles] [N m] at ``time`` [s], drawn anew."""
         part = 1.0 if time <= BAND_DURATION + 1e-6 else SECOND_BAND
         share = torch.rand(
             self.low.shape[0], self.axles, generator=self.generator, dtype=torch.float64

@@ -32,7 +32,7 @@ SIDEWAYS_DEG = 89.0
 SLIP_DEFINITIONS = ("rim", "larger")
 """1 - V / (r w); or (r w - V) / max(r w, V), which divides by V where the wheel is braked."""
 SLIP_SPEEDS = ("carriage", "wheel")
-"""What V is at a slip angle: the speed of the carriage, or its part along the wheel's heading."""
+"""Speed V at a slip angle: that of the carriage, or its part along the wheel's heading."""
 
 
 class WheelTableError(ValueError):
