@@ -61,7 +61,7 @@ NARROW = Draw(((700.0, 1300.0),), (degrees(25.0, 40.0),))
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class TrueMotion:
     """True motion of a batch of drives; shapes as in LevelDrives."""
 
     slip: Tensor
@@ -124,7 +124,7 @@ def draw_drives(
 
 
 def measured(
-    motion: Motion,
+    motion: TrueMotion,
     strength: Tensor,
     constants: Tensor,
     noise: PaperNoise,
@@ -168,7 +168,7 @@ def _joined(parts: list[LevelDrives]) -> LevelDrives:
 
 def integrated_motion(
     rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator
-) -> Motion:
+) -> TrueMotion:
     """Simulate the rover of terramechanics.
 
     The ground has ``constants`` [batch, 6] and ``strength`` [batch, 2].
@@ -178,7 +178,7 @@ def integrated_motion(
     )
     sample = drive.sample
     velocity = torch.cat([drive.start_velocity.unsqueeze(1), sample.velocity], 1)
-    return Motion(
+    return TrueMotion(
         sample.slip,
         sample.sinkage,
         sample.ground_torque,
@@ -198,7 +198,7 @@ LM_STEPS = 40
 
 def closed_form_motion(
     rover: Rover, constants: Tensor, strength: Tensor, duration_s: float, generator: torch.Generator
-) -> Motion:
+) -> TrueMotion:
     """Simulate the closed form of the authors' code, from rest, with torques of its two bands."""
     batch, steps = constants.shape[0], round(duration_s / TIME_STEP)
     share = torch.rand(batch, steps, rover.axles, generator=generator, dtype=torch.float64)
@@ -214,12 +214,14 @@ def closed_form_motion(
     velocity = torch.cat([torch.zeros(batch, 1, dtype=torch.float64), change.cumsum(1)], 1)
     inside = in_range(slip, sinkage, constants.unsqueeze(1), rover.wheel_radius).all(1)
     good = inside & torch.isfinite(velocity).all(1) & (velocity[:, 1:] > 0.0).all(1)
-    return Motion(
+    return TrueMotion(
         slip.view(shape), sinkage.view(shape), forces[..., 2], forces[..., 0], velocity, good
     )
 
 
-_MOTIONS: dict[PaperPlant, Callable[[Rover, Tensor, Tensor, float, torch.Generator], Motion]] = {
+_MOTIONS: dict[
+    PaperPlant, Callable[[Rover, Tensor, Tensor, float, torch.Generator], TrueMotion]
+] = {
     PaperPlant.CLOSED_FORM: closed_form_motion,
     PaperPlant.INTEGRATED: integrated_motion,
 }
