@@ -159,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out"), help="folder of the results")
     given = parser.parse_args(arguments)
     root = Path(__file__).resolve().parents[2]
-    tree = Tree(root, PACKAGES, ("studies", "benchmarks", "rover_parameters"))
+    tree = Tree(root, PACKAGES, ("studies", "benchmarks", "rover_parameters", "docs"))
     files = [f for f in files_below(root, MUTATED) if _named(f, given.files)]
     plan = Plan(
         tree, given.out / "mutants", Equivalents(Path(__file__).with_name("equivalent.toml")),

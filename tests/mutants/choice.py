@@ -48,10 +48,19 @@ class Tree:
         )
         return {self.module(file): _imported((self.root / file).read_text()) for file in files}
 
+    @cached_property
+    def faces(self) -> frozenset[str]:
+        """Packages whose ``__init__`` hands on names of their modules."""
+        files = (path for folder in self.packages for path in (self.root / folder).rglob("*.py"))
+        inits = (path for path in files if path.name == "__init__.py")
+        names = (self.module(path.relative_to(self.root).as_posix()) for path in inits)
+        return frozenset(name for name in names if self.imports[name])
+
     def judges(self, file: str) -> list[tuple[int, str]]:
         """Return the tests that import ``file``, with the number of modules between.
 
         One module stands between at most; where no test is so near, as many as the nearest need.
+        The face of a package does not count as a module between.
         """
         tests, names = self.tests(), {self.module(file)}
         found: dict[str, int] = {}
@@ -62,6 +71,7 @@ class Tree:
             if (found and between) or importers <= names:
                 break
             names |= importers
+            names |= {face for face in self.faces if names & self.imports[face]}
         return [(between, test) for test, between in found.items()]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutants.__main__ import Plan, draw, judge_all
+from tests.mutants.__main__ import PACKAGES, Plan, draw, judge_all
 from tests.mutants.choice import Tree, choose
 from tests.mutants.judge import (
     KILLED,
@@ -23,6 +23,7 @@ from tests.mutants.mutations import Mutant, find_mutants
 from tests.mutants.table import Equivalents, Results, Verdict, as_markdown, killed_share, passes
 
 EQUIVALENTS = Path(__file__).parent / "equivalent.toml"
+LAWS_OF_SOIL = "terramechanics/terramechanics/effects/soil.py"
 
 FILE = "terramechanics/terramechanics/toy.py"
 MODULE = '''"""A toy."""
@@ -216,6 +217,12 @@ def test_an_equivalent_mutant_does_not_count_and_a_tenth_may_be_equivalent(
     table = as_markdown(verdicts(95, 5, 2), 1)
     assert f"| {FILE} | 95 | 0 | 5 | 2 | 50 |" in table
     assert "95.0%" in table
+
+
+def test_the_face_of_a_package_is_no_module_between() -> None:
+    tree = Tree(Path(__file__).parents[2], PACKAGES)
+    judges = {test: between for between, test in tree.judges(LAWS_OF_SOIL)}
+    assert judges["tests/terramechanics/effects/test_effects.py"] <= 1
 
 
 def test_every_argued_equivalent_is_about_a_line_that_is_there() -> None:

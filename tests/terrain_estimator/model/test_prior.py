@@ -1,0 +1,23 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The prior of a model, in the parameters of its posterior."""
+
+import dataclasses
+
+import pytest
+
+from terrain_estimator.model.hypotheses import Hypotheses
+from terrain_estimator.model.parameters import parameter_layout
+from terrain_estimator.model.prior import DEFAULT_PRIOR
+
+LAYOUT = parameter_layout(2, 5, 0)
+
+
+@pytest.mark.parametrize("name", ["mass_sd", "centre_of_mass_sd", "acceleration_bias_sd"])
+def test_a_deviation_of_the_rover_is_a_precision_of_the_posterior(name: str) -> None:
+    place = ("mass_sd", "centre_of_mass_sd", "acceleration_bias_sd").index(name)
+    for deviation in (0.5, 0.01):
+        prior = dataclasses.replace(DEFAULT_PRIOR, **{name: deviation})
+        precision = Hypotheses(prior, LAYOUT, 1).rover_precision
+        assert float(precision[place]) == pytest.approx(1.0 / deviation**2, rel=1e-12)
+        assert len(precision) == 4
