@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterator
 
 from terrain_estimator.bags import Types
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from benchmarks.drives import observations
 from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_training import Floats
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.training import build_model

@@ -21,7 +21,7 @@ from benchmarks import reading
 from benchmarks.drives import long_drive
 from benchmarks.lines import BenchmarkLine, Effort
 from terrain_estimator.bags import Types
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.offline.replay import replay
 from terrain_estimator.offline.topic_mapping import bag_topics

@@ -12,15 +12,13 @@ from docs.advice import WHEN
 from docs.provenance import ROOT, refreshed
 from rover_parameters.parameters import table, template
 from rover_sim_node.config import SimulatorConfig
-from terrain_estimator.config import (
-    DashboardConfig,
-    EstimatorNodeConfig,
-    MapConfig,
-    PlannerConfig,
-    RecorderConfig,
-    SlipSourceConfig,
-    WatchConfig,
-)
+from terrain_estimator.config.dashboard import DashboardConfig
+from terrain_estimator.config.estimator import EstimatorNodeConfig
+from terrain_estimator.config.map import MapConfig
+from terrain_estimator.config.planner import PlannerConfig
+from terrain_estimator.config.recorder import RecorderConfig
+from terrain_estimator.config.slip_source import SlipSourceConfig
+from terrain_estimator.config.watch import WatchConfig
 from terrain_estimator.messaging.diagnostics import table as checks
 
 FOLDER = Path(__file__).parent

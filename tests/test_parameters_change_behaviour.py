@@ -21,7 +21,8 @@ from rover_sim_node.messages import step_messages
 from rover_sim_node.run import SimulatedReading, SimulatedRun
 from rover_sim_node.velocity_commands import VelocityCommands
 from terrain_estimator.bags import BagWriter, Types
-from terrain_estimator.config import EstimatorConfig, RecorderConfig
+from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.outcome import Outcome

@@ -28,7 +28,7 @@ from studies.change.scores import score_change
 from studies.change.table import ChangeRun, page
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS

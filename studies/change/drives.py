@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from studies.observations import observations_of
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.tasks import BENCHMARK, random_ground
 from terrain_estimator.model.model_file import LoadedModel

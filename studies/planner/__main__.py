@@ -21,7 +21,7 @@ from studies.command import add_model_option, refuse, study_parser
 from studies.planner.patches import PatchOutcome, study
 from studies.planner.scores import PatchScore, score
 from studies.records import write_results
-from terrain_estimator.config import AdviceConfig
+from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport

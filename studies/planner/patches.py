@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from studies.observations import observations_of
-from terrain_estimator.config import AdviceConfig, CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.departures import Family, largest_sizes
 from terrain_estimator.learning.tasks import StrengthRange, degrees, random_ground, uniform

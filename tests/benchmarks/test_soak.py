@@ -18,7 +18,7 @@ from benchmarks.soak.live import RoverSeries
 from benchmarks.soak.page import HEADING, section
 from benchmarks.soak.verdict import Ran, core_trends, live_trends
 from terrain_estimator.bags import Types
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.topics import stamp_ns

@@ -22,7 +22,7 @@ import torch
 
 from docs.provenance import measured
 from terrain_estimator.bags import Types
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model

@@ -22,7 +22,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.bags.format.metadata import METADATA_FILE
 from terrain_estimator.bags.recovery.recovery import recover
-from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
+from terrain_estimator.config.estimator import EstimatorConfig, EstimatorNodeConfig
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import (

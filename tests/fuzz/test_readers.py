@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError, build, parse_yaml
-from terrain_estimator.config import EstimatorNodeConfig
+from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.importing.mapping import Mapping
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from terrain_estimator.bags import BagReader
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.topics import INPUT_TYPES

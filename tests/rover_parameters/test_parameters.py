@@ -12,7 +12,7 @@ from rover_parameters.files import parse_assignment, read_parameters
 from rover_parameters.parameters import configure, effective, flatten, parameters, template, usage
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 
 
 @pytest.mark.parametrize("config", NODES.values(), ids=NODES)

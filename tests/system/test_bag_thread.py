@@ -20,7 +20,7 @@ from rover_parameters.parameters import configure
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.bags.writing import writer as bag_writer
 from terrain_estimator.bags.writing.part import BagPart
-from terrain_estimator.config import RecorderConfig
+from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.diagnostics import DISK
 from terrain_estimator.nodes.common import bag_thread
 from terrain_estimator.nodes.common.bag_thread import BagThread

@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, TerrainEstimate
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.saved_state import read_state, write_state
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.pipeline import Pipeline

@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 from msg_defs.msg import WheelSinkage, WheelSlip
 from terrain_estimator.bags import BagReader, BagWriter
 from terrain_estimator.cli import replay
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.diagnostics import FAILURES, UNRECORDED, Check
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model

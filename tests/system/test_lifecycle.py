@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, TerrainEstimate, WheelSlip
 from terrain_estimator.bags import BagReader
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.saved_state import read_state
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import MODELS, load_model

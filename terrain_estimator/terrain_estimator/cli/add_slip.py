@@ -27,7 +27,7 @@ from terrain_estimator.bags import (
     parse_qos,
     whole_bag,
 )
-from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport

@@ -15,7 +15,7 @@ import torch
 from rover_parameters.parameters import template
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, bag_name
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.estimator.saved_state import StateFileError

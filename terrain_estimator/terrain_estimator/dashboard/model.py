@@ -10,7 +10,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from terrain_estimator.config import ShownConfig
+from terrain_estimator.config.dashboard import ShownConfig
 from terrain_estimator.dashboard.history import ChartHistory, Row
 from terrain_estimator.dashboard.journal import Journal
 from terrain_estimator.dashboard.reported_states import reported_states

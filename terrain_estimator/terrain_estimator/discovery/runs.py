@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.screening import screen
 from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.packing import ground_torque, link, pack, view_of, without_link

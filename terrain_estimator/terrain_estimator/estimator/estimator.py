@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError, checked_state
 from terrain_estimator.estimator.screening import Screening, screen
 from terrain_estimator.estimator.summary import Beliefs, inflated, summarise

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.intervals import credible_interval
 from terrain_estimator.model.model_file import Metadata
 from terrain_estimator.observation import Floats

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from terrain_estimator.config import ConversionConfig, CoreConfig
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.estimator.screening import NOISE_BOUND
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from terrain_estimator.config import PairingConfig
+from terrain_estimator.config.estimator import PairingConfig
 from terrain_estimator.messaging.sequence_numbers import Sequence
 from terrain_estimator.topics import REQUIRED_INPUTS, Message
 

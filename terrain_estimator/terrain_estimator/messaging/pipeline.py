@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from terrain_estimator.config import CoreConfig, EstimatorConfig
+from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import Arrays
 from terrain_estimator.messaging.conversion import Conversion, Converter

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.pairing import InputTopic, MessageSet, Synchronizer
 from terrain_estimator.observation import Floats
 from terrain_estimator.topics import BODY_FRAME, Make, Message, stamp_ns

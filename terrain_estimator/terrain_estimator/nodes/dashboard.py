@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from rover_parameters.command_line import run
-from terrain_estimator.config import DashboardConfig
+from terrain_estimator.config.dashboard import DashboardConfig
 from terrain_estimator.dashboard.model import LiveModel
 from terrain_estimator.dashboard.values import TOPICS
 from terrain_estimator.dashboard.web import WebServer

@@ -22,7 +22,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from rover_parameters.command_line import run
-from terrain_estimator.config import EstimatorNodeConfig
+from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state
 from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
 from terrain_estimator.messaging.health import HealthMonitor

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import PlannerConfig
+from terrain_estimator.config.planner import PlannerConfig
 from terrain_estimator.messaging.pipeline import rover_of
 from terrain_estimator.model.model_file import ModelFileError, load_model
 from terrain_estimator.nodes.common.declare import declare

@@ -26,7 +26,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagTopic, BagWriter
-from terrain_estimator.config import RecorderConfig
+from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.diagnostics import DISK, FAILURES, UNRECORDED, CheckResult
 from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from rover_parameters.command_line import run
-from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.diagnostics import REFUSED, CheckResult
 from terrain_estimator.messaging.pairing import MessageSet
 from terrain_estimator.messaging.slip_source import (

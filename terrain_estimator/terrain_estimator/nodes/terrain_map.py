@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from rover_parameters.command_line import run
-from terrain_estimator.config import MapConfig
+from terrain_estimator.config.map import MapConfig
 from terrain_estimator.messaging.map_track import MapTrack, cloud_message
 from terrain_estimator.messaging.pairing import InputTopic, Synchronizer
 from terrain_estimator.nodes.common.declare import declare

@@ -17,7 +17,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import WatchConfig
+from terrain_estimator.config.watch import WatchConfig
 from terrain_estimator.messaging.arrival_rates import timing
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.inactivity import InactivityMonitor

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from rover_parameters.files import parse_assignment, read_parameters
 from rover_parameters.parameters import configure
-from terrain_estimator.config import EstimatorConfig, EstimatorNodeConfig
+from terrain_estimator.config.estimator import EstimatorConfig, EstimatorNodeConfig
 from terrain_estimator.offline.topic_mapping import absolute, bag_topics
 
 

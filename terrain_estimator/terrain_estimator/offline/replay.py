@@ -28,7 +28,7 @@ from terrain_estimator.bags import (
     sequence_of,
     whole_bag,
 )
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.estimator.saved_state import Arrays, read_state
 from terrain_estimator.messaging.conversion import Conversion

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rover_parameters.parameters import effective, parameters
 from terrain_estimator.bags import Message
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.messages import Status, status_text
 from terrain_estimator.messaging.pipeline import configuration_sha256, rover_of
 from terrain_estimator.model.model_file import LoadedModel

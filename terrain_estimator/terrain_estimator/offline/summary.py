@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from rover_parameters.parameters import effective
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.offline.replay import Replay

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurements of the planner: messages of several topics in, observations out."""
 
-from terrain_estimator.config import ConversionConfig, CoreConfig, PlannerConfig
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
+from terrain_estimator.config.planner import PlannerConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import input_synchronizer
 from terrain_estimator.observation import Observation

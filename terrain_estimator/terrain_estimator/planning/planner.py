@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import AdviceConfig
+from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.estimator.screening import FASTEST, backwards
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.planning.belief import Belief, Samples, draw

@@ -11,7 +11,7 @@ import pytest
 
 from terrain_estimator.bags import STATE, BagReader, BagWriter, Qos, Types, parse_qos
 from terrain_estimator.cli import add_slip, replay
-from terrain_estimator.config import SlipSourceConfig
+from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource
 from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.vehicle.rover import load_rover

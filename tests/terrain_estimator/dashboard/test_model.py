@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
-from terrain_estimator.config import ShownConfig
+from terrain_estimator.config.dashboard import ShownConfig
 from terrain_estimator.dashboard.model import Cursor, LiveModel
 from terrain_estimator.dashboard.values import MOST
 from tests.terrain_estimator.dashboard.messages import (

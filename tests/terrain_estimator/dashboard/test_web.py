@@ -16,7 +16,7 @@ from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import ShownConfig
+from terrain_estimator.config.dashboard import ShownConfig
 from terrain_estimator.dashboard.model import Cursor, LiveModel
 from terrain_estimator.dashboard.web import VIEWERS, WebServer, cursor_of, is_own_name
 

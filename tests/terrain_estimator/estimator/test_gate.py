@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 from scipy.stats import binom
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.outcome import Outcome

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from rover_parameters.parameters import configure
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import (
     StateFileError,

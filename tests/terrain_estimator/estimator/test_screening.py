@@ -11,7 +11,7 @@ import pytest
 
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import CoreConfig, EstimatorConfig
+from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.screening import Screening, screen
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.screening import Screening, backwards, screen
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome

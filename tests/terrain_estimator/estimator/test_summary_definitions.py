@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.summary import (
     IDENTIFIED_VARIANCE,
     MOST_CORRELATED,

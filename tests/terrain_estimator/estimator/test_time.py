@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from terrain_estimator.bags import Types
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pairing import RESTART_AFTER
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model

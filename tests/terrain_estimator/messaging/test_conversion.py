@@ -12,7 +12,7 @@ import pytest
 
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
-from terrain_estimator.config import ConversionConfig, CoreConfig
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.messaging.conversion import Conversion, Converter, nose_up_pitch
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.observation import Observation

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 
 from msg_defs.msg import MeasurementDecision, TerrainEstimate
 from terrain_estimator.bags import Types
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.messages import (
     Meta,

@@ -9,7 +9,9 @@ import numpy as np
 
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
-from terrain_estimator.config import EstimatorConfig, PlannerConfig, SlipSourceConfig
+from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.config.planner import PlannerConfig
+from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource

@@ -11,7 +11,8 @@ import pytest
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import Types
-from terrain_estimator.config import ConversionConfig, CoreConfig, SlipSourceConfig
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
+from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource, SlipSourceError
 from terrain_estimator.topics import Message

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from studies.observations import observations_of
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.learning.adding import Sized, add_effects

@@ -12,7 +12,7 @@ import torch
 
 from rover_parameters.records import ConfigError
 from studies.observations import observations_of
-from terrain_estimator.config import CoreConfig
+from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.learning.adding import Sized, add_effects, with_effects
 from terrain_estimator.learning.restore import restore

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from terrain_estimator.bags import Types
-from terrain_estimator.config import ConversionConfig, CoreConfig, EstimatorConfig
+from terrain_estimator.config.estimator import ConversionConfig, CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.screening import DEVIATIONS, FASTEST, screen
 from terrain_estimator.messaging.conversion import Conversion, Converter
 from terrain_estimator.messaging.pipeline import Pipeline

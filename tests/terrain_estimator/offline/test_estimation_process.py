@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from terrain_estimator.bags import RawMessage, Types
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model

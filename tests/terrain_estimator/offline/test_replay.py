@@ -17,7 +17,7 @@ import pytest
 
 from terrain_estimator.bags import BagReader, BagWriter, Split, Types, compare
 from terrain_estimator.cli import recover_bag, replay
-from terrain_estimator.config import EstimatorConfig
+from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.saved_state import pack_state, read_state, write_state
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model

@@ -9,7 +9,7 @@ import pytest
 
 from rover_parameters.parameters import configure
 from terrain_estimator.bags import Types
-from terrain_estimator.config import PlannerConfig
+from terrain_estimator.config.planner import PlannerConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.inputs import PlannerInputs
 from terrain_estimator.topics import INPUT_TYPES

@@ -13,7 +13,7 @@ import pytest
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import Types
-from terrain_estimator.config import AdviceConfig
+from terrain_estimator.config.planner import AdviceConfig
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.messages import advice_message, belief_of_message

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from rover_parameters.parameters import effective, fingerprint
 from terrain_estimator.bags import BagError, BagExistsError, BagWriter, Split
 from terrain_estimator.bags.writing.worker import Worker
-from terrain_estimator.config import RecorderConfig
+from terrain_estimator.config.recorder import RecorderConfig
 
 MOMENT_S = 0.5
 """Longest wait for a write: later messages wait in memory, and callbacks are served."""
