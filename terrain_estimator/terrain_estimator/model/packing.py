@@ -82,6 +82,8 @@ class PackedView(NamedTuple):
     contact_angle_sd: Tensor  # [..., W]
     torque: Tensor  # [..., W] [N m]
     torque_sd: Tensor  # [..., W]
+    steering: Tensor  # [..., W] [rad] about z, to the left
+    slip_angle: Tensor  # [..., W] [rad] of the wheel's velocity to its heading
     velocity: Tensor  # [...] [m/s]
     velocity_sd: Tensor  # [...]
     pitch: Tensor  # [...] [rad]
@@ -100,23 +102,37 @@ def view_of(
     groups: int = GROUPS,
     measured: int = MEASURED,
     timing: int = TIMING,
+    required: int = GROUPS,
 ) -> PackedView:
-    """Return the named parts of packed observations [..., P] of ``wheels`` wheels."""
+    """Return the named parts of packed observations [..., P] of ``wheels`` wheels.
+
+    ``groups`` is the number of values per wheel in this layout. Behind the GROUPS that every layout
+    has, it may have steering, or steering and slip angle.
+    """
     rates = packed.shape[-1] - groups * wheels - measured - timing
     grouped, scalars, wheel_rate, time = packed.split_with_sizes(
         [groups * wheels, measured, rates, timing], -1
     )
     by_wheel = grouped.unflatten(-1, [groups, wheels])  # type: ignore[no-untyped-call]
-    slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd = by_wheel.unbind(-2)
+    always, optional = by_wheel.split_with_sizes([required, groups - required], -2)
+    slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd = always.unbind(-2)
     velocity, velocity_sd, pitch, pitch_sd, acceleration, acceleration_sd, bogie = scalars.unbind(
         -1
     )
     step, linked = time.unbind(-1)
     return PackedView(
         packed, slip, slip_sd, sinkage, sinkage_sd, angle, angle_sd, torque, torque_sd,
+        _group(optional, 0), _group(optional, 1),
         velocity, velocity_sd, pitch, pitch_sd, acceleration, acceleration_sd, bogie,
         wheel_rate, step, linked,
     )  # fmt: skip
+
+
+def _group(optional: Tensor, index: int) -> Tensor:
+    """Return one of the ``optional`` groups [..., G, W] as [..., W], or [..., 0] beyond them."""
+    if index < optional.shape[-2]:
+        return optional.select(-2, index)
+    return optional.select(-1, 0).narrow(-1, 0, 0)
 
 
 def replaced(packed: Tensor, first: int, values: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.model.packing import (
+    GROUPS,
     PACKED_SCALAR_FIELDS,
     PACKED_WHEEL_FIELDS,
     PackedView,
@@ -58,6 +59,32 @@ def test_the_view_has_each_number_under_the_name_that_the_observation_has(*, rat
     assert (view.step.item(), view.linked.item()) == (STEP_S, 1.0)
     assert view_of(packed(rates=rates, linked=False), WHEELS).linked.item() == 0.0
     assert view.packed.shape == (packed_size(WHEELS, rates=rates),)
+
+
+@pytest.mark.parametrize("layout", ["as today", "with steering", "with steering and slip angle"])
+@pytest.mark.parametrize("rates", [False, True])
+@pytest.mark.parametrize("scripted", [False, True])
+def test_steering_and_slip_angle_come_with_zero_wheels_unless_a_layout_has_them(
+    layout: str, *, rates: bool, scripted: bool
+) -> None:
+    own = {
+        "as today": {},
+        "with steering": {"steering": [0.3, 0.0, -0.2]},
+        "with steering and slip angle": {
+            "steering": [0.3, 0.0, -0.2],
+            "slip_angle": [0.1, 0.2, 0.4],
+        },
+    }[layout]
+    old, groups = packed(rates=rates), GROUPS + len(own)
+    more = torch.tensor(list(own.values()), dtype=torch.float64).flatten()
+    wide = torch.cat([old[: GROUPS * WHEELS], more, old[GROUPS * WHEELS :]])
+    function = torch.jit.script(view_of) if scripted else view_of
+    view, plain = function(wide, WHEELS, groups), view_of(old, WHEELS)
+    for name in ("steering", "slip_angle"):
+        assert getattr(view, name).tolist() == own.get(name, [])
+        assert getattr(plain, name).shape == (0,)
+    for name in {*PackedView._fields} - {"packed", "steering", "slip_angle"}:
+        assert torch.equal(getattr(view, name), getattr(plain, name)), name
 
 
 def test_the_fields_of_a_model_file_stand_in_the_order_of_the_layout() -> None:
