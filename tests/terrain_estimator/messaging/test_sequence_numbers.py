@@ -119,6 +119,13 @@ def test_a_late_message_is_counted_once_and_not_for_ever() -> None:
     assert kept == list(range(2 * GAPS - 1, 4 * GAPS - 2, 2)), "of 127 gaps the newest 64"
 
 
+def test_messages_in_order_do_not_crowd_out_what_is_missing() -> None:
+    sequence = Sequence()
+    for number in (0, *range(2, 2 + 4 * GAPS)):
+        sequence.note(number)
+    assert sequence.fill(1)
+
+
 def test_a_replay_says_what_is_missing_of_every_topic(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -80,6 +80,28 @@ def test_every_effect_is_estimated_online_or_says_why_not() -> None:
     assert not set(LAWS) & set(NOT_ONLINE)
 
 
+def test_the_other_unknowns_of_effects_have_the_deviations_of_their_documentation() -> None:
+    """docs/effects.md, the extra unknowns; in units of the unknown."""
+    found = {name: [extra.sd for extra in law.extra] for name, law in LAWS.items() if law.extra}
+    assert found == {
+        "grousers": [0.7],
+        "multipass": [0.5],
+        "payload": [10.0, 10.0],
+        "odometry_scale": [0.3],
+    }
+
+
+@pytest.mark.parametrize(("move", "evaluated"), [(0.009, False), (0.011, True), (-0.011, True)])
+def test_rows_are_evaluated_anew_when_an_effect_moved_by_a_hundredth_of_its_prior(
+    move: float, *, evaluated: bool
+) -> None:
+    physics = with_effects(LOADED, [Sized("slope_bias", 0.0, 0.01)]).physics
+    before = torch.zeros(physics.uncertain_constants + 1, dtype=torch.float64)
+    after = before.clone()
+    after[-1] = move
+    assert physics.has_moved(before, after) == evaluated
+
+
 def test_what_sensors_and_drives_do_is_undone_from_an_observation() -> None:
     """The formulas of the registry, inverted by hand."""
     packed = with_rates(observations()[:3])

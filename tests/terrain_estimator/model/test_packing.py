@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The named view of a packed observation, and the functions that replace its parts."""
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -14,6 +15,8 @@ from terrain_estimator.model.packing import (
     PACKED_SCALAR_FIELDS,
     PACKED_WHEEL_FIELDS,
     PackedView,
+    ground_torque,
+    link,
     pack,
     packed_size,
     scalar_fields,
@@ -85,6 +88,25 @@ def test_steering_and_slip_angle_come_with_zero_wheels_unless_a_layout_has_them(
         assert getattr(plain, name).shape == (0,)
     for name in {*PackedView._fields} - {"packed", "steering", "slip_angle"}:
         assert torch.equal(getattr(view, name), getattr(plain, name)), name
+
+
+@pytest.mark.parametrize("inertia", [0.0, 0.4, 1.0])
+def test_the_torque_on_the_ground_is_the_motors_less_what_turns_the_wheel(inertia: float) -> None:
+    """Banerjee et al. eq. 6: M - I dw/dt, with the rates of two observations."""
+    seen, passed_s = observation(), 0.25
+    before = dataclasses.replace(seen, wheel_rate=seen.wheel_rate - [0.5, 0.0, -0.25])
+    expected = seen.torque - inertia * np.array([2.0, 0.0, -1.0])
+    np.testing.assert_allclose(ground_torque(seen, before, inertia, passed_s), expected)
+    np.testing.assert_array_equal(ground_torque(seen, None, inertia, passed_s), seen.torque)
+
+
+@pytest.mark.parametrize(("steps", "linked"), [(1.0, True), (2.4, True), (2.6, False)])
+def test_a_velocity_carries_over_to_an_observation_that_follows_soon(
+    steps: float, *, linked: bool
+) -> None:
+    last = observation()
+    assert link(round(steps * 1e8), last, 0.1) == (pytest.approx(0.1 * steps), linked)
+    assert link(7, None, 0.1) == (0.1, False)
 
 
 def test_the_fields_of_a_model_file_stand_in_the_order_of_the_layout() -> None:

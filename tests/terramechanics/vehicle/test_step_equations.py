@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the solvers of a time step are given, and how quickly they get there."""
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -187,6 +188,17 @@ def test_a_single_episode_that_newton_misses_is_searched_for_alone(
     assert failing.calls[1][2].shape[0] == 1
     torch.testing.assert_close(found.sinkage, direct.sinkage, rtol=1e-6, atol=1e-8)
     torch.testing.assert_close(found.velocity, direct.velocity, rtol=1e-6, atol=1e-8)
+
+
+def test_a_search_finds_a_rover_that_is_braked_from_a_run() -> None:
+    """Its wheels turn at a tenth of its speed; after two seconds it goes as they do."""
+    step = dataclasses.replace(step_equations(2.0), velocity=10.0 * SPEED)
+    rate = (SPEED / ROVER.wheel_radius).unsqueeze(-1).expand(BATCH, A)
+    _, end = equilibrium._search_rates(step, rate, start_depth())
+    direct = solve_rates(step, rate, start_depth(), SPEED)
+    assert bool(direct.solved.all())
+    torch.testing.assert_close(end, direct.velocity, rtol=1e-4, atol=1e-6)
+    assert bool((end < 0.5 * step.velocity).all())
 
 
 def test_torques_beyond_what_the_ground_takes_are_not_obeyed() -> None:
