@@ -102,6 +102,27 @@ def test_rows_are_evaluated_anew_when_an_effect_moved_by_a_hundredth_of_its_prio
     assert physics.has_moved(before, after) == evaluated
 
 
+def test_the_velocity_row_has_its_change_by_a_deviation_of_each_value_behind_it() -> None:
+    model = with_effects(LOADED, [Sized("bulldozing", 2e4, 1e4), Sized("slope_bias", 0.01, 0.02)])
+    physics = model.physics
+    contact = nominal_of(physics).nominal_contact(0)
+    view = view_of(with_rates(observations())[3], AXLES)
+    known = physics.uncertain_constants
+    start = torch.zeros(known + 2, dtype=torch.float64)
+
+    def row(deviations: torch.Tensor) -> torch.Tensor:
+        return physics.drive_row(view, contact.constants, contact.varied, deviations)
+
+    found = row(start)
+    assert found.shape == (1 + known + 2, 3)
+    for value in range(2):
+        away = start.clone()
+        away[known + value] = 1e-3
+        change = 1e3 * (row(away)[0] - found[0])
+        assert bool((change != 0.0).any())
+        torch.testing.assert_close(found[1 + known + value], change, rtol=1e-6, atol=1e-9)
+
+
 def test_what_sensors_and_drives_do_is_undone_from_an_observation() -> None:
     """The formulas of the registry, inverted by hand."""
     packed = with_rates(observations()[:3])

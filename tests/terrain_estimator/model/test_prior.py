@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 
 from terrain_estimator.model.hypotheses import Hypotheses
+from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.parameters import parameter_layout
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 
@@ -21,3 +22,8 @@ def test_a_deviation_of_the_rover_is_a_precision_of_the_posterior(name: str) -> 
         precision = Hypotheses(prior, LAYOUT, 1).rover_precision
         assert float(precision[place]) == pytest.approx(1.0 / deviation**2, rel=1e-12)
         assert len(precision) == 4
+
+
+@pytest.mark.parametrize("name", ["mars_rover", "paper_rover"])
+def test_the_models_that_ship_have_the_default_prior(name: str) -> None:
+    assert load_model(name).metadata.prior == DEFAULT_PRIOR

@@ -23,10 +23,12 @@ from terrain_estimator.model.prior import UNCERTAIN, uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
     ContactModel,
+    Forces,
     Rows,
     drive_row,
     regression_rows,
     row_names,
+    without_excess,
 )
 from terrain_estimator.model.stencil import OWN, stencil
 from terramechanics.contact.stresses import CONSTANTS, wheel_forces
@@ -336,3 +338,28 @@ def test_no_input_is_moved_further_than_the_limit_or_out_of_the_models_range(
         place = float(moved[0])
         assert place == 0.94 or place == pytest.approx(0.94 - LARGEST_ERROR * 0.3)
         assert float(moved[2 * A]) >= 0.3 * 0.012
+
+
+def test_an_excess_grows_with_the_square_of_the_inputs_deviations(contact: ContactModel) -> None:
+    """h'' P / 2: evaluated a deviation apart, which is ``scale`` times as far in sinkage."""
+    generator = torch.Generator().manual_seed(3)
+    n, points = 2, contact.stencil.curvature.shape[1]
+    evaluated = torch.rand(points, n, A, 3, 3, generator=generator, dtype=torch.float64)
+    values = torch.zeros(1, n, A, 3, 3, dtype=torch.float64)
+    forces = Forces(values, values[:1], values[:1])
+    scale = 1.0 + torch.rand(n, A, generator=generator, dtype=torch.float64)
+
+    def excess(kind: int, factor: float) -> Tensor:
+        doubt = torch.zeros(n, 3, A, dtype=torch.float64)
+        doubt[:, kind] = 0.3
+        return without_excess(forces, evaluated, factor * scale, doubt, contact).values
+
+    for kind, grown in ((0, 1.0), (1, 4.0), (2, 2.0)):
+        assert bool((excess(kind, 1.0) != 0.0).any())
+        torch.testing.assert_close(excess(kind, 2.0), grown * excess(kind, 1.0))
+
+
+def test_physics_without_effects_has_no_sizes_of_effects() -> None:
+    none = torch.zeros(0, dtype=torch.float64)
+    physics = nominal_of(physics_alone(ROVER, SOIL, exact=True).physics)
+    assert physics.effect_sizes(none, none).shape == (0, 2)

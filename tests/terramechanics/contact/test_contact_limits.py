@@ -27,7 +27,8 @@ from terramechanics.contact.stresses import (
     wheel_forces_linear_stress,
 )
 from terramechanics.effects import EFFECTS, describe, make_effect
-from terramechanics.effects.vehicle import REAR
+from terramechanics.effects.simulated import SimulatedEffect
+from terramechanics.effects.vehicle import REAR, ExtraMass
 from terramechanics.simulation.plant import ContactInputs, Situation
 from terramechanics.terrain.profile import MEAN_SLOPE, STEEPEST, random_hills
 from terramechanics.terrain.soil import load_soil
@@ -250,6 +251,32 @@ def test_an_effect_of_one_axle_gets_it_and_the_others_do_not() -> None:
     assert payload.mass.tolist() == [3.0]
     with pytest.raises(ConfigError, match="acts sideways"):
         make_effect("lateral_bulldozing", 1.0)
+
+
+def test_a_mass_is_placed_where_its_moments_have_it() -> None:
+    """Moments about the rover's centre of mass; no mass stays there, whatever its moments."""
+    wheels = torch.ones(2, ROVER.axles, dtype=torch.float64)
+    where = Situation(ROVER, 0.0, torch.arange(2), 0.0 * wheels, wheels, 0.1 * wheels[:, 0])
+    values = torch.tensor([[4.0, 2.0, -1.0], [0.0, 2.0, -1.0]], dtype=torch.float64)
+    placed = SimulatedEffect(ExtraMass, values).payload(where)
+    assert placed is not None
+    x, height = ROVER.centre_of_mass_x, ROVER.centre_of_mass_height
+    assert placed.mass.tolist() == [4.0, 0.0]
+    assert placed.x.tolist() == pytest.approx([x + 0.5, x])
+    assert placed.height.tolist() == pytest.approx([height - 0.25, height])
+
+
+@pytest.mark.parametrize(("c1", "c2", "ratio"), [(0.9, 0.5, 0.999), (0.2, -0.8, 0.001)])
+def test_the_largest_stress_stays_inside_the_contact(c1: float, c2: float, ratio: float) -> None:
+    """theta_m / theta_1 is clamped to 0.001 and 0.999."""
+    slip, sinkage = (torch.tensor(value, dtype=torch.float64) for value in (0.6, 0.02))
+
+    def forces(first: float, second: float) -> Tensor:
+        soil = SOIL.with_values(c1=first, c2=second)
+        size = (ROVER.wheel_radius, ROVER.wheel_width)
+        return wheel_forces(slip, sinkage, soil.constants(), *size, quadrature(12))
+
+    torch.testing.assert_close(forces(c1, c2), forces(ratio, 0.0), rtol=1e-12, atol=1e-12)
 
 
 def test_random_hills_scale_down_with_what_the_rover_can_pull() -> None:

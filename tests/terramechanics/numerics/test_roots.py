@@ -90,3 +90,16 @@ def test_quasi_newton_says_where_there_is_no_solution() -> None:
     assert solved.tolist() == [True, False, False]
     assert bool(torch.isfinite(found).all())
     assert bool((found <= tensor(1.0, 1.2)).all())
+
+
+def test_an_unsolvable_equation_ends_after_24_moves() -> None:
+    asked = []
+
+    def never(u: Tensor, index: Tensor) -> Tensor:
+        asked.append(index)
+        return u**2 + 1.0
+
+    limits = (tensor(-2.0), tensor(2.0))
+    _, solved = quasi_newton(never, lambda u, _: 2.0 * u.unsqueeze(-1), tensor(0.7)[None], limits)
+    assert not bool(solved)
+    assert len(asked) == 1 + 24

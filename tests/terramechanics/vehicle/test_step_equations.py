@@ -409,3 +409,14 @@ def test_many_braked_wheels_at_a_slip_angle_get_the_forces_of_each() -> None:
         [parts[1].forces(slip[:150], sinkage[:150]), parts[2].forces(slip[150:], sinkage[150:])]
     )
     torch.testing.assert_close(whole, apart, rtol=1e-5, atol=1e-5)
+
+
+def test_a_wheel_that_is_braked_at_the_end_of_its_slip_still_has_a_solution() -> None:
+    step = step_equations()
+    torque = torch.full((BATCH, A), 5.0, dtype=torch.float64)
+    torque[:, 1] = torch.tensor([-8.0, -10.0, -12.0])
+    found = solve_torques(step, torque, start_depth(), torch.full((BATCH, A), 0.2).double())
+    assert bool(found.solved.all())
+    assert found.slip[:, 1].tolist() == [MIN_SLIP] * BATCH
+    assert found.obeyed.tolist() == [[True, False, True]] * BATCH
+    assert float(step.imbalance(found.forces, found.velocity).abs().max()) < 1e-8
