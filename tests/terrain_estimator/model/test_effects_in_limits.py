@@ -17,6 +17,7 @@ from terrain_estimator.model.effects import LAWS, NOT_ONLINE
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.physics_with_effects import nominal_of
+from terrain_estimator.model.rows import drive_row
 from terramechanics.effects import EFFECTS
 
 LOADED = load_model("mars_rover")
@@ -121,6 +122,16 @@ def test_the_velocity_row_has_its_change_by_a_deviation_of_each_value_behind_it(
         change = 1e3 * (row(away)[0] - found[0])
         assert bool((change != 0.0).any())
         torch.testing.assert_close(found[1 + known + value], change, rtol=1e-6, atol=1e-9)
+
+
+def test_the_velocity_row_of_an_effect_of_size_zero_is_the_nominal_one() -> None:
+    physics = with_effects(LOADED, [Sized("bulldozing", 0.0, 1e4)]).physics
+    contact = nominal_of(physics).nominal_contact(0)
+    view = view_of(with_rates(observations())[3], AXLES)
+    deviations = torch.zeros(physics.uncertain_constants + 1, dtype=torch.float64)
+    found = physics.drive_row(view, contact.constants, contact.varied, deviations)
+    nominal = drive_row(view.slip, view.sinkage, view.contact_angle, contact)
+    torch.testing.assert_close(found[:-1], nominal, rtol=1e-9, atol=1e-12)
 
 
 def test_what_sensors_and_drives_do_is_undone_from_an_observation() -> None:
