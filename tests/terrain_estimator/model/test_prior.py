@@ -27,3 +27,16 @@ def test_a_deviation_of_the_rover_is_a_precision_of_the_posterior(name: str) -> 
 @pytest.mark.parametrize("name", ["mars_rover", "paper_rover"])
 def test_the_models_that_ship_have_the_default_prior(name: str) -> None:
     assert load_model(name).metadata.prior == DEFAULT_PRIOR
+
+
+def test_the_hypotheses_together_have_mean_and_variance_of_the_prior() -> None:
+    """In units of its deviation, also those that are started anew later."""
+    bank = Hypotheses(DEFAULT_PRIOR, LAYOUT, 1)
+    weight = bank.offset_log_weight.exp()
+    assert float(weight.sum()) == pytest.approx(1.0)
+    assert (weight @ bank.offsets).tolist() == pytest.approx([0.0, 0.0], abs=1e-12)
+    spread = weight @ bank.offsets**2 + bank.offset_spread**2
+    assert spread.tolist() == pytest.approx([1.0, 1.0])
+    anew = (bank.restart_offsets**2).mean(0) + bank.restart_spread**2
+    assert bank.restart_offsets.mean(0).tolist() == pytest.approx([0.0, 0.0])
+    assert anew.tolist() == pytest.approx([1.0, 1.0])

@@ -376,6 +376,12 @@ def test_the_ground_changes_over_its_transition_and_sharply_without_one() -> Non
     assert [ground.patch_at(x) for x in (-1.0, 0.0, 1.9, 2.0, 6.9, 7.0)] == [0, 0, 0, 1, 1, 2]
 
 
+def test_a_patch_begins_at_the_start_of_the_track_and_sharply_unless_it_is_placed() -> None:
+    soft, hard = load_soil("loose_sand"), load_soil("compact_sand")
+    ground = Ground([Patch(soft.constants(), soft.strength()), Patch.of(hard, 0.5)])
+    assert [ground.patch_at(x) for x in (0.0, 0.49, 0.5)] == [0, 0, 1]
+
+
 @pytest.mark.parametrize(
     "patches",
     [

@@ -420,3 +420,9 @@ def test_a_wheel_that_is_braked_at_the_end_of_its_slip_still_has_a_solution() ->
     assert found.slip[:, 1].tolist() == [MIN_SLIP] * BATCH
     assert found.obeyed.tolist() == [[True, False, True]] * BATCH
     assert float(step.imbalance(found.forces, found.velocity).abs().max()) < 1e-8
+
+
+def test_balances_are_in_units_of_the_weight_and_of_weight_times_wheelbase() -> None:
+    wheelbase = ROVER.axle_x[0] - ROVER.axle_x[-1]
+    expected = [ROVER.weight * unit for unit in (1.0, 1.0, wheelbase, wheelbase)]
+    assert step_equations().scale.tolist() == pytest.approx(expected)
