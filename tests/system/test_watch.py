@@ -3,6 +3,7 @@
 """The watch as a process of its own, on real DDS."""
 
 import json
+import re
 import time
 from pathlib import Path
 
@@ -85,3 +86,27 @@ def test_what_would_go_wrong_in_silence_or_at_the_end_is_refused_at_the_start(
 ) -> None:
     with pytest.raises(ConfigError, match=words):
         listener.host(Watch, parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_texts_from_dds_reach_neither_terminal_nor_log_with_control_characters(
+    start: Starter, listener: Listener
+) -> None:
+    hostile = "\x1b]0;title\x07\x1b[2J"
+    process = start("terrain_estimator", "watch", "--ros-args", "-p", "period:=0.1")
+    planner = start("terrain_estimator", "planner")
+    planner.wait_for_output("ready")
+    publishers = {topic: listener.publisher(kind, topic) for topic, kind in KINDS.items()}
+    estimate = TerrainEstimate(model_id=hostile)
+    estimate.header.frame_id = hostile
+    estimate.decision.outcome_name = hostile
+    begin_s = time.monotonic()
+    for number in range(20):
+        due_s = begin_s + 0.05 * number
+        wait_until(lambda due_s=due_s: time.monotonic() >= due_s, "the message is due")  # type: ignore[misc]
+        for topic, kind in KINDS.items():
+            message = estimate if topic == "terrain_estimate" else kind(sequence=number)
+            publishers[topic].publish(message)
+    process.wait_for_output(re.escape(r"\x1b]0;title\x07\x1b[2J"))
+    for each in (process, planner):
+        assert each.interrupt() == 0
+        assert not re.search("\x1b[]]|\x07|\x1b\\[2J", each.output)
