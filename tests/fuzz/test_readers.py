@@ -3,6 +3,7 @@
 """Readers give the content of a file or their documented error; `make fuzz` searches further."""
 
 import contextlib
+import dataclasses
 import functools
 import math
 import re
@@ -22,6 +23,7 @@ from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.importing.mapping import Mapping
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
+from tests.fuzz.mutations import mutations
 from tests.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
@@ -86,6 +88,20 @@ def test_a_damaged_file_is_read_or_refused_with_the_documented_error(name: str) 
 def test_bytes_of_no_form_are_refused_by_every_reader(data: bytes) -> None:
     for target in TARGETS.values():
         target(data)
+
+
+def test_random_damage_is_counted_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(_: Path) -> None:
+        raise KeyError("lost")
+
+    assert mutations("bag", 20, 1, tmp_path) == 0
+    assert "bag: 20 damaged files, 0 findings, 95 % limit 0.1" in capsys.readouterr().out
+    monkeypatch.setitem(TARGETS, "soil", dataclasses.replace(TARGETS["soil"], read=fail))
+    assert mutations("soil", 2, 1, tmp_path) == 2
+    assert "soil: KeyError: 'lost'" in capsys.readouterr().out
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 SCALARS = (
