@@ -9,7 +9,8 @@ from rover_parameters.records import ConfigError, shortened
 
 DEEPEST = 64
 """Largest number of lists and objects within each other; Python's reader ends at about 1000."""
-_STRUCTURE = re.compile(r'"(?:[^"\\]|\\.)*+"|[\[\]{}]', re.DOTALL)
+# a text that is not closed reaches to the end, so that it is searched once
+_STRUCTURE = re.compile(r'"(?:[^"\\]++|\\.)*+\\?+(?:"|\Z)|[\[\]{}]', re.DOTALL)
 
 
 def parse_json(text: str | bytes) -> object:

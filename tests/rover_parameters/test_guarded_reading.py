@@ -13,8 +13,10 @@ from pathlib import Path
 import pytest
 
 from rover_parameters.csv_rows import LARGEST_ROW, csv_rows
+from rover_parameters.guarded_json import parse_json
 from rover_parameters.numerals import parse_number
 from rover_parameters.printable import printable, printable_line
+from rover_parameters.records import ConfigError
 from rover_parameters.regular_file import open_regular, read_regular
 
 
@@ -113,3 +115,21 @@ def test_what_a_terminal_obeys_is_made_visible() -> None:
     shown = r"a\x1b[31m\x07\x9b2J\r\u202eb\u2066\x7f\ud800" + "\tc\nd é 土"
     assert printable(hostile) == printable(shown) == shown
     assert printable_line("a\nb") == r"a\nb"
+
+
+def test_json_is_read_up_to_a_depth_in_linear_time() -> None:
+    assert parse_json(b'{"a": [1, "[[[", {"\\\\": null}]}') == {"a": [1, "[[[", {"\\": None}]}
+    assert parse_json("[" * 64 + "]" * 64)
+    started = time.process_time()
+    for text, words in (
+        ("[" * 65 + "]" * 65, "more than 64 lists and objects within each other"),
+        ('{"a":' * 100_000, "more than 64"),
+        ('"\\' * 200_000, "Unterminated|Invalid"),
+        ('"a\\' * 200_000, "Unterminated|Invalid"),
+        ("9" * 100_000, "Exceeds the limit"),
+        (b"\xff", "invalid start byte"),
+        ("", "Expecting value"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            parse_json(text)
+    assert time.process_time() - started < 2.0
