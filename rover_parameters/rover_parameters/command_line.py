@@ -79,7 +79,7 @@ def make_logs_printable() -> None:
     def log(self: RcutilsLogger, message: object, severity: object, **filters: Any) -> bool:
         return bool(plain(self, printable_line(str(message)), severity, **filters))
 
-    RcutilsLogger.log = log
+    setattr(RcutilsLogger, "log", log)  # noqa: B010 - a method of another library
 
 
 def set_at_signals(stop: threading.Event) -> None:

@@ -40,7 +40,6 @@ _CONSTANTS |= dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan"))
 _INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
 _REAL = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 RecordT = TypeVar("RecordT")
-Node = yaml.NodeEvent
 
 
 def load(record: type[RecordT], path: Path) -> RecordT:
