@@ -70,7 +70,7 @@ def make_logs_printable() -> None:
     Names and texts of other nodes' messages reach the log. rclpy writes it outside of sys.stderr
     and has no hook for it, so its one method for all severities is wrapped.
     """
-    plain = RcutilsLogger.log
+    plain: Callable[..., Any] = RcutilsLogger.log
     if plain.__module__ == __name__:
         return
     # rclpy keeps the state of throttled and once-only logs by the line of code that called it

@@ -131,8 +131,8 @@ class _Reader:
         """Raise ConfigError for a value that is refused, before anything of it is read."""
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             raise _refusal(event, "an anchor (&) or alias (*)", "write the value out")
-        if getattr(event, "tag", None) is not None:
-            raise _refusal(event, f"tag {shortened(event.tag)}", "leave it out")
+        if (tag := getattr(event, "tag", None)) is not None:
+            raise _refusal(event, f"tag {shortened(tag)}", "leave it out")
         if depth > DEEPEST_TREE:
             raise _refusal(
                 event,
@@ -146,7 +146,8 @@ class _Reader:
 
 def _refusal(event: yaml.Event, what: str, advice: str) -> ConfigError:
     mark = event.start_mark
-    return ConfigError(f"{what} (line {mark.line + 1}, column {mark.column + 1}): {advice}")
+    place = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""
+    return ConfigError(f"{what}{place}: {advice}")
 
 
 def _plain(word: str) -> object:

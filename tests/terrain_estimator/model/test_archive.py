@@ -158,7 +158,7 @@ def test_a_model_that_writes_while_it_is_loaded_is_refused_before_it_does(
     packed = io.BytesIO()
     torch.jit.save(torch.jit.script(Writing()), packed)
     monkeypatch.chdir(tmp_path)
-    torch.jit.load(io.BytesIO(packed.getvalue()))
+    torch.jit.load(io.BytesIO(packed.getvalue()))  # type: ignore[no-untyped-call]
     (tmp_path / "written").unlink()  # torch itself lets it write
     with pytest.raises(ModelFileError, match=r"model\.pt: not a model of this package: source"):
         load_model(str(placed(tmp_path, packed.getvalue())))
@@ -279,7 +279,7 @@ def test_zip_files_are_read_within_limits() -> None:
 @pytest.mark.parametrize("name", model_names())
 def test_a_checked_archive_of_a_shipped_model_gives_the_same_numbers(name: str) -> None:
     content = (MODELS / f"{name}.pt").read_bytes()
-    plain = torch.jit.load(io.BytesIO(content))
+    plain = torch.jit.load(io.BytesIO(content))  # type: ignore[no-untyped-call]
     state, again = plain.initial(), load_model(name).module.initial()
     assert state.keys() == again.keys()
     assert all(torch.equal(state[key], again[key]) or state[key].isnan().any() for key in state)

@@ -9,7 +9,7 @@ checked line by line before it is parsed, the types before they are registered.
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
@@ -91,7 +91,7 @@ def _check_line(where: str, line: str) -> None:
         raise BagError(f"{where}: value {shortened(value)} is too large: {_REMEDY}")
 
 
-def check_types(type_name: str, types: Typesdict, order: Iterator[str]) -> None:
+def check_types(type_name: str, types: Typesdict, order: Iterable[str]) -> None:
     """Check sizes, nesting and total of the types of a definition.
 
     Args:
