@@ -294,7 +294,7 @@ def _path(words: Sequence[str], at: int) -> tuple[str, int]:
 def _check_getattr(module: str, words: Sequence[str]) -> None:
     """Check that only numbered parts of a sequence are read by name."""
     match words:
-        case ["(", "self", ",", text, ")"] if text.strip('"').isdigit():
+        case ["(", name, ",", text, ")"] if name.isidentifier() and text.strip('"').isdigit():
             return
     raise ArchiveError(f"source {module}: getattr {shortened(''.join(words))} is not allowed")
 
