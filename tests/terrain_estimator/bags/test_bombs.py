@@ -197,10 +197,11 @@ def test_chunks_whose_messages_all_wait_for_each_other_are_refused(
         read(tmp_path / "few.mcap")
 
 
-@pytest.mark.parametrize("contents", [bytes(2**26), built(Header("", "")) * 2_000_000])
+@pytest.mark.parametrize("contents", [bytes(2**26), built(Header("", "")) * 100_000])
 def test_many_small_chunks_that_unpack_to_much_take_a_few_seconds(
-    contents: bytes, tmp_path: Path
+    contents: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("terrain_estimator.bags.reading.records.MOST_RECORDS", 20_000)
     packed = chunk("zstd", contents, len(contents))
     path = bag(tmp_path / "bombs.mcap", chunk("", topic(), len(topic())), *[packed] * 200)
     assert path.stat().st_size < 200 * 10_000
