@@ -6,14 +6,18 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.impl import rcutils_logger
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from rover_parameters.files import DUMP
 from rover_parameters.parameters import usage
+from rover_parameters.printable import printable_line, printable_output
 from rover_parameters.records import ConfigError
 
 
@@ -34,6 +38,18 @@ def run(
     """
     stop = threading.Event()
     set_at_signals(stop)
+    make_logs_printable()
+    with printable_output():
+        return _run(program, example, config, serve, stop)
+
+
+def _run(
+    program: str,
+    example: str,
+    config: type[Any],
+    serve: Callable[[threading.Event], int],
+    stop: threading.Event,
+) -> int:
     try:
         if _asks_for_help(example):
             print(usage(program, example, config))  # noqa: T201 - the user asked for it
@@ -46,6 +62,24 @@ def run(
         return print_error(program, error, 2)
     finally:
         rclpy.try_shutdown()
+
+
+def make_logs_printable() -> None:
+    """Make every log line of rclpy's nodes in this process one printable line.
+
+    Names and texts of other nodes' messages reach the log. rclpy writes it outside of sys.stderr
+    and has no hook for it, so its one method for all severities is wrapped.
+    """
+    plain: Callable[..., Any] = RcutilsLogger.log
+    if plain.__module__ == __name__:
+        return
+    # rclpy keeps the state of throttled and once-only logs by the line of code that called it
+    rcutils_logger._internal_callers.append(str(Path(__file__).resolve()))  # noqa: SLF001
+
+    def log(self: RcutilsLogger, message: object, severity: object, **filters: Any) -> bool:
+        return bool(plain(self, printable_line(str(message)), severity, **filters))
+
+    setattr(RcutilsLogger, "log", log)  # noqa: B010 - a method of another library
 
 
 def set_at_signals(stop: threading.Event) -> None:

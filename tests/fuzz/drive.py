@@ -7,7 +7,7 @@ import sys
 import atheris
 
 with atheris.instrument_imports(
-    include=["terrain_estimator", "terramechanics", "mcap", "rosbags", "yaml"]
+    include=["rover_parameters", "terrain_estimator", "terramechanics", "mcap", "rosbags", "yaml"]
 ):
     from tests.fuzz.targets import TARGETS
 

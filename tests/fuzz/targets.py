@@ -6,8 +6,10 @@ A target takes bytes. Any exception but the documented one is a finding. Each ha
 from which a fuzzer starts.
 """
 
+import contextlib
 import functools
 import hashlib
+import io
 import itertools
 import json
 import shutil
@@ -16,10 +18,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
+
 from rover_parameters.files import read_parameters
+from rover_parameters.guarded_json import parse_json
 from rover_parameters.parameters import configure, template
 from rover_parameters.records import ConfigError
-from terrain_estimator.bags import BagError, BagReader
+from rover_parameters.yaml_files import read_yaml
+from terrain_estimator.bags import BagError, BagReader, Definition, Types, installed_definition
 from terrain_estimator.bags.format.metadata import METADATA_FILE
 from terrain_estimator.bags.recovery.recovery import recover
 from terrain_estimator.config.estimator import EstimatorConfig, EstimatorNodeConfig
@@ -33,6 +39,7 @@ from terrain_estimator.estimator.saved_state import (
 )
 from terrain_estimator.importing.mapping import Mapping, read_mapping
 from terrain_estimator.importing.samples import CsvError, read_samples
+from terrain_estimator.model.archive import ArchiveError, checked_archive
 from terrain_estimator.model.model_file import (
     MODELS,
     LoadedModel,
@@ -45,6 +52,7 @@ from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 from tests.terrain_estimator.bags.support import finished_bag, killed_recording
 
+DEFINED = "nav_msgs/msg/Odometry"
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 MESSAGES = 200
 """Number of a bag's messages that are decoded."""
@@ -96,6 +104,29 @@ def _decode(reader: BagReader, message: object) -> None:
         reader.decode(message)  # type: ignore[arg-type]
     except BagError:
         return
+
+
+def read_definition(path: Path) -> None:
+    """Make a class of a message definition, its default message, and read that back."""
+    text = path.read_bytes().decode(errors="replace")
+    types = Types()
+    try:
+        types.add(Definition(DEFINED, text, ""))
+        message = types.make(DEFINED)
+        again = types.deserialize(types.serialize(message), DEFINED)
+        assert type(again) is type(message)
+    except BagError:
+        return
+
+
+def read_archive_of_model(path: Path) -> None:
+    """Check an archive; torch reads it only where nothing is refused."""
+    try:
+        content = checked_archive(path.read_bytes())
+    except ArchiveError:
+        return
+    with contextlib.suppress(RuntimeError, ValueError):
+        torch.jit.load(io.BytesIO(content))  # type: ignore[no-untyped-call]
 
 
 def read_bag_folder(path: Path) -> None:
@@ -154,6 +185,16 @@ def _refusing(read: Callable[[Path], object], *errors: type[Exception]) -> Calla
     return attempt
 
 
+def _stable(value: object) -> None:
+    """Check that what was read consists of plain values alone."""
+    kinds = (dict, list, str, int, float, type(None))
+    assert isinstance(value, kinds)
+    for item in (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    ):
+        _stable(item)
+
+
 def _samples(path: Path) -> None:
     for _ in read_samples(path, _mapping()):
         pass
@@ -190,6 +231,15 @@ def _files(folder: Path, pattern: str) -> Callable[[], list[bytes]]:
     return lambda: [path.read_bytes() for path in sorted(folder.glob(pattern))]
 
 
+def _definitions() -> list[bytes]:
+    kinds = (
+        "nav_msgs/msg/Odometry",
+        "msg_defs/msg/WheelSlip",
+        "diagnostic_msgs/msg/DiagnosticArray",
+    )
+    return [installed_definition(kind).text.encode() for kind in kinds]
+
+
 def _parameters() -> list[bytes]:
     return [template("/estimator", configure(EstimatorNodeConfig, {})).encode()]
 
@@ -202,7 +252,22 @@ _TABLE = b"""trial,slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N
 TARGETS = {
     "bag": Target(read_bag, "run.mcap", _bags, weight=5.0),
     "recovery": Target(recover_bag, "run.mcap", _bags),
-    "bag metadata": Target(read_bag_folder, METADATA_FILE, _metadata),
+    "bag metadata": Target(read_bag_folder, METADATA_FILE, _metadata, weight=5.0),
+    "definition": Target(read_definition, "x.msg", _definitions, weight=5.0),
+    "yaml": Target(
+        _refusing(lambda path: _stable(read_yaml(path)), ConfigError),
+        "any.yaml",
+        lambda: [*_metadata(), *_files(EXAMPLES, "*.yaml")(), *_parameters()],
+        weight=5.0,
+    ),
+    "json": Target(
+        _refusing(lambda path: parse_json(path.read_bytes()), ConfigError),
+        "any.json",
+        _files(MODELS, "*.json"),
+    ),
+    "model archive": Target(
+        read_archive_of_model, "model.pt", lambda: [(MODELS / "mars_rover.pt").read_bytes()]
+    ),
     "soil": Target(
         _refusing(load_soil, ConfigError), "soil.yaml", _files(PRESETS / "soils", "*.yaml")
     ),
@@ -230,7 +295,7 @@ TARGETS = {
     "state archive": Target(
         read_archive, "ground.state", lambda: [state.partition(b"\n")[2] for state in _states()]
     ),
-    "samples": Target(_refusing(_samples, CsvError), "run.csv", _rows),
+    "samples": Target(_refusing(_samples, CsvError), "run.csv", _rows, weight=5.0),
     "wheel table": Target(
         _refusing(lambda path: read_table(path, "rim"), WheelTableError),
         "table.csv",

@@ -3,6 +3,10 @@
 """The watch as a process of its own, on real DDS."""
 
 import json
+import os
+import re
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -85,3 +89,46 @@ def test_what_would_go_wrong_in_silence_or_at_the_end_is_refused_at_the_start(
 ) -> None:
     with pytest.raises(ConfigError, match=words):
         listener.host(Watch, parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_texts_from_dds_reach_the_terminal_without_control_characters(
+    start: Starter, listener: Listener
+) -> None:
+    hostile = "\x1b]0;title\x07\x1b[2j"
+    process = start("terrain_estimator", "watch", "--ros-args", "-p", "period:=0.1")
+    publishers = {topic: listener.publisher(kind, topic) for topic, kind in KINDS.items()}
+    estimate = TerrainEstimate(model_id=hostile)
+    estimate.header.frame_id = hostile
+    estimate.decision.outcome_name = hostile
+    for topic, kind in KINDS.items():
+        publishers[topic].publish(estimate if topic == "terrain_estimate" else kind())
+    process.wait_for_output(re.escape(r"\x1b]0;title\x07\x1b[2j"))
+    assert process.interrupt() == 0
+    assert not re.search("\x1b[]]|\x07|\x1b\\[2j", process.output)
+
+
+LOGGING = r"""
+import rclpy
+from rover_parameters.command_line import make_logs_printable
+make_logs_printable()
+make_logs_printable()
+rclpy.init()
+node = rclpy.create_node("hostile")
+for _ in range(3):
+    node.get_logger().info("once \x1b[2J\nfaked", once=True)
+    node.get_logger().warning("often \x9b2J")
+"""
+
+
+def test_a_log_line_of_a_node_is_one_line_without_control_characters() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LOGGING],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "RCUTILS_COLORIZED_OUTPUT": "0"},
+        check=True,
+    )
+    assert [line.partition("]: ")[2] for line in done.stderr.splitlines()] == [
+        r"once \x1b[2J\nfaked",
+        *[r"often \x9b2J"] * 3,
+    ]

@@ -79,7 +79,7 @@ def _print_table(timing: dict[str, Any]) -> None:
         table.add_row(
             topic, str(timing["messages"].get(topic, 0)), f"{rate_hz:.3f}", f"{jitter_ms:.2f}"
         )
-    Console(highlight=False, soft_wrap=True).print(table)
+    Console(highlight=False, soft_wrap=True, color_system=None).print(table)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clean end of a command that the user interrupts."""
+"""Clean end and clean output of a command."""
 
 import functools
 import signal
@@ -9,20 +9,27 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec
 
+from rover_parameters.printable import printable_output
+
 INTERRUPTED = 130
 """Exit code of shells: 128 plus the number of SIGINT."""
 _Given = ParamSpec("_Given")
 
 
 def interruptible(main: Callable[_Given, int]) -> Callable[_Given, int]:
-    """Make Ctrl-C and SIGTERM end an entry point with one line instead of a traceback."""
+    """Make Ctrl-C and SIGTERM end an entry point with one line instead of a traceback.
+
+    All that it prints is printable (:mod:`rover_parameters.printable`): names from bags and files
+    can hold characters that a terminal obeys.
+    """
     name = Path(main.__code__.co_filename).stem
 
     @functools.wraps(main)
     def run(*args: _Given.args, **kwargs: _Given.kwargs) -> int:
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
-            return main(*args, **kwargs)
+            with printable_output():
+                return main(*args, **kwargs)
         except KeyboardInterrupt:
             sys.stderr.write(f"{name}: interrupted\n")
             return INTERRUPTED

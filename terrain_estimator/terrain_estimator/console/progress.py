@@ -13,6 +13,8 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+from rover_parameters.printable import printable_line, unguarded
+
 LINE_PERIOD_S = 5.0
 """[s] Time between two lines where stderr is no terminal; a shorter job writes none."""
 
@@ -31,18 +33,21 @@ class ProgressReport:
             TimeRemainingColumn(),
             TextColumn("{task.fields[note]}"),
         )
+        # the bar moves the cursor; its texts are made printable here
         self._bar = (
-            Progress(*columns, console=Console(stderr=True), transient=True)
+            Progress(*columns, console=Console(file=unguarded(sys.stderr)), transient=True)
             if sys.stderr.isatty()
             else None
         )
-        self._task = self._bar.add_task(title, total=1.0, note="") if self._bar else None
+        self._task = (
+            self._bar.add_task(printable_line(title), total=1.0, note="") if self._bar else None
+        )
         self._started_s = self._shown_s = time.monotonic()
 
     def at(self, share: float, note: str = "") -> None:
         """Show the share of the job that is done, 0 to 1, followed by ``note``."""
         if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, completed=share, note=note)
+            self._bar.update(self._task, completed=share, note=printable_line(note))
         elif time.monotonic() - self._shown_s > LINE_PERIOD_S and share > 0.0:
             self._shown_s = time.monotonic()
             left_s = (self._shown_s - self._started_s) * (1.0 - share) / share

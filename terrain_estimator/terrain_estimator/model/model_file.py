@@ -3,14 +3,18 @@
 """The model file: a TorchScript module and a JSON file that describes it.
 
 ``NAME.pt`` holds the whole model; ``NAME.json`` holds rover, soil, rows, versions, how it was
-trained, and the size and sha256 of the module. The two are checked against each other before torch
-reads a byte of the module, and the module's methods and shapes after.
+trained, and the size and sha256 of the module. The two are checked against each other first, then
+the module's source and tensors as data (:mod:`terrain_estimator.model.archive`). Only then does
+torch read what was checked, and the module's methods and shapes are compared.
 """
 
 import dataclasses
 import hashlib
 import io
 import json
+import os
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,7 +24,11 @@ from typing import Any
 import torch
 
 import terrain_estimator
-from rover_parameters.records import ConfigError, build, number
+from rover_parameters.guarded_json import parse_json
+from rover_parameters.printable import printable
+from rover_parameters.records import ConfigError, build, number, shortened
+from rover_parameters.regular_file import open_regular, read_regular
+from terrain_estimator.model.archive import ArchiveError, checked_archive
 from terrain_estimator.model.packing import PACKED_WHEEL_FIELDS, packed_size, scalar_fields
 from terrain_estimator.model.prior import Prior
 from terramechanics.terrain.soil import Soil
@@ -41,6 +49,9 @@ _METHODS = {
 }
 """Methods that the module must have, with their arguments in TorchScript's words."""
 _LARGEST_FILE = 64 << 20
+_LARGEST_METADATA = 1 << 20
+LOADING_S = 60.0
+"""[s] of processor time that a model may take to load, which takes 0.3 s otherwise."""
 
 
 class ModelFileError(ValueError):
@@ -156,6 +167,28 @@ def running() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def ends_after(limit_s: float, why: str) -> Iterator[None]:
+    """End this process with one line and exit code 2 once it has used so much processor time.
+
+    Nothing else can end a method of a module: it holds no lock of Python, and heeds no signal.
+    """
+    over = threading.Event()
+    last_s = time.process_time() + limit_s
+
+    def watch() -> None:
+        while not over.wait(0.5):
+            if time.process_time() > last_s:
+                os.write(2, f"{printable(why)}\n".encode())
+                os._exit(2)
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
 def model_names() -> tuple[str, ...]:
     """Return the names of the models that come with the package."""
     return tuple(sorted(path.stem for path in MODELS.glob("*.pt")))
@@ -180,34 +213,50 @@ def load_model(name: str = "") -> LoadedModel:
     metadata = read_metadata(path.with_suffix(".json"))
     content = _checked_bytes(path, metadata)
     try:
+        archive = checked_archive(content)
+    except ArchiveError as error:
+        raise ModelFileError(
+            f"{path}: not a model of this package: {error}: train it again, or load only models"
+            " that you trust"
+        ) from error
+    with ends_after(LOADING_S, f"{path}: loading took more than {LOADING_S:g} s: not a model"):
+        return _loaded(path, archive, metadata)
+
+
+def _loaded(path: Path, archive: bytes, metadata: Metadata) -> LoadedModel:
+    try:
         load = torch.jit.load
-        module = load(io.BytesIO(content), map_location="cpu")  # type: ignore[no-untyped-call]
+        module = load(io.BytesIO(archive), map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
         raise ModelFileError(
             f"{path}: not a TorchScript module: {str(error).splitlines()[0]}"
         ) from error
     model = LoadedModel(module, metadata)
-    with running():
-        _check_interface(path, model)
+    try:
+        with running():
+            _check_interface(path, model)
+    except RuntimeError as error:  # of TorchScript, with lines of source
+        reason = shortened(str(error).strip().splitlines()[-1])
+        raise ModelFileError(f"{path}: its methods fail: {reason}: train it again") from error
     return model
 
 
 def read_metadata(path: Path) -> Metadata:
     """Read the JSON file beside a module. Raises ModelFileError that names file, key and value."""
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        content: Any = parse_json(read_regular(path, _LARGEST_METADATA))
     except OSError as error:
         raise ModelFileError(
             f"{path}: cannot be read ({error.strerror}): a model is a .pt file with its .json"
             " beside it"
         ) from error
-    except (ValueError, RecursionError) as error:
+    except ConfigError as error:
         raise ModelFileError(f"{path}: not valid JSON: {error}") from error
     found = content.get("format") if isinstance(content, dict) else None
     if found != FORMAT:
         raise ModelFileError(
-            f"{path}: format is {found!r}, this version reads {FORMAT}: train the model again (make"
-            " train)"
+            f"{path}: format is {shortened(found)}, this version reads {FORMAT}: train the model"
+            " again (make train)"
         )
     try:
         return build(Metadata, content, str(path))
@@ -231,13 +280,17 @@ def _checked_bytes(path: Path, metadata: Metadata) -> bytes:
 
     It is read once, so that the checked bytes are loaded even where the file is replaced meanwhile.
     """
-    size = path.stat().st_size
-    if size != metadata.size or size > _LARGEST_FILE:
+    try:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            content = file.read(metadata.size + 1) if metadata.size <= _LARGEST_FILE else b""
+    except OSError as error:
+        raise ModelFileError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(content) != metadata.size:
         raise ModelFileError(
-            f"{path}: has {size} bytes, {path.with_suffix('.json').name} says {metadata.size}: copy"
-            " both files again"
+            f"{path}: has {size} bytes, {path.with_suffix('.json').name} says {metadata.size}, at"
+            f" most {_LARGEST_FILE} are read: copy both files again"
         )
-    content = path.read_bytes()
     sha256 = hashlib.sha256(content).hexdigest()
     if sha256 != metadata.sha256:
         raise ModelFileError(

@@ -102,7 +102,11 @@ def estimate_summary(replay: Replay) -> dict[str, Any]:
 def print_table(replays: Sequence[Replay]) -> None:
     """Print one line for each bag, then remarks about it."""
     console = Console(
-        highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else WIDTH
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+        color_system=None,
+        width=None if sys.stdout.isatty() else WIDTH,
     )
     narrow = console.width < NARROW
     head = [

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small files that ask for much memory are refused without allocating it."""
 
+import os
 import resource
+import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -186,9 +188,41 @@ def test_chunks_whose_messages_all_wait_for_each_other_are_refused(
     contents = topic(bytes(900))
     chunks = [chunk("zstd", contents, len(contents))] * 9
     assert read(bag(tmp_path / "few.mcap", *chunks)) == 9
-    monkeypatch.setattr("terrain_estimator.bags.reading.mcap_file.LARGEST_RECORD", 9000)
+    size = (tmp_path / "few.mcap").stat().st_size
+    monkeypatch.setattr("terrain_estimator.bags.reading.mcap_file.LARGEST_WAITING", 9000 - size)
     with pytest.raises(
         BagError,
         match=r"few\.mcap is damaged: more than 9000 bytes of messages are not in the order",
     ):
         read(tmp_path / "few.mcap")
+
+
+@pytest.mark.parametrize("contents", [bytes(2**26), built(Header("", "")) * 100_000])
+def test_many_small_chunks_that_unpack_to_much_take_a_few_seconds(
+    contents: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("terrain_estimator.bags.reading.records.MOST_RECORDS", 20_000)
+    packed = chunk("zstd", contents, len(contents))
+    path = bag(tmp_path / "bombs.mcap", chunk("", topic(), len(topic())), *[packed] * 200)
+    assert path.stat().st_size < 200 * 10_000
+    started = time.process_time()
+    with pytest.raises(BagError, match=r"bombs\.mcap is damaged: .* file of (?:this|its) size"):
+        read(path)
+    recovery = recover(path, tmp_path / "recovered")
+    assert recovery.span.count == 1
+    assert recovery.damage.chunks > 100
+    assert time.process_time() - started < 10.0
+
+
+def test_pipes_and_devices_are_refused_at_once(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    os.mkfifo(folder / "run_0.mcap")
+    for path in (folder, folder / "run_0.mcap", Path("/dev/zero")):
+        with pytest.raises(BagError, match="not a regular file"):
+            read(path)
+        with pytest.raises((BagError, OSError), match="not a regular file"):
+            recover(path, tmp_path / "recovered")
+    (folder / "metadata.yaml").symlink_to("/dev/zero")
+    with pytest.raises(BagError, match="not a regular file"):
+        read(folder)

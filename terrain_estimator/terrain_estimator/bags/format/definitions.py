@@ -15,12 +15,11 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import get_types_from_msg
-from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
+from rover_parameters.records import shortened
 from terrain_estimator.bags.errors import BagError
-
-SEPARATOR = "=" * 80
+from terrain_estimator.bags.format.definition_limits import SEPARATOR, check_text, check_types
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +60,13 @@ def type_hash(type_name: str, text: str) -> str:
     try:
         store.register(parse(type_name, text))
         return store.hash_rihs01(type_name)
-    except (TypesysError, KeyError) as error:
-        msg = (
-            f"the definition of {type_name} is not complete ({error}): record the bag again, or"
-            " repair the .msg file"
-        )
-        raise BagError(msg) from error
+    except BagError:
+        raise
+    except Exception as error:  # what rosbags raises depends on what is wrong
+        raise BagError(
+            f"the definition of {type_name} is not complete ({shortened(str(error))}): record the"
+            " bag again, or repair the .msg file"
+        ) from error
 
 
 @cache
@@ -76,29 +76,30 @@ def parse(type_name: str, text: str) -> Typesdict:
     The result is cached: a parse takes 10 ms, and a bag asks for it several times.
 
     Raises:
-        BagError: the text is not a valid message definition, or one of its types contains itself.
+        BagError: the text is not a valid message definition, is beyond the limits of
+            :mod:`terrain_estimator.bags.format.definition_limits`, or one of its types contains
+            itself.
     """
+    check_text(type_name, text)
     try:
         types = get_types_from_msg(text, type_name)
-        TopologicalSorter(
-            {
-                name: [used for _, field in fields for used in _types_used(field)]
-                for name, (_, fields) in types.items()
-            }
-        ).prepare()
+    except Exception as error:
+        reason = shortened(" ".join(str(error).split()))
+        raise BagError(
+            f"the definition of {type_name} does not parse ({type(error).__name__}: {reason}):"
+            " record the bag again, or repair the .msg file"
+        ) from error
+    uses = {
+        name: [used for _, field in fields for used in _types_used(field)]
+        for name, (_, fields) in types.items()
+    }
+    try:
+        check_types(type_name, types, TopologicalSorter(uses).static_order())
     except CycleError as error:
-        msg = (
-            f"the definition of {type_name} contains itself ({' in '.join(error.args[1])}): repair"
-            " the .msg file"
-        )
-        raise BagError(msg) from error
-    except TypesysError as error:
-        reason = " ".join(str(error).split())[:80]
-        msg = (
-            f"the definition of {type_name} does not parse ({reason} ...): record the bag again, or"
-            " repair the .msg file"
-        )
-        raise BagError(msg) from error
+        circle = shortened(" in ".join(error.args[1]))
+        raise BagError(
+            f"the definition of {type_name} contains itself ({circle}): repair the .msg file"
+        ) from error
     return types
 
 

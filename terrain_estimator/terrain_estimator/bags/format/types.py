@@ -3,26 +3,37 @@
 """Message classes from definitions, without ROS: make, serialise, deserialise."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
-from rosbags.serde import SerdeError
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
+from rover_parameters.records import shortened
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.definitions import Definition, installed_definition, parse
 
 Message = Any  # a dataclass made at run time: its attributes are the message's fields
+MOST_OBJECTS = 500_000
+"""Largest number of objects that a message may become; one takes up to 200 bytes."""
 _CONVERT: dict[str, Callable[..., Any]] = {
     "string": str,
     "bool": bool,
     "float32": float,
     "float64": float,
 }
+_LEAST_TEXT, _COUNT = 5, 4  # bytes of an empty text, and of a sequence's number of elements
 _NUMPY_NAME = {"bool": "bool", "byte": "uint8", "char": "uint8", "octet": "uint8"}
+
+
+class _Cost(NamedTuple):
+    """Objects that a field becomes, without those in sequences, and the bytes that it has."""
+
+    objects: int
+    least_bytes: int
+    densest: float  # most objects in a byte of a sequence within
 
 
 class Types:
@@ -34,6 +45,7 @@ class Types:
     def __init__(self) -> None:
         """Start without types."""
         self._store = Typestore()
+        self._densities: dict[str, float] = {}
         self._plans: dict[
             str, tuple[type[Any], dict[str, Callable[[], Any]], dict[str, Callable[[Any], Any]]]
         ] = {}
@@ -48,18 +60,23 @@ class Types:
         try:
             self._store.register(parse(definition.type_name, definition.text))
             self._store.get_msgdef(definition.type_name)
+        except BagError:
+            raise
         except KeyError as error:
-            msg = (
+            raise BagError(
                 f"the definition of {definition.type_name} lacks {error}, which it uses; record the"
                 " bag again"
-            )
-            raise BagError(msg) from error
+            ) from error
         except TypesysError as error:
-            msg = (
+            raise BagError(
                 f"{definition.type_name}: two different definitions in one bag ({error}); record"
                 " with one version of the messages"
-            )
-            raise BagError(msg) from error
+            ) from error
+        except Exception as error:  # what the generated code raises depends on the definition
+            raise BagError(
+                f"no class can be made of the definition of {definition.type_name}"
+                f" ({type(error).__name__}: {shortened(str(error))}); record the bag again"
+            ) from error
 
     def make(self, type_name: str, **fields: object) -> Message:
         """Build a message; fields not given are zero, empty or default nested messages.
@@ -92,11 +109,47 @@ class Types:
         Raises:
             BagError: the bytes are not such a message.
         """
+        if len(data) * self._objects_per_byte(type_name) > MOST_OBJECTS:
+            raise BagError(
+                f"a {type_name} of {len(data)} bytes is not decoded: it may become more than"
+                f" {MOST_OBJECTS} objects"
+            )
         try:
             return self._store.deserialize_cdr(data, type_name)
-        except (SerdeError, AssertionError, IndexError) as error:
-            msg = f"{len(data)} bytes are not a {type_name} ({error})"
-            raise BagError(msg) from error
+        except Exception as error:  # what the generated code raises depends on the bytes
+            raise BagError(
+                f"{len(data)} bytes are not a {type_name} ({shortened(str(error))})"
+            ) from error
+
+    def _objects_per_byte(self, type_name: str) -> float:
+        """Return the largest number of objects in a byte of a sequence within a message."""
+        if type_name not in self._densities:
+            costs: dict[str, _Cost] = {}
+            self._densities[type_name] = self._cost(type_name, costs).densest
+        return self._densities[type_name]
+
+    def _cost(self, type_name: str, costs: dict[str, "_Cost"]) -> "_Cost":
+        if type_name not in costs and type_name in self._store.fielddefs:
+            fields = [
+                self._cost_of(field, costs) for _, field in self._store.fielddefs[type_name][1]
+            ]
+            costs[type_name] = _Cost(
+                1 + sum(each.objects for each in fields),
+                sum(each.least_bytes for each in fields),
+                max((each.densest for each in fields), default=0.0),
+            )
+        return costs.get(type_name, _Cost(1, 1, 0.0))
+
+    def _cost_of(self, field: FieldDesc, costs: dict[str, "_Cost"]) -> "_Cost":
+        if field[0] == Nodetype.NAME:
+            return self._cost(field[1], costs)
+        if field[0] == Nodetype.BASE:
+            return _Cost(1, _LEAST_TEXT if field[1][0] == "string" else 1, 0.0)
+        element, length = field[1]
+        one = _Cost(0, 1, 0.0) if _dtype(element) else self._cost_of(element, costs)
+        if field[0] == Nodetype.ARRAY:
+            return _Cost(1 + length * one.objects, length * one.least_bytes, one.densest)
+        return _Cost(1, _COUNT, max(one.densest, one.objects / max(one.least_bytes, 1)))
 
     def _plan(
         self, type_name: str

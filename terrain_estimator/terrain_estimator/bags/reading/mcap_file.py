@@ -25,24 +25,25 @@ from mcap.records import (
 )
 from mcap.well_known import Profile
 
+from rover_parameters.regular_file import open_regular
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.metadata import TimeSpan
 from terrain_estimator.bags.reading.records import (
     HEAD,
     LARGEST_CONTENTS,
-    LARGEST_RECORD,
     MAGIC,
     Record,
     StoredMessage,
-    chunk_contents,
+    Unpacker,
     message_of,
     messages_in,
     parse,
-    records_in,
     scan,
 )
 
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
+LARGEST_WAITING = 2**26
+"""[bytes] of messages that wait to be sorted, beyond the size of the file."""
 WINDOW = 1024  # messages; a file without chunk index is sorted within this window
 _OBJECT_BYTES = 200  # memory of a message in addition to its data
 _LOG_TIME: Callable[[StoredMessage], int] = itemgetter(0)
@@ -72,7 +73,7 @@ class McapFile:
         self.finished = False
         self._chunks: list[ChunkIndex] = []
         try:
-            self._file: BinaryIO = path.open("rb")
+            self._file: BinaryIO = open_regular(path)
         except OSError as error:
             msg = f"cannot read {path}: {error.strerror}"
             raise BagError(msg) from error
@@ -107,8 +108,9 @@ class McapFile:
         summary_start = self._summary_start()
         if summary_start and self._read_summary(summary_start):
             return
+        unpacker = Unpacker(self.path, self._end)
         for record in self._data_records():
-            self._note(record)
+            self._note(record, unpacker)
         self._chunks = []
 
     def _check_head(self) -> None:
@@ -180,6 +182,7 @@ class McapFile:
     def _read_summary(self, start: int) -> bool:
         """Read the summary; return whether it is complete."""
         statistics: Statistics | None = None
+        unpacker = Unpacker(self.path, self._end)
         for record in scan(self._file, start, self._end - FOOTER_BYTES):
             match record.opcode:
                 case Opcode.STATISTICS:
@@ -189,7 +192,7 @@ class McapFile:
                 case Opcode.METADATA_INDEX:
                     self._read_metadata(parse(MetadataIndex, record.payload))
                 case _:
-                    self._note(record)
+                    self._note(record, unpacker)
         if (
             statistics is None
             or len(self.channels) != statistics.channel_count
@@ -209,14 +212,14 @@ class McapFile:
         if record is not None and record.whole and record.opcode == Opcode.METADATA:
             self.metadata.append(parse(Metadata, record.payload))
 
-    def _note(self, record: Record) -> None:
+    def _note(self, record: Record, unpacker: Unpacker) -> None:
         """Register a record of the data section: a schema, channel, metadata record or message."""
         match record.opcode:
             case Opcode.CHUNK:
-                for inner in records_in(chunk_contents(record, self.path), record.offset):
+                for inner in unpacker.records(record):
                     # no chunk may hold a chunk: their nesting could have no end
                     if inner.opcode != Opcode.CHUNK:
-                        self._note(inner)
+                        self._note(inner, unpacker)
             case _ if not record.whole:
                 return
             case Opcode.SCHEMA:
@@ -254,6 +257,7 @@ class McapFile:
 
     def _by_chunk_index(self, wanted: frozenset[int]) -> Iterator[StoredMessage]:
         waiting: list[StoredMessage] = []
+        unpacker = Unpacker(self.path, self._end)
         relevant = [
             chunk
             for chunk in self._chunks
@@ -274,7 +278,7 @@ class McapFile:
                     " file again from its source"
                 )
                 raise BagError(msg)
-            waiting.extend(messages_in(chunk_contents(record, self.path), wanted))
+            waiting.extend(messages_in(unpacker.contents(record), wanted))
             self._check_waiting(waiting)
             waiting.sort(key=_LOG_TIME)
             following = (
@@ -290,9 +294,10 @@ class McapFile:
 
     def _by_scan(self, wanted: frozenset[int]) -> Iterator[StoredMessage]:
         waiting: list[StoredMessage] = []
+        unpacker = Unpacker(self.path, self._end)
         for record in self._data_records():
             if record.opcode == Opcode.CHUNK:
-                waiting.extend(messages_in(chunk_contents(record, self.path), wanted))
+                waiting.extend(messages_in(unpacker.contents(record), wanted))
                 self._check_waiting(waiting)
             elif record.opcode == Opcode.MESSAGE and record.whole:
                 message = message_of(record.payload)
@@ -306,16 +311,14 @@ class McapFile:
         yield from waiting
 
     def _check_waiting(self, waiting: list[StoredMessage]) -> None:
-        """Refuse to hold more than ``LARGEST_RECORD`` bytes of messages.
+        """Refuse to hold more than ``LARGEST_WAITING`` beyond the size of the file.
 
         Small chunks can unpack to large ones that all share one time, and then no message may be
         released before the last one is read.
         """
-        if sum(_OBJECT_BYTES + len(message.data) for message in waiting) > LARGEST_RECORD:
-            size = (
-                f"more than {LARGEST_RECORD} bytes of messages are not in the order of their log"
-                " times"
-            )
+        most = LARGEST_WAITING + self._end
+        if sum(_OBJECT_BYTES + len(message.data) for message in waiting) > most:
+            size = f"more than {most} bytes of messages are not in the order of their log times"
             msg = (
                 f"{self.path} is damaged: {size}; copy the file again from its source, or write it"
                 " anew with `ros2 bag convert`"

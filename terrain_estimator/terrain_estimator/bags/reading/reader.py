@@ -28,6 +28,9 @@ from terrain_estimator.bags.format.metadata import (
 from terrain_estimator.bags.format.types import Message, Types
 from terrain_estimator.bags.reading.mcap_file import McapFile
 
+LARGEST_COMPARED = 1 << 20
+"""[bytes] of definitions that are parsed to compare them with the installed ones, 4 s at most."""
+
 
 class RawMessage(NamedTuple):
     """A message of a bag, not decoded."""
@@ -196,13 +199,18 @@ class BagReader:
         The bag is read by its own definitions.
         """
         definitions = {topic.type_name: topic.definition for topic in self.topics.values()}
+        left, differing = LARGEST_COMPARED, []
+        for name, definition in definitions.items():
+            installed = _installed(name) if definition else None
+            if definition is None or installed is None or definition.text == installed.text:
+                continue
+            left -= len(definition.text)
+            if left < 0 or installed.type_hash != _hash(definition):
+                differing.append(name)
         return [
             f"{self.path}: {name} was recorded with another definition than the installed one;"
             " fields may be missing"
-            for name, definition in definitions.items()
-            if definition
-            and (installed := _installed_hash(name))
-            and installed != _hash(definition)
+            for name in differing
         ]
 
     def close(self) -> None:
@@ -353,12 +361,12 @@ def _overlap(files: list[McapFile]) -> bool:
     return any(file.span.first_ns < end for file, end in zip(files[1:], ends, strict=False))
 
 
-def _installed_hash(type_name: str) -> str:
-    """Return the hash of the installed type, empty where it is not installed."""
+def _installed(type_name: str) -> Definition | None:
+    """Return the installed definition, None where there is none."""
     try:
-        return installed_definition(type_name).type_hash
+        return installed_definition(type_name)
     except BagError:
-        return ""
+        return None
 
 
 def _hash(definition: Definition) -> str:

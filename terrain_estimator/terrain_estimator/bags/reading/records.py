@@ -26,8 +26,12 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time [ns], publish time [ns]
 LARGEST_RECORD = 2**30  # bytes; a damaged length must not ask for all memory
-# [bytes] that a chunk unpacks to, a hundred times what writers use; also the limit of a summary
-LARGEST_CONTENTS = 2**27
+# [bytes] that a chunk unpacks to, fifty times what writers use; also the limit of a summary
+LARGEST_CONTENTS = 2**26
+LARGEST_RATIO = 100
+"""Largest sum of unpacked bytes of a file, in its own size, beyond one chunk of the largest."""
+MOST_RECORDS = 500_000
+"""Records in the chunks of a file beyond one for every two bytes of it."""
 
 
 class Record(NamedTuple):
@@ -82,8 +86,39 @@ def parse(kind: Parsed[T_co], payload: bytes) -> T_co:
     return kind.read(ReadDataStream(BytesIO(payload)))
 
 
-def chunk_contents(record: Record, path: Path) -> bytes:
-    """Return the uncompressed records of a chunk.
+class Unpacker:
+    """Unpack the chunks of one file once, within limits for all of them together.
+
+    Without them a file of 1 MB could hold a thousand chunks that unpack to 64 MiB each, or an index
+    that names one of them a thousand times.
+    """
+
+    def __init__(self, path: Path, size: int) -> None:
+        """Begin a pass over a file of ``size`` [bytes]."""
+        self._path = path
+        self._bytes = LARGEST_CONTENTS + LARGEST_RATIO * size
+        self._records = MOST_RECORDS + size // 2
+
+    def contents(self, record: Record) -> bytes:
+        """Return the uncompressed records of a chunk. Raises BagError as :func:`chunk_contents`."""
+        data = chunk_contents(record, self._path, min(self._bytes, LARGEST_CONTENTS))
+        self._bytes -= len(data)
+        return data
+
+    def records(self, record: Record) -> Iterator[Record]:
+        """Yield the records of a chunk; the last one may not be whole. Raises BagError."""
+        for inner in records_in(self.contents(record), record.offset):
+            self._records -= 1
+            if self._records < 0:
+                raise BagError(
+                    f"{self._path} is damaged: its chunks hold more records than a file of its size"
+                    " can have; copy the file again from its source"
+                )
+            yield inner
+
+
+def chunk_contents(record: Record, path: Path, most: int = LARGEST_CONTENTS) -> bytes:
+    """Return the uncompressed records of a chunk, at most so many bytes.
 
     If the end of the file cuts the chunk, the result holds the records that are left.
 
@@ -93,7 +128,7 @@ def chunk_contents(record: Record, path: Path) -> bytes:
     """
     try:
         chunk = parse(Chunk, record.payload)
-        data = _decompress(chunk, whole=record.whole)
+        data = _decompress(chunk, most, whole=record.whole)
     except MemoryError as error:
         msg = (
             f"{path}: the memory has no room for the chunk at byte {record.offset}; read it on a"
@@ -132,6 +167,8 @@ def records_in(data: bytes, offset: int = 0) -> Iterator[Record]:
     position = 0
     while position + HEAD.size <= len(data):
         opcode, length = HEAD.unpack_from(data, position)
+        if opcode == 0:
+            return
         payload = data[position + HEAD.size : position + HEAD.size + length]
         yield Record(opcode, payload, offset, len(payload) == length)
         position += HEAD.size + length
@@ -160,14 +197,14 @@ def message_of(payload: bytes) -> StoredMessage:
     return StoredMessage(log_time, channel, publish_time, payload[MESSAGE_HEAD.size :])
 
 
-def _decompress(chunk: Chunk, *, whole: bool) -> bytes:
+def _decompress(chunk: Chunk, most: int, *, whole: bool) -> bytes:
     """Return the contents, unpacked at most one byte beyond the size that the chunk claims.
 
     Without this limit a few bytes could unpack to gigabytes.
     """
     claimed = chunk.uncompressed_size
-    if claimed > LARGEST_CONTENTS:
-        msg = f"it claims {claimed} bytes, more than {LARGEST_CONTENTS}"
+    if claimed > most:
+        msg = f"it claims {claimed} bytes, more than {most} for a file of this size"
         raise ValueError(msg)
     match chunk.compression:
         case "":

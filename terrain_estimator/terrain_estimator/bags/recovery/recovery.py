@@ -15,6 +15,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema, Statistics
 
+from rover_parameters.regular_file import open_regular
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.metadata import (
     METADATA_FILE,
@@ -122,7 +123,7 @@ class _Recovering:
     def _recover(self, path: Path) -> tuple[TimeSpan, int | None]:
         """Copy one file; return the times of its messages and the count that its summary states."""
         target = self._target / path.name
-        with path.open("rb") as file, target.open("xb") as out:
+        with open_regular(path) as file, target.open("xb") as out:
             if not file.read(len(MAGIC)).startswith(MAGIC):
                 self._result.notes.append(f"{path} is no MCAP file, or nothing is left of it")
                 span, stated = TimeSpan(), None

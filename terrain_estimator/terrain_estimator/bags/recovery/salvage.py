@@ -22,9 +22,8 @@ from terrain_estimator.bags.reading.records import (
     MAGIC,
     MESSAGE_HEAD,
     Record,
-    chunk_contents,
+    Unpacker,
     parse,
-    records_in,
 )
 
 _LARGEST_OPCODE = max(Opcode)
@@ -53,22 +52,21 @@ def salvage(data: mmap, path: Path, damage: Damage) -> Iterator[Record]:
 
     Updates ``damage`` on the way.
     """
+    unpacker = Unpacker(path, len(data))
     for record in _records(data, damage):
         if record.opcode != Opcode.CHUNK:
             yield record
             continue
-        try:
-            contents = chunk_contents(record, path)
-        except BagError:
-            damage.chunks += 1
-            damage.passed_over += len(record.payload)
-            continue
         damage.chunks += not record.whole
-        for inner in records_in(contents, record.offset):
-            if inner.whole:
-                yield inner
-            elif inner.opcode == Opcode.MESSAGE:
-                damage.torn += 1
+        try:
+            for inner in unpacker.records(record):
+                if inner.whole:
+                    yield inner
+                elif inner.opcode == Opcode.MESSAGE:
+                    damage.torn += 1
+        except BagError:
+            damage.chunks += record.whole
+            damage.passed_over += len(record.payload)
 
 
 def parsed(record: Record) -> McapRecord | None:

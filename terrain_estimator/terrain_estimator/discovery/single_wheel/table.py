@@ -8,6 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rover_parameters.csv_rows import csv_rows
+from rover_parameters.numerals import parse_number
+from rover_parameters.records import shortened
 from terrain_estimator.discovery.single_wheel import Row
 from terrain_estimator.discovery.single_wheel.fit import DATUM_SD
 
@@ -33,6 +36,10 @@ SLIP_DEFINITIONS = ("rim", "larger")
 """1 - V / (r w); or (r w - V) / max(r w, V), which divides by V where the wheel is braked."""
 SLIP_SPEEDS = ("carriage", "wheel")
 """Speed V at a slip angle: that of the carriage, or its part along the wheel's heading."""
+
+
+MOST_CELLS = 1_000_000
+"""Largest table, which is held in memory."""
 
 
 class WheelTableError(ValueError):
@@ -208,12 +215,17 @@ def _otherwise_separated(header: list[str]) -> str:
 
 
 def _lines(path: Path) -> list[list[str]]:
-    """Return the cells of every line; spreadsheets begin a file with a byte order mark."""
+    """Return the cells of every line."""
+    table, cells = [], 0
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            return list(csv.reader(file))
+        for row in csv_rows(path):
+            cells += 1 + len(row)
+            if cells > MOST_CELLS:
+                raise WheelTableError(f"{path}: more than {MOST_CELLS} cells: give a part of it")
+            table.append(row)
     except (UnicodeDecodeError, csv.Error) as error:
         raise WheelTableError(f"{path}: is no CSV file in UTF-8: {error}") from error
+    return table
 
 
 def _text(cells: list[str], index: int) -> str:
@@ -223,12 +235,12 @@ def _text(cells: list[str], index: int) -> str:
 def _value(path: Path, number: int, cells: list[str], index: int, column: _Column) -> float:
     text = _text(cells, index)
     try:
-        value = float(text)
+        value = parse_number(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
         raise WheelTableError(
-            f"{path}:{number}: column {column.name}: {text!r} is no finite number; correct it or"
-            " delete the row"
+            f"{path}:{number}: column {column.name}: {shortened(text)} is no finite number; correct"
+            " it or delete the row"
         )
     return value * column.factor
