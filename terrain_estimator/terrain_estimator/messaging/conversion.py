@@ -12,6 +12,7 @@ every bit of the result, is fixed.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -27,6 +28,14 @@ UNIT_QUATERNION_TOLERANCE = 0.1  # a norm further from 1 is no orientation (all 
 Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message
 
 
+class Mark(IntEnum):
+    """Place of a conversion in the search for the rate of the readings."""
+
+    NONE = 0
+    FIRST = 1  # the estimator may have to return to its state before this one
+    WITHDRAWS = 2  # the estimator returns to its state before the first one
+
+
 @dataclass(frozen=True, slots=True)
 class Conversion:
     """An observation, or the reason why there is none.
@@ -39,6 +48,7 @@ class Conversion:
     outcome: Outcome = Outcome.ACCEPTED
     detail: str = ""
     notes: tuple[str, ...] = ()
+    mark: Mark = Mark.NONE
 
 
 @dataclass(slots=True)
