@@ -29,6 +29,7 @@ from terrain_estimator.messaging.messages import (
     update_header,
 )
 from terrain_estimator.messaging.pairing import Counters, MessageSet, input_synchronizer
+from terrain_estimator.messaging.sizes import bounded
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
 from terrain_estimator.topics import (
@@ -41,6 +42,8 @@ from terrain_estimator.topics import (
 from terrain_estimator.update import Update
 from terramechanics.vehicle.rover import Rover, load_rover
 
+MOST_WHEELS = 4
+"""[1] Names in a message, over the rover's wheels, beyond which it is refused unread."""
 WARM_UP_STEPS = 35
 """Observations that exercise every path of the model: three and a half blocks."""
 
@@ -73,7 +76,7 @@ class Pipeline:
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = input_synchronizer(self.inputs, config.pairing)
         rover = rover_of(model, config.rover)
-        self.rover_name = rover.name
+        self.rover_name, self._wheels = rover.name, rover.wheel_names
         self._converter = Converter(rover, config.conversion, config.core)
         self._averager = Averager(
             partial(
@@ -139,8 +142,9 @@ class Pipeline:
         """
         if not self._converter.concerns(topic, message):
             return []
+        kept = bounded(topic, message, MOST_WHEELS * len(self._wheels))
         return self._synchronizer.add(
-            self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None)
+            self._index[topic], stamp_ns(message), kept, getattr(message, "sequence", None)
         )
 
     def convert(self, complete: MessageSet) -> Conversion:
