@@ -16,13 +16,14 @@ import dataclasses
 import math
 import statistics
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
-from terrain_estimator.estimator.screening import Screening
+from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.screening import NOISE_BOUND, Screening, screen
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome
@@ -42,9 +43,6 @@ _INTERVALS = 8  # that decide at the start
 _WINDOW = 20  # intervals that decide later
 _GAP = 2.5  # [medians] a longer interval is a gap and no part of the rate
 _DEVIATIONS = {name for name in (*AXLE_FIELDS, *SCALAR_FIELDS) if name.endswith("_sd")}
-
-Screen = Callable[[Observation], Screening]
-"""The estimator's screening of a single reading."""
 
 
 class Pace(IntEnum):
@@ -163,9 +161,9 @@ class RateWindow:
 class Averager:
     """Pass, average or refuse the readings of one rover; its memory is that of one step."""
 
-    def __init__(self, screen: Screen) -> None:
-        """Start without a reading; ``screen`` decides which readings enter a mean."""
-        self._screen = screen
+    def __init__(self, wheel_radius_m: float, config: CoreConfig) -> None:
+        """Start without a reading; a reading enters a mean as ``config`` lets it be used."""
+        self._radius, self._config = wheel_radius_m, config
         self.reset()
 
     def reset(self) -> None:
@@ -230,7 +228,7 @@ class Averager:
     def _treated(self, readings: list[Conversion]) -> list[Conversion]:
         pace = self._window.pace
         if pace is Pace.AVERAGE:
-            return [mean for reading in readings for mean in self._averaged(reading)]
+            return [each for reading in readings for each in self._averaged(reading)]
         left, self._waiting = self._waiting, []  # of a step that began at a higher rate
         taken = [self._mean(left)] if left else []
         if pace is Pace.PASS:
@@ -265,6 +263,31 @@ class Averager:
             reasons += [each.detail for each in screened if not each.outcome.used]
             notes.append(f"{len(readings) - len(usable)} left out: {reasons[0]}")
         return Conversion(last.stamp_ns, mean(usable, last.stamp_ns), notes=tuple(notes))
+
+    def _screen(self, reading: Observation) -> Screening:
+        """Screen a reading as the estimator does, but let noise leave the range.
+
+        Readings that noise puts outside the model's range belong to the mean: without them it would
+        be biased. The estimator screens the mean.
+        """
+        config, radius = self._config, self._radius
+        screening = screen(reading, None, radius, config)
+        if screening.outcome is not Outcome.OUT_OF_RANGE:
+            return screening
+        slip = _inside(reading.slip, reading.slip_sd, config.slip_minimum, config.slip_maximum)
+        sinkage = _inside(reading.sinkage, reading.sinkage_sd, 0.0, radius)
+        moved = dataclasses.replace(reading, slip=slip, sinkage=sinkage)
+        again = screen(moved, None, radius, config)
+        own = dataclasses.replace(again.observation, slip=reading.slip, sinkage=reading.sinkage)
+        return dataclasses.replace(again, observation=own)
+
+
+def _inside(values: Floats, deviations: Floats, low: float, high: float) -> Floats:
+    """Return values in a range; those that noise does not explain stay outside."""
+    reach = NOISE_BOUND * deviations
+    margin = 1e-6 * (high - low)
+    near = (values > low - reach) & (values < high + reach)
+    return np.where(near, np.clip(values, low + margin, high - margin), values)
 
 
 def mean(readings: list[Observation], stamp_ns: int) -> Observation:

@@ -93,7 +93,7 @@ class Refusals:
         for outcome, count in self._counts.most_common():
             detail = "" if parts else self._details[outcome]
             reason = f": {detail}" if detail else ""
-            parts.append(f"{count} {outcome.name}{reason} ({outcome.advice})")
+            parts.append(f"{count} {outcome.name} ({outcome.advice}){reason}")
         return "; ".join(parts)
 
 

@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from numpy.typing import NDArray
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import Arrays
-from terrain_estimator.estimator.screening import screen
 from terrain_estimator.messaging.averaging import Averager, Rate
 from terrain_estimator.messaging.conversion import Conversion, Converter, Mark
 from terrain_estimator.messaging.messages import (
@@ -78,14 +76,7 @@ class Pipeline:
         rover = rover_of(model, config.rover)
         self.rover_name, self._wheels = rover.name, rover.wheel_names
         self._converter = Converter(rover, config.conversion, config.core)
-        self._averager = Averager(
-            partial(
-                screen,
-                previous_stamp_ns=None,
-                wheel_radius_m=rover.wheel_radius,
-                config=config.core,
-            )
-        )
+        self._averager = Averager(rover.wheel_radius, config.core)
         self._before: Arrays | None = None  # the state before the first reading
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)

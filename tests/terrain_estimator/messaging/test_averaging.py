@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from studies.observations import observations_of
-from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.messaging.averaging import Pace, RateCounts
+from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
+from terrain_estimator.messaging.averaging import Averager, Pace, RateCounts
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import load_model
@@ -193,6 +193,22 @@ def test_a_reading_that_cannot_be_used_enters_no_mean() -> None:
     nothing = taken(times, lambda at: not 50 <= at < 55)[11]
     assert nothing.observation is not None
     assert math.isnan(nothing.observation.velocity)  # the estimator refuses it, and names why
+
+
+def test_a_reading_that_noise_puts_out_of_range_belongs_to_the_mean() -> None:
+    """Without it the mean of a small sinkage would be biased."""
+    [model], averager = drive(10, 0.1), Averager(0.13, CoreConfig())
+    result = []
+    for step in range(1, 51):
+        sinkage = np.full(3, -1e-4 if step % 5 == 0 else 4e-4)
+        reading = dataclasses.replace(
+            model, stamp_ns=step * 20_000_000, sinkage=sinkage, sinkage_sd=np.full(3, 3e-4)
+        )
+        result += averager.add(Conversion(reading.stamp_ns, reading))
+    for each in result[1:]:
+        assert each.observation is not None
+        np.testing.assert_allclose(each.observation.sinkage, 3e-4)
+        np.testing.assert_allclose(each.observation.sinkage_sd, 3e-4 / np.sqrt(5))
 
 
 def test_the_counts_name_what_was_found() -> None:
