@@ -64,7 +64,7 @@ def limits(rover: Rover) -> dict[str, _Limit]:
     quarter = math.pi / 2.0
     pulling = 0.3 * rover.wheel_radius * rover.weight / len(rover.wheels)
     return {
-        "slip": _Limit(1.0, "above 1, where the rover stands"),
+        "slip": _Limit(1.0, "above 1, that of a wheel that spins on the spot"),
         "sinkage": _Limit(rover.wheel_radius, f"above the wheel radius {rover.wheel_radius:g} m"),
         "contact_angle": _Limit(quarter, "steeper than a wall"),
         "pitch": _Limit(quarter, "steeper than a wall"),
@@ -136,16 +136,14 @@ class Plausibility:
         stated = getattr(self.mapping, signal).unit
         quantity = (WHEEL_SIGNALS | BODY_SIGNALS)[signal]
         size = factor(quantity, stated)
+        shown = f"{median / size:.4g}" + ("" if stated == "1" else f" {stated}")
         fitting = _fitting(quantity, stated, lambda other: median / size * other <= limit.largest)
         advice = (
-            f"set {signal}.unit: {' or '.join(fitting)} in the mapping"
+            f"set {signal}.unit: {' or '.join(map(_quoted, fitting))} in the mapping"
             if fitting
             else f"correct {signal}.unit in the mapping, or the rover (--rover)"
         )
-        return (
-            f"column {column!r}: {signal} is {median / size:.4g} {stated} in the median,"
-            f" {limit.words}: {advice}"
-        )
+        return f"column {column!r}: {signal} is {shown} in the median, {limit.words}: {advice}"
 
     def _contradiction(self, ratio: float) -> Iterator[str]:
         """Name the unit that explains why the wheels and the velocity contradict each other."""
@@ -187,6 +185,11 @@ class Plausibility:
 
 def _number(value: MeasuredValue | float) -> float:
     return value.value if isinstance(value, MeasuredValue) else value
+
+
+def _quoted(unit: str) -> str:
+    """Return a unit as YAML takes it for a text."""
+    return unit if unit[0].isalpha() else f'"{unit}"'
 
 
 def _near(value: float, wanted: float) -> bool:

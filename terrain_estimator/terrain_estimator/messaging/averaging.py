@@ -91,11 +91,14 @@ class RateCounts:
     def __init__(self) -> None:
         """Start without a reading."""
         self._counts: Counter[tuple[Pace, int]] = Counter()  # bounded by the rates in whole Hz
+        self._unknown = 0  # readings before the first rate was known
 
     def add(self, rate: Rate) -> None:
-        """Count a reading at a rate."""
+        """Count a reading at a rate; the readings before the first known rate belong to it."""
+        self._unknown += 1
         if not math.isnan(rate.hz):
-            self._counts[rate.pace, min(round(rate.hz), _HIGHEST_HZ)] += 1
+            self._counts[rate.pace, min(round(rate.hz), _HIGHEST_HZ)] += self._unknown
+            self._unknown = 0
 
     def found(self) -> list[tuple[Rate, int]]:
         """Return the most frequent rate of each treatment, with all readings treated so."""

@@ -17,8 +17,9 @@ from terrain_estimator.messaging.averaging import Averager, Pace, RateCounts
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import load_model
-from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Observation
+from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground
@@ -45,11 +46,9 @@ def drive(rate_hz: int, seconds: float, seed: int = 1) -> list[Observation]:
     return readings
 
 
-def _with_time(sample: object) -> object:
-    names = [field.name for field in dataclasses.fields(sample)]  # type: ignore[arg-type]
-    return dataclasses.replace(  # type: ignore[type-var]
-        sample, **{name: getattr(sample, name).unsqueeze(1) for name in names}
-    )
+def _with_time(sample: Sample) -> Sample:
+    names = [field.name for field in dataclasses.fields(Sample)]
+    return Sample(**{name: getattr(sample, name).unsqueeze(1) for name in names})
 
 
 def beforehand(readings: list[Observation], each: int) -> list[Observation]:
@@ -82,7 +81,7 @@ def through(readings: Iterable[Observation]) -> list[Answer]:
     return [pipeline.answer(each) for each in (*taken, *pipeline.rest_of_means())]
 
 
-def estimates(answers: list[Answer]) -> np.ndarray:
+def estimates(answers: list[Answer]) -> Floats:
     return np.array(
         [[*each.update.estimate.mean, *each.update.estimate.covariance.ravel()] for each in answers]
     )
@@ -104,10 +103,7 @@ def test_fast_readings_give_the_estimate_of_their_means_made_beforehand(each: in
     assert own[-1].notes == (f"mean of {each} readings at {10 * each} Hz",)
 
 
-Stamps = Callable[[np.random.Generator], np.ndarray]
-
-
-def taken(stamps_s: np.ndarray, usable: Callable[[int], bool] = lambda _: True) -> list[Conversion]:
+def taken(stamps_s: Floats, usable: Callable[[int], bool] = lambda _: True) -> list[Conversion]:
     """Return what the estimator takes of equal readings at these times."""
     pipeline, [model] = PIPELINE(), drive(10, 0.1)
     pipeline.reset()
@@ -219,6 +215,6 @@ def test_the_counts_name_what_was_found() -> None:
         pipeline.average(Conversion(reading.stamp_ns, reading))
         counts.add(pipeline.rate)
     assert counts.lines() == [
-        "292 readings at 50 Hz, averaged to 10 Hz, with errors taken as independent"
+        "300 readings at 50 Hz, averaged to 10 Hz, with errors taken as independent"
     ]
     assert pipeline.rate.pace is Pace.AVERAGE

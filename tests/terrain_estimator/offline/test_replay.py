@@ -179,8 +179,8 @@ def test_readings_at_50_hz_are_averaged_and_the_summary_names_their_rate(
     code, summary = run(tmp_path / "out", fast)
     assert code == 0
     result = summary["bags"][0]
-    assert result["rates"] == [{"hz": 50.0, "treatment": "AVERAGE", "readings": 72}]
-    assert "72 readings at 50 Hz, averaged to 10 Hz" in capsys.readouterr().out
+    assert result["rates"] == [{"hz": 50.0, "treatment": "AVERAGE", "readings": 80}]
+    assert "80 readings at 50 Hz, averaged to 10 Hz" in capsys.readouterr().out
     live = Pipeline(load_model(), EstimatorConfig())
     answers = [each for topic, _, message in events for each in live.add(topic, message)]
     answers += live.flush()
