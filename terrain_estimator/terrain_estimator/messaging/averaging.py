@@ -13,10 +13,11 @@ them. So 10 Hz data are never late, and fast data are averaged from the first re
 """
 
 import dataclasses
+import itertools
 import math
 import statistics
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -283,6 +284,28 @@ class Averager:
         again = screen(moved, None, radius, config)
         own = dataclasses.replace(again.observation, slip=reading.slip, sinkage=reading.sinkage)
         return dataclasses.replace(again, observation=own)
+
+
+def averaged(readings: Iterable[Conversion], averager: Averager) -> Iterator[Conversion]:
+    """Yield what an estimator takes of a whole recording, without what is withdrawn."""
+    kept: list[Conversion] | None = []  # what may still be withdrawn
+    taken = (each for reading in readings for each in averager.add(reading))
+    for each in itertools.chain(taken, _flushed(averager)):
+        if each.mark is Mark.FIRST:
+            yield from kept or ()
+            kept = [each]
+        elif kept is not None and each.mark is Mark.NONE and len(kept) <= _INTERVALS:
+            kept.append(each)
+        else:
+            if each.mark is Mark.NONE:
+                yield from kept or ()
+            kept = None
+            yield each
+    yield from kept or ()
+
+
+def _flushed(averager: Averager) -> Iterator[Conversion]:
+    yield from averager.flush()  # once the readings have come
 
 
 def _inside(values: Floats, deviations: Floats, low: float, high: float) -> Floats:

@@ -359,6 +359,7 @@ def test_a_file_that_is_not_there_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping()))
+    (tmp_path / "rover.yaml").write_text(yaml.safe_dump(ROVER))
     assert (
         main(
             [
@@ -367,6 +368,8 @@ def test_a_file_that_is_not_there_is_named(
                 str(tmp_path / "map.yaml"),
                 "--out",
                 str(tmp_path / "bag"),
+                "--rover",
+                str(tmp_path / "rover.yaml"),
             ]
         )
         == 2

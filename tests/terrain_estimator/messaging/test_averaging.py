@@ -13,7 +13,7 @@ import torch
 
 from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
-from terrain_estimator.messaging.averaging import Averager, Pace, RateCounts
+from terrain_estimator.messaging.averaging import Averager, Pace, RateCounts, averaged
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import load_model
@@ -205,6 +205,20 @@ def test_a_reading_that_noise_puts_out_of_range_belongs_to_the_mean() -> None:
         assert each.observation is not None
         np.testing.assert_allclose(each.observation.sinkage, 3e-4)
         np.testing.assert_allclose(each.observation.sinkage_sd, 3e-4 / np.sqrt(5))
+
+
+@pytest.mark.parametrize(("rate_hz", "first"), [(10.0, 0.1), (50.0, 0.1), (200.0, 0.1)])
+def test_a_recording_is_read_without_what_is_withdrawn(rate_hz: float, first: float) -> None:
+    [model] = drive(10, 0.1)
+    readings = [
+        Conversion(
+            stamp_ns := round(at * 1e9 / rate_hz), dataclasses.replace(model, stamp_ns=stamp_ns)
+        )
+        for at in range(1, round(2 * rate_hz) + 1)
+    ]
+    result = list(averaged(readings, Averager(0.13, CoreConfig())))
+    stamps = [each.stamp_ns / 1e9 for each in result]
+    np.testing.assert_allclose(stamps, first + 0.1 * np.arange(20))
 
 
 def test_the_counts_name_what_was_found() -> None:
