@@ -41,6 +41,10 @@ def at_rate(rate_hz: int) -> list[Event]:
     return events
 
 
+def received(node: EstimatorNode, count: int) -> bool:
+    return node._configured.counters["wheel_slip"].received == count
+
+
 @pytest.mark.parametrize(("rate_hz", "answers"), [(50, 9), (2, STEPS)])
 def test_the_rate_is_reported_and_the_estimates_are_those_of_a_replay(
     listener: Listener, model: LoadedModel, rate_hz: int, answers: int
@@ -50,10 +54,7 @@ def test_the_rate_is_reported_and_the_estimates_are_those_of_a_replay(
     rover = Rover(listener, "rover1", at_rate(rate_hz))
     for step in range(STEPS):
         rover.publish(step)
-        listener.spin_until(
-            lambda count=step + 1: node._configured.counters["wheel_slip"].received == count,
-            "the readings arrive",
-        )
+        listener.spin_until(partial(received, node, step + 1), "the readings arrive")
     listener.wait_for_messages(rover.estimates, answers)
     pipeline = Pipeline(model, EstimatorConfig())
     replayed = [each for topic, _, message in rover.events for each in pipeline.add(topic, message)]

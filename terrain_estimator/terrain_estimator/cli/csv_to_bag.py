@@ -9,7 +9,9 @@ data. See docs/bring_your_own_data.md.
 import argparse
 import hashlib
 import sys
+from io import BufferedReader
 from pathlib import Path
+from typing import cast
 
 from rover_parameters.records import ConfigError
 from rover_parameters.regular_file import open_regular
@@ -73,7 +75,7 @@ def convert(
     found = _checked(data, mapping, rover)  # all rows, before the bag is begun
     with whole_bag(out) as writer:
         with open_regular(data) as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
         writer.add_metadata(
             "csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text}
         )

@@ -89,7 +89,7 @@ class Refusals:
 
     def words(self) -> str:
         """Return counts, reasons and advice, the most common reason first with its detail."""
-        parts = []
+        parts: list[str] = []
         for outcome, count in self._counts.most_common():
             detail = "" if parts else self._details[outcome]
             reason = f": {detail}" if detail else ""

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
@@ -65,7 +66,7 @@ def beforehand(readings: list[Observation], each: int) -> list[Observation]:
             for name, column in columns.items()
         }
         scalars = {name: float(values[name]) for name in SCALAR_FIELDS}
-        means.append(Observation(part[-1].stamp_ns, **(values | scalars)))  # type: ignore[arg-type]
+        means.append(Observation(part[-1].stamp_ns, **(values | scalars)))
     return means
 
 
@@ -103,7 +104,9 @@ def test_fast_readings_give_the_estimate_of_their_means_made_beforehand(each: in
     assert own[-1].notes == (f"mean of {each} readings at {10 * each} Hz",)
 
 
-def taken(stamps_s: Floats, usable: Callable[[int], bool] = lambda _: True) -> list[Conversion]:
+def taken(
+    stamps_s: NDArray[np.floating], usable: Callable[[int], bool] = lambda _: True
+) -> list[Conversion]:
     """Return what the estimator takes of equal readings at these times."""
     pipeline, [model] = PIPELINE(), drive(10, 0.1)
     pipeline.reset()

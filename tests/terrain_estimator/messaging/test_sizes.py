@@ -82,7 +82,7 @@ def test_joints_far_too_large_cost_their_rows_alone(pipeline: Pipeline) -> None:
             message.name = [*message.name, "x" * LARGEST_MESSAGE]
         answers += pipeline.add(topic, message)
     assert {answer.update.decision.outcome for answer in answers} == {Outcome.ACCEPTED}
-    assert answers[0].notes == ("joint_states: a message with 0.263 MB is left out",)
+    assert answers[0].notes == ("joint_states: a message with 0.264 MB is left out",)
 
 
 def test_the_size_of_a_message_counts_its_texts_lists_and_arrays() -> None:
