@@ -79,7 +79,9 @@ class SimulatorConfig:
         "effect that the nominal model lacks, a name from docs/effects.md; empty: none", ""
     )
     effect_size: float = number(
-        "size of the effect, in its unit; 0: no effect", "unit of the effect", default=0.0
+        "size of the effect, in its unit, needed where one is named; 0: it does not act",
+        "unit of the effect",
+        default=math.nan,
     )
     effect_axle: int = number(
         "axle on which the effect acts, counted from the front, if it acts on one",

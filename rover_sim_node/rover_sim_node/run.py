@@ -176,13 +176,27 @@ def _ground(config: SimulatorConfig) -> Ground:
 
 
 def _plant(config: SimulatorConfig) -> Plant | None:
+    given = not math.isnan(config.effect_size)
     if not config.effect:
+        if given and config.effect_size:
+            raise ConfigError(
+                f"parameter effect_size: {config.effect_size:g} does nothing without a name: set"
+                " effect"
+            )
         return None
     try:
-        size = describe(config.effect).checked(config.effect_size)
-        return Plant([make_effect(config.effect, size, config.effect_axle)])
+        description = describe(config.effect)
+        size = description.checked(config.effect_size) if given else description.high
+        effect = make_effect(config.effect, size, config.effect_axle)
     except ConfigError as error:
         raise ConfigError(f"parameters of the effect: {error}") from error
+    if not given:
+        raise ConfigError(
+            f"parameter effect_size: give the size of {config.effect},"
+            f" {description.low:g} to {description.high:g} [{description.unit}]; without one the"
+            " effect does not act"
+        )
+    return Plant([effect])
 
 
 def _profile(config: SimulatorConfig) -> str | Profile:

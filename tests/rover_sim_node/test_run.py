@@ -237,6 +237,11 @@ def test_another_rate_gives_other_steps() -> None:
             SimulatorConfig(effect="payload", effect_size=900.0),
             r"payload: size 900 is outside its physical range, -80 to 150 \[kg\]",
         ),
+        (
+            SimulatorConfig(effect="payload"),
+            r"effect_size: give the size of payload, -80 to 150 \[kg\]; without one the effect",
+        ),
+        (SimulatorConfig(effect_size=0.1), "effect_size: 0.1 does nothing without a name"),
         (SimulatorConfig(effect="lateral_bulldozing"), "lateral_bulldozing acts sideways"),
         (SimulatorConfig(rover="car"), "car: neither one of the rovers"),
         (
@@ -265,7 +270,7 @@ def test_an_effect_acts_on_what_is_measured_and_without_size_on_nothing() -> Non
         SimulatedRun(config).step().measured
         for config in (
             SimulatorConfig(seed=3),
-            SimulatorConfig(seed=3, effect="sinkage_bias"),
+            SimulatorConfig(seed=3, effect="sinkage_bias", effect_size=0.0),
             SimulatorConfig(seed=3, effect="sinkage_bias", effect_size=0.004, noise=1.0),
         )
     )

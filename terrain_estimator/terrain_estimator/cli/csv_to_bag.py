@@ -9,17 +9,23 @@ data. See docs/bring_your_own_data.md.
 import argparse
 import hashlib
 import sys
-from collections import deque
+from io import BufferedReader
 from pathlib import Path
+from typing import cast
 
 from rover_parameters.records import ConfigError
+from rover_parameters.regular_file import open_regular
 from terrain_estimator.bags import BagError, whole_bag
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.console.printing import print_lines
 from terrain_estimator.importing.mapping import Mapping, SignalNoise, read_mapping
 from terrain_estimator.importing.messages import SampleWriter
+from terrain_estimator.importing.plausibility import Plausibility
 from terrain_estimator.importing.samples import CsvError, read_samples
 from terrain_estimator.importing.units import factor
+from terrain_estimator.messaging.averaging import Pace, RateCounts, RateWindow
+from terramechanics.vehicle.rover import Rover, load_rover
 
 WRONG = 2
 
@@ -29,10 +35,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Convert the file that the command line names; return the exit code."""
     options = _parser().parse_args(arguments)
     try:
-        mapping = read_mapping(options.mapping)
-        rows, hints = convert(
-            options.data, mapping, options.mapping.read_text(encoding="utf-8"), options.out
-        )
+        rover = load_rover(options.rover)
+        mapping = _mapping(options.mapping, rover)
+        text = options.mapping.read_text(encoding="utf-8")
+        rows, found = convert(options.data, mapping, text, options.out, rover)
     except (ConfigError, CsvError, BagError) as error:
         print(f"csv_to_bag: {error}", file=sys.stderr)
         return WRONG
@@ -42,32 +48,56 @@ def main(arguments: list[str] | None = None) -> int:
             file=sys.stderr,
         )
         return WRONG
-    print(f"{options.out}: {rows} rows of {options.data}")
-    for hint in hints:
-        print(f"note: {hint}")
+    notes = [f"note: {each}" for each in (*found, *_hints(mapping, rover))]
+    print_lines([f"{options.out}: {rows} rows of {options.data}", *notes])
     return 0
 
 
-def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple[int, list[str]]:
-    """Write a bag from a CSV file; return the number of rows, and hints for the user.
+def _mapping(path: Path, rover: Rover) -> Mapping:
+    mapping = read_mapping(path)
+    try:
+        return mapping.completed(rover)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def convert(
+    data: Path, mapping: Mapping, mapping_text: str, out: Path, rover: Rover
+) -> tuple[int, list[str]]:
+    """Write a bag from a CSV file; return the number of rows, and what was found about the rate.
 
     Raises:
-        CsvError: the file is wrong; no bag is left behind.
+        CsvError: the file is wrong, or its values are impossible on the rover; no bag is left
+            behind.
         BagError: the bag exists already or cannot be begun.
         OSError: the disk is full; no bag is left behind.
     """
-    deque(read_samples(data, mapping), maxlen=0)  # check all rows before the bag is begun
+    found = _checked(data, mapping, rover)  # all rows, before the bag is begun
     with whole_bag(out) as writer:
-        with data.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        with open_regular(data) as file:
+            digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
         writer.add_metadata(
             "csv_to_bag", {"file": data.name, "sha256": digest, "mapping": mapping_text}
         )
         rows = SampleWriter(writer, mapping).write_all(read_samples(data, mapping))
-    return rows, _hints(mapping)
+    return rows, found
 
 
-def _hints(mapping: Mapping) -> list[str]:
+def _checked(data: Path, mapping: Mapping, rover: Rover) -> list[str]:
+    """Read all rows, judge their values and their rate; return the rate in words."""
+    plausibility, window, counts = Plausibility(mapping, rover), RateWindow(), RateCounts()
+    for sample in plausibility.watch(read_samples(data, mapping)):
+        window.add(sample.stamp_ns)
+        counts.add(window.rate)
+    for fault in plausibility.faults():
+        raise CsvError(f"{data}: {fault}")
+    found = counts.found()
+    if found and all(rate.pace is Pace.REFUSE for rate, _ in found):
+        raise CsvError(f"{data}: column {mapping.time.column!r}: the rows come at {found[0][0]}")
+    return [f"{count} rows at {rate}" for rate, count in found]
+
+
+def _hints(mapping: Mapping, rover: Rover) -> list[str]:
     hints = []
     absent = [
         signal
@@ -79,6 +109,13 @@ def _hints(mapping: Mapping) -> list[str]:
             f"not in the data: {', '.join(absent)}; the status of the estimates shows the"
             " consequences"
         )
+    hints += [
+        f"{signal}: no column for {' and '.join(names)}: without a whole axle every observation is"
+        " refused"
+        for signal in ("slip", "sinkage")
+        if mapping.measures(signal)
+        for names in _unmeasured_axles(mapping, rover, signal)
+    ]
     if not mapping.measures("pitch") and not mapping.constant_pitch.unit:
         hints.append(
             "no pitch: give a column, or constant_pitch if the ground was level; otherwise every"
@@ -102,6 +139,15 @@ def _hints(mapping: Mapping) -> list[str]:
     return hints
 
 
+def _unmeasured_axles(mapping: Mapping, rover: Rover, signal: str) -> list[list[str]]:
+    """Return the wheels of each axle of which none has a column."""
+    columns = {wheel.name: getattr(wheel, signal) for wheel in mapping.wheels}
+    axles = [
+        [wheel.name for wheel in rover.wheels if wheel.axle == axle] for axle in range(rover.axles)
+    ]
+    return [names for names in axles if not any(columns[name] for name in names)]
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser("csv_to_bag", __doc__)
     parser.add_argument(
@@ -115,6 +161,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="BAG", help="folder of the bag, must not exist"
+    )
+    parser.add_argument(
+        "--rover",
+        default="mars_rover",
+        metavar="ROVER",
+        help="name or file of the rover, whose wheels and size the data are checked against"
+        " (default: %(default)s)",
     )
     return parser
 

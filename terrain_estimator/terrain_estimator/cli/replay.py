@@ -136,7 +136,7 @@ def _replay_all(
         return WRONG
     if any(each.differences and any(each.differences.values()) for each in replays):
         return DIFFERENT
-    return NOTHING if any(each.estimates == 0 for each in replays) else 0
+    return NOTHING if any(not each.learnt for each in replays) else 0
 
 
 def _summary(

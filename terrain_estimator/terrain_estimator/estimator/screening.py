@@ -28,6 +28,8 @@ FASTEST = 100.0  # [m/s] of rover and rim
 STRONGEST_TORQUE = 1e6  # [N m]
 STRONGEST_ACCELERATION = 1e3  # [m/s^2]
 DEVIATIONS = (1e-9, 1e9)  # [SI] outside no square and no ratio of variances is safe from overflow
+_PERCENTAGE = 2.0  # [1] a slip beyond it, either way, is hardly a ratio
+_OTHER_UNIT = 3.0  # [wheel radii] a sinkage beyond it is hardly in metres
 _STEEPEST_GROUND = math.pi / 2.0  # [rad]
 _STEEPEST_BOGIE = 1.2  # [rad] no bogie turns further: an encoder in degrees, or without its zero
 _STANDSTILL_BOUND = (
@@ -202,7 +204,8 @@ def _wheel_fault(
     if not config.slip_minimum <= slip < config.slip_maximum:
         return (
             Outcome.OUT_OF_RANGE,
-            f"slip {slip:.3g} is outside {config.slip_minimum:g} to {config.slip_maximum:g}",
+            f"slip {slip:.3g} is outside {config.slip_minimum:g} to {config.slip_maximum:g}"
+            + (", a percentage?" if abs(slip) > _PERCENTAGE else ""),
         )
     if not abs(angle) < _STEEPEST_GROUND:
         return (
@@ -218,7 +221,8 @@ def _wheel_fault(
 
 def _sinkage_fault(sinkage: float, deviation: float, radius: float) -> str:
     if sinkage >= radius:
-        return f"sinkage {sinkage:.3g} m is not below the wheel radius {radius:g} m"
+        unit = ", in mm or cm?" if sinkage > _OTHER_UNIT * radius else ""
+        return f"sinkage {sinkage:.3g} m is not below the wheel radius {radius:g} m{unit}"
     explained = "within its noise" if sinkage > -NOISE_BOUND * deviation else "a sensor error"
     return f"sinkage {sinkage:.3g} m is not above zero, {explained}"
 

@@ -8,11 +8,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rover_parameters.records import ConfigError, number
+from rover_parameters.records import ConfigError, nearest, number
 from rover_parameters.yaml_files import load
 from terrain_estimator.importing.units import factor
+from terramechanics.vehicle.rover import Rover
 
 SLIP_DEFINITIONS = ("one_minus_v_over_rw", "max_normalised")
+DECIMAL_MARKS = (".", ",")
 WHEEL_SIGNALS = {
     "slip": "ratio",
     "sinkage": "length",
@@ -113,6 +115,8 @@ class Mapping:
     wheels: tuple[WheelColumns, ...]
     slip_definition: str = SLIP_DEFINITIONS[0]
     delimiter: str = ","
+    decimal: str = "."
+    missing: tuple[str, ...] = ()  # words for values that were not measured
     frame: str = "base_link"
     slip: WheelSignal = _NO_WHEEL_SIGNAL
     sinkage: WheelSignal = _NO_WHEEL_SIGNAL
@@ -137,6 +141,15 @@ class Mapping:
         if len(self.delimiter) != 1:
             msg = f"delimiter: {self.delimiter!r} is not one character"
             raise ConfigError(msg)
+        if self.decimal not in DECIMAL_MARKS:
+            msg = f"decimal: {self.decimal!r} is no decimal mark: give {' or '.join(DECIMAL_MARKS)}"
+            raise ConfigError(msg)
+        if self.decimal == self.delimiter:
+            msg = (
+                f"decimal: {self.decimal!r} is also the delimiter: set delimiter to the character"
+                ' between the columns, such as ";"'
+            )
+            raise ConfigError(msg)
         names = [wheel.name for wheel in self.wheels]
         if len(set(names)) < len(names):
             msg = f"wheels: a name is given twice in {', '.join(names)}"
@@ -151,6 +164,22 @@ class Mapping:
         ):
             if constant is not _NO_CONSTANT:
                 _check_constant(f"constant_{name}", constant, measured=self.measures(name))
+
+    def completed(self, rover: Rover) -> "Mapping":
+        """Return the mapping with all wheels of a rover; those not listed have no columns.
+
+        Raises ConfigError for a wheel that the rover does not have.
+        """
+        listed = [wheel.name for wheel in self.wheels]
+        for at, name in enumerate(listed):
+            if name not in rover.wheel_names:
+                raise ConfigError(
+                    f"wheels[{at}]: name: {name!r} is no wheel of the rover {rover.name}:"
+                    f" {nearest(name, rover.wheel_names)} Correct the name, or give the rover's"
+                    " file with --rover"
+                )
+        rest = [WheelColumns(name) for name in rover.wheel_names if name not in listed]
+        return dataclasses.replace(self, wheels=(*self.wheels, *rest))
 
     def columns(self, signal: str) -> tuple[str, ...]:
         """Return a wheel signal's columns in the order of the wheels, empty for none."""

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from rover_parameters.csv_rows import csv_rows
+from rover_parameters.numerals import parse_number
 from terrain_estimator.importing.mapping import Mapping, SignalNoise
 from terrain_estimator.importing.units import factor
 
@@ -48,16 +50,16 @@ class TableSample:
 def read_samples(path: Path, mapping: Mapping) -> Iterator[TableSample]:
     """Yield the rows of a file.
 
-    An empty cell means that the value was not measured, except in the column of time.
+    An empty cell, or one of the mapping's words for missing values, means that the value was not
+    measured. The column of time needs a number in each row.
 
     Raises:
         CsvError: no rows, a missing column, a cell that is no finite number, time that does not
             increase.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, delimiter=mapping.delimiter, strict=True)
-            yield from _Rows(path, mapping, next(reader, [])).samples(reader)
+        rows = csv_rows(path, mapping.delimiter, strict=True)
+        yield from _Rows(path, mapping, next(rows, [])).samples(rows)
     except OSError as error:
         msg = f"{path} cannot be read: {error.strerror}"
         raise CsvError(msg) from error
@@ -157,14 +159,13 @@ class _Rows:
         seconds = self._number_in(time.column) * factor("time", time.unit) + time.offset
         if math.isnan(seconds):
             raise self._error(time.column, "is empty: every row needs its time")
-        stamp = round(seconds * 1e9) if math.isfinite(seconds) else -1
-        if not 0 <= stamp <= LATEST_NS:
+        if not 0.0 <= seconds <= LATEST_NS / 1e9:
             raise self._error(
                 time.column,
                 f"with offset {time.offset:g} s is outside 0 to {LATEST_NS / 1e9:.0f} s: set"
                 " time.unit or time.offset",
             )
-        return stamp
+        return round(seconds * 1e9)
 
     def _wheels(self, signal: str, quantity: str) -> list[MeasuredValue]:
         section = getattr(self._mapping, signal)
@@ -206,22 +207,43 @@ class _Rows:
         return _in_si(self._number_in(column), factor(quantity, unit), noise)
 
     def _number_in(self, column: str) -> float:
-        """Return the number in a cell, NaN where it is empty."""
+        """Return the number in a cell, NaN where nothing was measured."""
         text = self._row[self._place[column]].strip()
-        if not text:
+        if not text or text in self._mapping.missing:
             return math.nan
         try:
-            value = float(text)
+            value = parse_number(self._with_point(text))
         except ValueError:
+            raise self._error(column, f"is not a number: {self._advice(text)}") from None
+        if math.isnan(value):
             raise self._error(
                 column,
-                "is not a number: correct it, or leave the cell empty where nothing was measured",
-            ) from None
-        if not math.isfinite(value):
+                "is not finite: leave the cell empty where nothing was measured, or list the word"
+                " under missing in the mapping",
+            )
+        if math.isinf(value):
             raise self._error(
                 column, "is not finite: leave the cell empty where nothing was measured"
             )
         return value
+
+    def _with_point(self, text: str) -> str:
+        """Return a number with a decimal point; ValueError where it has two kinds of mark."""
+        decimal = self._mapping.decimal
+        if decimal != "." and "." in text:
+            raise ValueError(text)
+        return text.replace(decimal, ".")
+
+    def _advice(self, text: str) -> str:
+        decimal = self._mapping.decimal
+        if decimal == "." and "," in text:
+            return 'set decimal: "," in the mapping if it is a decimal comma'
+        if decimal != "." and "." in text:
+            return f"the mapping has decimal: {decimal!r}; leave that out for decimal points"
+        return (
+            "correct it, leave the cell empty where nothing was measured, or list the word under"
+            " missing in the mapping"
+        )
 
     def _error(self, column: str, what: str) -> CsvError:
         return CsvError(

@@ -12,11 +12,13 @@ every bit of the result, is fixed.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
 from terrain_estimator.config.estimator import ConversionConfig, CoreConfig
 from terrain_estimator.estimator.screening import NOISE_BOUND
+from terrain_estimator.messaging.sizes import Oversized
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Message
@@ -25,6 +27,14 @@ from terramechanics.vehicle.rover import Rover
 UNIT_QUATERNION_TOLERANCE = 0.1  # a norm further from 1 is no orientation (all zeros: "not set")
 
 Groups = tuple[tuple[int, ...], ...]  # per axle: positions of its wheels in the message
+
+
+class Mark(IntEnum):
+    """Place of a conversion in the search for the rate of the readings."""
+
+    NONE = 0
+    FIRST = 1  # the estimator may have to return to its state before this one
+    WITHDRAWS = 2  # the estimator returns to its state before the first one
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +49,7 @@ class Conversion:
     outcome: Outcome = Outcome.ACCEPTED
     detail: str = ""
     notes: tuple[str, ...] = ()
+    mark: Mark = Mark.NONE
 
 
 @dataclass(slots=True)
@@ -105,17 +116,21 @@ class Converter:
 
         Refusals are WRONG_FRAME and WRONG_WHEELS, with the names in ``detail``.
         """
-        slip, sinkage, odom, _, imu = (*messages, None)[
+        slip, sinkage, odom, joints, imu = (*messages, None)[
             :5
         ]  # the set has no imu where it is not used
         if not self._core.use_imu:
             imu = None
+        for large in (slip, sinkage, odom):
+            if isinstance(large, Oversized):
+                return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, large.detail)
+        notes = _Notes()
+        joints, imu = (_unless_oversized(each, notes) for each in (joints, imu))
         wrong = self._wrong_frame(slip, sinkage, odom, imu)
         if wrong:
             return Conversion(stamp_ns, None, Outcome.WRONG_FRAME, wrong)
-        notes = _Notes()
         try:
-            observation = self._observe(stamp_ns, messages[:4], imu, notes)
+            observation = self._observe(stamp_ns, (slip, sinkage, odom, joints), imu, notes)
         except WrongWheelsError as error:
             return Conversion(stamp_ns, None, Outcome.WRONG_WHEELS, str(error))
         return Conversion(stamp_ns, observation, notes=tuple(notes.texts))
@@ -327,6 +342,13 @@ class Converter:
         if deviation == 0.0:
             return math.nan, math.nan
         return float(imu.linear_acceleration.x), deviation
+
+
+def _unless_oversized(message: Message, notes: _Notes) -> Message:
+    if isinstance(message, Oversized):
+        notes.texts.append(message.detail)
+        return None
+    return message
 
 
 def nose_up_pitch(orientation: Message) -> float:

@@ -124,6 +124,13 @@ LOSSES = Check(
     "check stamps, load and network",
     0.0,
 )
+RATE = Check(
+    "rate",
+    "1 where the readings come at a rate that cannot be used; the text has the rate",
+    "",
+    "publish wheel_slip, wheel_sinkage and odom at 5 to 200 Hz",
+    error=0.0,
+)
 REFUSED = Check(
     "refused", "share of observations refused since the last report", "1", "", 0.0, 0.99
 )
@@ -199,6 +206,7 @@ CHECKS = (
     REQUIRED,
     OPTIONAL,
     LOSSES,
+    RATE,
     REFUSED,
     NUMERICS,
     FAILURES,

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from terrain_estimator.messaging.averaging import Pace, Rate
 from terrain_estimator.messaging.diagnostics import (
     CONDITION,
     FAILURES,
@@ -19,6 +20,7 @@ from terrain_estimator.messaging.diagnostics import (
     LOSSES,
     NUMERICS,
     OPTIONAL,
+    RATE,
     REFUSED,
     REQUIRED,
     CheckResult,
@@ -28,7 +30,7 @@ from terrain_estimator.messaging.diagnostics import (
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import REQUIRED_INPUTS
-from terrain_estimator.update import Update
+from terrain_estimator.update import Decision, Update
 
 REFERENCE = REQUIRED_INPUTS[0]
 FEWEST_INNOVATIONS = 5
@@ -66,6 +68,35 @@ class Health:
     findings: tuple[CheckResult, ...]  # of which the level is the worst
 
 
+class Refusals:
+    """Refused observations by their reason, with the newest detail of each."""
+
+    def __init__(self) -> None:
+        """Start without a refusal."""
+        self._counts: Counter[Outcome] = Counter()
+        self._details: dict[Outcome, str] = {}
+
+    def add(self, decision: Decision) -> None:
+        """Count one decision where it is a refusal; a rover that stands is none."""
+        outcome = decision.outcome
+        if not outcome.used and outcome is not Outcome.STANDSTILL:
+            self._counts[outcome] += 1
+            self._details[outcome] = decision.detail
+
+    def total(self) -> int:
+        """Return the number of refusals."""
+        return self._counts.total()
+
+    def words(self) -> str:
+        """Return counts, reasons and advice, the most common reason first with its detail."""
+        parts: list[str] = []
+        for outcome, count in self._counts.most_common():
+            detail = "" if parts else self._details[outcome]
+            reason = f": {detail}" if detail else ""
+            parts.append(f"{count} {outcome.name} ({outcome.advice}){reason}")
+        return "; ".join(parts)
+
+
 class HealthMonitor:
     """Collector of updates between two reports; memory is bounded by the updates of one period."""
 
@@ -86,6 +117,7 @@ class HealthMonitor:
 
     def _start_period(self) -> None:
         self._recent: Counter[Outcome] = Counter()
+        self._refusals = Refusals()
         self._latencies: list[float] = []
         self._innovations: list[float] = []
 
@@ -93,13 +125,19 @@ class HealthMonitor:
         """Count one update, which took ``latency_s`` of wall time."""
         self.outcomes[update.decision.outcome] += 1
         self._recent[update.decision.outcome] += 1
+        self._refusals.add(update.decision)
         self._latencies.append(latency_s)
         self._condition_number = update.condition_number
         innovation = normalized_innovation(update)
         if math.isfinite(innovation):
             self._innovations.append(innovation)
 
-    def report(self, counters: Mapping[str, Counters], ages_s: Mapping[str, float]) -> Health:
+    def report(
+        self,
+        counters: Mapping[str, Counters],
+        ages_s: Mapping[str, float],
+        rate: Rate | None = None,
+    ) -> Health:
         """Return the health since the last report, and start a new period."""
         inputs = tuple(
             InputHealth(
@@ -112,7 +150,11 @@ class HealthMonitor:
             )
             for topic, count in counters.items()
         )
-        findings = (*self._judge_inputs(inputs), *self._judge_updates())
+        findings = (
+            *self._judge_inputs(inputs),
+            *_judge_rate(rate),
+            *self._judge_updates(),
+        )
         level, summary = worst(findings)
         accepted = sum(count for outcome, count in self.outcomes.items() if outcome.used)
         health = Health(
@@ -181,17 +223,8 @@ class HealthMonitor:
         )
 
     def _judge_updates(self) -> Iterator[CheckResult]:
-        refused = {
-            outcome: count
-            for outcome, count in self._recent.items()
-            if not outcome.used and outcome is not Outcome.STANDSTILL
-        }
-        words = "; ".join(
-            f"{count} {outcome.name} ({outcome.advice})"
-            for outcome, count in sorted(refused.items())
-        )
-        share = sum(refused.values()) / self._recent.total() if self._recent else 0.0
-        yield REFUSED.judge(share, text=f"refused: {words or 'none'}")
+        share = self._refusals.total() / self._recent.total() if self._recent else 0.0
+        yield REFUSED.judge(share, text=f"refused: {self._refusals.words() or 'none'}")
         yield NUMERICS.judge(
             self._recent[Outcome.NUMERICAL_FAILURE],
             text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE",
@@ -205,6 +238,11 @@ class HealthMonitor:
         )
         yield CONDITION.judge(self._condition_number)
         yield LATENCY.judge(max(self._latencies, default=math.nan))
+
+
+def _judge_rate(rate: Rate | None) -> Iterator[CheckResult]:
+    if rate is not None:
+        yield RATE.judge(rate.pace is Pace.REFUSE, text=f"rate: {rate}")
 
 
 def normalized_innovation(update: Update) -> float:

@@ -14,9 +14,11 @@ from dataclasses import dataclass, field
 
 from terrain_estimator.config.estimator import PairingConfig
 from terrain_estimator.messaging.sequence_numbers import Sequence
+from terrain_estimator.messaging.sizes import message_bytes
 from terrain_estimator.topics import REQUIRED_INPUTS, Message
 
-CAPACITY = 1024  # messages kept per topic; older ones are counted as unpaired
+# messages, and bytes of messages, kept per topic; older ones are counted as unpaired
+CAPACITY, CAPACITY_BYTES = 1024, 1 << 23
 # messages in a row before the last stamp after which the publisher's clock counts as set back
 RESTART_AFTER = 10
 
@@ -57,11 +59,36 @@ class _Input:
 
     topic: InputTopic
     counters: Counters = field(default_factory=Counters)
-    waiting: deque[tuple[int, Message]] = field(default_factory=deque)
+    waiting: deque[tuple[int, Message, int]] = field(default_factory=deque)  # with bytes
+    waiting_bytes: int = 0
     latest_ns: int = -1  # stamp of the last message taken
     sequence: Sequence = field(default_factory=Sequence)
     backwards: int = 0  # messages in a row that were not after latest_ns
     backwards_ns: int = -1  # stamp of the last of them
+
+    def keep(self, stamp_ns: int, message: Message) -> None:
+        """Add a message; drop the oldest ones where they become too many or too large."""
+        size = message_bytes(message)
+        self.waiting.append((stamp_ns, message, size))
+        self.waiting_bytes += size
+        while len(self.waiting) > CAPACITY or self.waiting_bytes > CAPACITY_BYTES:
+            self.drop()
+
+    def take(self) -> Message:
+        """Remove and return the oldest message."""
+        _, message, size = self.waiting.popleft()
+        self.waiting_bytes -= size
+        return message
+
+    def drop(self) -> None:
+        """Remove the oldest message, which has no partner."""
+        self.take()
+        self.counters.unpaired += 1
+
+    def drop_all(self) -> None:
+        """Remove all messages."""
+        while self.waiting:
+            self.drop()
 
 
 class Synchronizer:
@@ -106,10 +133,7 @@ class Synchronizer:
         if sequence is not None:
             entry.counters.lost += entry.sequence.note(sequence)
         entry.latest_ns, entry.backwards = stamp_ns, 0
-        entry.waiting.append((stamp_ns, message))
-        if len(entry.waiting) > CAPACITY:
-            entry.waiting.popleft()
-            entry.counters.unpaired += 1
+        entry.keep(stamp_ns, message)
         return self._release()
 
     def flush(self) -> list[MessageSet]:
@@ -120,8 +144,7 @@ class Synchronizer:
         """
         sets = self._release(ended=True)
         for entry in self._inputs:
-            entry.counters.unpaired += len(entry.waiting)
-            entry.waiting.clear()
+            entry.drop_all()
             entry.sequence.restart()
         return sets
 
@@ -185,7 +208,7 @@ class Synchronizer:
             at is not None or not entry.topic.required
             for at, entry in zip(found, self._others, strict=True)
         )
-        messages = [self._reference.waiting.popleft()[1]]
+        messages = [self._reference.take()]
         if not complete:
             self._reference.counters.unpaired += 1
             return None
@@ -201,10 +224,9 @@ class Synchronizer:
         """
         waiting, tolerance_ns = entry.waiting, self._tolerance_ns
         while waiting and waiting[0][0] < stamp_ns - tolerance_ns:
-            waiting.popleft()
-            entry.counters.unpaired += 1
+            entry.drop()
         best, distance = None, tolerance_ns
-        for at, (candidate_ns, _) in enumerate(waiting):
+        for at, (candidate_ns, _, _) in enumerate(waiting):
             gap = abs(candidate_ns - stamp_ns)
             if gap < distance or (gap == distance and best is None):
                 best, distance = at, gap
@@ -221,14 +243,12 @@ def input_synchronizer(names: Iterable[str], config: PairingConfig) -> Synchroni
 
 def _consume(entry: _Input, at: int) -> Message:
     for _ in range(at):
-        entry.waiting.popleft()
-        entry.counters.unpaired += 1
+        entry.drop()
     entry.counters.paired += 1
-    return entry.waiting.popleft()[1]
+    return entry.take()
 
 
 def _forget(entry: _Input) -> None:
-    entry.counters.unpaired += len(entry.waiting)
-    entry.waiting.clear()
+    entry.drop_all()
     entry.latest_ns, entry.backwards, entry.backwards_ns = -1, 0, -1
     entry.sequence.restart()

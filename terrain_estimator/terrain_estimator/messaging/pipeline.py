@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.estimator.saved_state import Arrays
-from terrain_estimator.messaging.conversion import Conversion, Converter
+from terrain_estimator.messaging.averaging import Averager, Rate
+from terrain_estimator.messaging.conversion import Conversion, Converter, Mark
 from terrain_estimator.messaging.messages import (
     Meta,
     estimate_message,
@@ -26,6 +27,7 @@ from terrain_estimator.messaging.messages import (
     update_header,
 )
 from terrain_estimator.messaging.pairing import Counters, MessageSet, input_synchronizer
+from terrain_estimator.messaging.sizes import bounded
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError
 from terrain_estimator.observation import Observation
 from terrain_estimator.topics import (
@@ -38,6 +40,8 @@ from terrain_estimator.topics import (
 from terrain_estimator.update import Update
 from terramechanics.vehicle.rover import Rover, load_rover
 
+MOST_WHEELS = 4
+"""[1] Names in a message, over the rover's wheels, beyond which it is refused unread."""
 WARM_UP_STEPS = 35
 """Observations that exercise every path of the model: three and a half blocks."""
 
@@ -70,8 +74,10 @@ class Pipeline:
         self._index = {name: index for index, name in enumerate(self.inputs)}
         self._synchronizer = input_synchronizer(self.inputs, config.pairing)
         rover = rover_of(model, config.rover)
-        self.rover_name = rover.name
+        self.rover_name, self._wheels = rover.name, rover.wheel_names
         self._converter = Converter(rover, config.conversion, config.core)
+        self._averager = Averager(rover.wheel_radius, config.core)
+        self._before: Arrays | None = None  # the state before the first reading
         warm_up(model, config)
         self._estimator = Estimator(model, config.core)
         self._restored = False  # whether a state was restored and nothing answered since
@@ -90,17 +96,30 @@ class Pipeline:
         return self._synchronizer.counters
 
     @property
+    def rate(self) -> Rate:
+        """Rate of the last readings, and its treatment."""
+        return self._averager.rate
+
+    @property
     def resets(self) -> int:
         """Number of returns to the prior: by a user, by the clock, or after a long misfit."""
         return self._resets + self._estimator.reopened
 
     def add(self, topic: str, message: Message) -> list[Answer]:
         """Process one input message; answer the sets that it completes, usually none or one."""
-        return [self.answer(self.convert(complete)) for complete in self.pair(topic, message)]
+        return [
+            self.answer(taken)
+            for complete in self.pair(topic, message)
+            for taken in self.average(self.convert(complete))
+        ]
 
     def flush(self) -> list[Answer]:
-        """Answer the sets that still waited for an optional message, at the end of the input."""
-        return [self.answer(self.convert(complete)) for complete in self.rest()]
+        """Answer what still waited for an optional message or for a mean, at the end of the input.
+
+        The rate of the readings is found anew afterwards.
+        """
+        taken = [each for complete in self.rest() for each in self.average(self.convert(complete))]
+        return [self.answer(each) for each in (*taken, *self.rest_of_means())]
 
     def rest(self) -> list[MessageSet]:
         """Return the sets that :meth:`flush` would answer, at the end of the input."""
@@ -114,17 +133,30 @@ class Pipeline:
         """
         if not self._converter.concerns(topic, message):
             return []
+        kept = bounded(topic, message, MOST_WHEELS * len(self._wheels))
         return self._synchronizer.add(
-            self._index[topic], stamp_ns(message), message, getattr(message, "sequence", None)
+            self._index[topic], stamp_ns(message), kept, getattr(message, "sequence", None)
         )
 
     def convert(self, complete: MessageSet) -> Conversion:
         """Convert a set to an observation or a refusal: the second step of :meth:`add`."""
         return self._converter.convert(complete.stamp_ns, complete.messages)
 
+    def average(self, conversion: Conversion) -> list[Conversion]:
+        """Bring the readings to 10 Hz: the third step of :meth:`add`."""
+        return self._averager.add(conversion)
+
+    def rest_of_means(self) -> list[Conversion]:
+        """Return the readings that still wait for a mean, at the end of the input."""
+        return self._averager.flush()
+
     def answer(self, conversion: Conversion) -> Answer:
-        """Update the estimator: the third step of :meth:`add`."""
+        """Update the estimator: the last step of :meth:`add`."""
         note = self._follow_the_clock(conversion.stamp_ns)
+        if conversion.mark is Mark.FIRST:
+            self._before = self._estimator.save()
+        elif conversion.mark is Mark.WITHDRAWS and self._before is not None:
+            self._estimator.restore(self._before)
         if conversion.observation is None:
             update = self._estimator.reject(
                 conversion.stamp_ns, conversion.outcome, conversion.detail
@@ -146,6 +178,7 @@ class Pipeline:
         and a clock without a battery begins again.
         """
         self._estimator.restore(arrays)
+        self._averager.reset()
         self._restored = True
 
     def _follow_the_clock(self, stamp_ns: int) -> str:
@@ -173,6 +206,7 @@ class Pipeline:
     def reset(self) -> None:
         """Forget the ground and the waiting messages; keep counters and sequence numbers."""
         self._synchronizer.reset()
+        self._averager.reset()
         self._forget()
 
     def _forget(self) -> None:

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from rover_parameters.command_line import run
 from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state
+from terrain_estimator.messaging.averaging import Pace, Rate
 from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
 from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
@@ -69,6 +70,7 @@ class EstimatorNode(ManagedNode):
         self._input_subscriptions: list[Subscription] = []
         self._active_timers: list[Timer] = []
         self._judged: tuple[CheckResult, ...] = ()
+        self._pace: Pace | None = None  # the last one that was logged
         # guards the pipeline: an executor with threads runs services beside the other callbacks
         self._pipeline_lock = threading.Lock()
         # other callbacks run while a service waits for the disk
@@ -210,7 +212,9 @@ class EstimatorNode(ManagedNode):
         pipeline, now = self._configured, time.monotonic()
         ages = {topic: now - received for topic, received in self._received_s.items()}
         self._health.failures, self._health.resets = self.failures, pipeline.resets
-        report = self._health.report(pipeline.counters, ages)
+        rate = pipeline.rate
+        self._log_rate(rate)
+        report = self._health.report(pipeline.counters, ages, rate)
         self._judged = report.findings
         header = make(
             "std_msgs/msg/Header",
@@ -218,6 +222,15 @@ class EstimatorNode(ManagedNode):
             frame_id=pipeline.meta.body_frame,
         )
         self._health_output.publish(health_message(report, make, pipeline.meta, header))
+
+    def _log_rate(self, rate: Rate) -> None:
+        """Log the rate of the readings when their treatment changes."""
+        if math.isnan(rate.hz) or rate.pace is self._pace:
+            return
+        changed, self._pace = self._pace is not None, rate.pace
+        if changed or not rate.is_normal:
+            log = self.get_logger().warning if rate.pace else self.get_logger().info
+            log(f"readings come at {rate}")
 
     def _autosave(self) -> None:
         if self._state_file:

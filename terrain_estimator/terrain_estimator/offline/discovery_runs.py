@@ -25,6 +25,7 @@ from terrain_estimator.discovery import (
 )
 from terrain_estimator.discovery.proof.held_out import long_enough
 from terrain_estimator.discovery.runs import Refusals, run_of
+from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import MessageSet, input_synchronizer
 from terrain_estimator.observation import Observation
@@ -152,13 +153,16 @@ def read_run(bag: Path, rover: Rover, reading: BagOptions) -> RecordedRun:
 def _observations(
     reader: BagReader, rover: Rover, reading: BagOptions, refusals: Refusals
 ) -> Iterator[Observation]:
-    """Yield the observations of a bag; RunError where no messages belong to one instant."""
+    """Yield the observations of a bag at 10 Hz; RunError where no messages are of one instant."""
     used = reading.config.core
     converter = Converter(rover, reading.config.conversion, used)
     none = True
-    for complete in _paired(reader, reading, converter):
+    readings = (
+        converter.convert(complete.stamp_ns, complete.messages)
+        for complete in _paired(reader, reading, converter)
+    )
+    for converted in averaged(readings, Averager(rover.wheel_radius, used)):
         none = False
-        converted = converter.convert(complete.stamp_ns, complete.messages)
         if converted.observation is None:
             refusals.add(converted.outcome, converted.detail)
         else:

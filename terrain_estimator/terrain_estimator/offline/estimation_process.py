@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from terrain_estimator.bags import RawMessage
-from terrain_estimator.messaging.conversion import Conversion
+from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.update import Decision, Estimate, Prediction, Update
@@ -41,8 +41,8 @@ Answering: TypeAlias = Callable[[Iterable[Converted]], Iterator[Answered]]
 _Packed: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, dict[int, Conversion]]
 """A batch of n sets in few arrays.
 
-Stamps [n], values of axles [n, fields, axles] and scalars [n, fields]; sets without an observation
-by position.
+Stamps and marks [n, 2], values of axles [n, fields, axles] and scalars [n, fields]; sets without an
+observation by position.
 """
 
 
@@ -174,7 +174,14 @@ def _pack(conversions: list[Conversion]) -> _Packed:
     observations = [
         conversion.observation for conversion in conversions if conversion.observation is not None
     ]
-    stamps = np.array([observation.stamp_ns for observation in observations], dtype=np.int64)
+    stamps = np.array(
+        [
+            (conversion.stamp_ns, conversion.mark)
+            for conversion in conversions
+            if conversion.observation is not None
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 2)
     axles = np.array(
         [[getattr(observation, name) for name in AXLE_FIELDS] for observation in observations],
         dtype=np.float64,
@@ -193,5 +200,5 @@ def _unpack(packed: _Packed) -> Iterator[Conversion]:
         if at in without:
             yield without[at]
         else:
-            stamp_ns, by_axle, single = next(observations)
-            yield Conversion(stamp_ns, Observation(stamp_ns, *by_axle, *single))
+            (stamp_ns, mark), by_axle, single = next(observations)
+            yield Conversion(stamp_ns, Observation(stamp_ns, *by_axle, *single), mark=Mark(mark))

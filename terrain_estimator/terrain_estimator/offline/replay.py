@@ -31,7 +31,9 @@ from terrain_estimator.bags import (
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.estimator.saved_state import Arrays, read_state
+from terrain_estimator.messaging.averaging import RateCounts
 from terrain_estimator.messaging.conversion import Conversion
+from terrain_estimator.messaging.health import Refusals
 from terrain_estimator.messaging.history import RunHistory, WheelHistory
 from terrain_estimator.messaging.messages import status_of
 from terrain_estimator.messaging.pairing import Counters, MessageSet
@@ -82,6 +84,8 @@ class Replay:
     history: RunHistory = field(default_factory=RunHistory)
     slip: WheelHistory = field(default_factory=WheelHistory)
     sinkage: WheelHistory = field(default_factory=WheelHistory)
+    rates: RateCounts = field(default_factory=RateCounts)
+    refusals: Refusals = field(default_factory=Refusals)
     # by topic, empty where identical to live; None where not compared
     differences: dict[str, str] | None = None
 
@@ -100,6 +104,11 @@ class Replay:
     def estimates(self) -> int:
         """Number of estimates."""
         return self.outcomes.total()
+
+    @property
+    def learnt(self) -> bool:
+        """Return whether an observation was used; otherwise the last estimate is the prior."""
+        return any(outcome.used for outcome in self.outcomes)
 
     @property
     def truth(self) -> Message | None:
@@ -262,9 +271,11 @@ def _converted(
     span = reader.span
     cause: RawMessage | None = None
 
-    def convert(complete: MessageSet) -> Conversion:
+    def readings(complete: MessageSet) -> list[Conversion]:
         result.keep_wheels(complete)
-        return pipeline.convert(complete)
+        taken = pipeline.average(pipeline.convert(complete))
+        result.rates.add(pipeline.rate)
+        return taken
 
     messages = _counted(reader, ours, {names[name] for name in pipeline.inputs}, result.sequences)
     while batch := list(itertools.islice(messages, BATCH)):
@@ -279,10 +290,11 @@ def _converted(
             for raw, name, message in inputs
             for complete in pipeline.pair(name, message)
         ]
-        yield [(raw, convert(complete)) for raw, complete in sets]
+        yield [(raw, taken) for raw, complete in sets for taken in readings(complete)]
         cause = inputs[-1][0] if inputs else cause
     if cause is not None:
-        yield [(cause, convert(complete)) for complete in pipeline.rest()]
+        last = [taken for complete in pipeline.rest() for taken in readings(complete)]
+        yield [(cause, taken) for taken in (*last, *pipeline.rest_of_means())]
 
 
 def _counted(
@@ -310,6 +322,7 @@ def _keep(answers: Answered, output: _Output, result: Replay) -> None:
     output.write(answers)
     for _, answer in answers:
         result.outcomes[answer.update.decision.outcome] += 1
+        result.refusals.add(answer.update.decision)
         result.history.add(answer.update)
     if answers:
         result.first = result.first or answers[0][1]

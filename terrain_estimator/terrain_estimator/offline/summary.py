@@ -68,6 +68,10 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
         },
         "lost": dict(sorted((+replay.sequences.lost).items())),
         "late": dict(sorted((+replay.sequences.late).items())),
+        "rates": [
+            {"hz": rate.hz, "treatment": rate.pace.name, "readings": count}
+            for rate, count in replay.rates.found()
+        ],
         "status": replay.status,
         "estimate": estimate_summary(replay),
         "wall_s": replay.wall_s,
@@ -80,8 +84,11 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
 
 
 def estimate_summary(replay: Replay) -> dict[str, Any]:
-    """Return the last estimate with the truth, where the bag has it."""
-    if replay.last is None:
+    """Return the last estimate with the truth, where the bag has it.
+
+    It is empty where nothing was learnt: a prior is no estimate.
+    """
+    if replay.last is None or not replay.learnt:
         return {}
     estimate, truth = replay.last.update.estimate, replay.truth
     result = {}
@@ -163,11 +170,15 @@ def remarks(replay: Replay) -> list[str]:
     lines = list(replay.notes)
     if replay.missing_s:
         lines.append(f"{replay.bag}: the last {replay.missing_s:.1f} s are missing")
+    lines += [f"{replay.name}: {line}" for line in replay.rates.lines()]
     lines += [
         f"{replay.name}: {count} x {outcome.name}: {outcome.advice}"
         for outcome, count in sorted(replay.outcomes.items())
         if outcome.advice
     ]
+    if replay.estimates and not replay.learnt:
+        reason = replay.refusals.words() or Outcome.STANDSTILL.advice
+        lines.append(f"{replay.name}: NO ESTIMATE, no observation was used: {reason}")
     if (gated := replay.outcomes[Outcome.GATED]) > SUSPICIOUS_SHARE * replay.estimates:
         lines.append(
             f"{replay.name}: {gated / replay.estimates:.0%} are GATED: check that the model"

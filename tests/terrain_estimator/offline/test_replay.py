@@ -146,6 +146,53 @@ def test_bags_of_one_name_do_not_replace_each_others_estimates(
     assert (tmp_path / "first/run.1_recovered").is_dir()
 
 
+def test_a_bag_of_which_nothing_is_used_gives_no_estimate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The prior is no estimate, whatever the reason."""
+    types = Types()
+    events = list(drive_messages(types.make, 2.0))
+    for topic, _, message in events:
+        if topic == "wheel_slip":
+            message.wheel = [f"wheel_{at}" for at in range(6)]
+    wrong = write_bag(tmp_path / "wrong", events, types)
+    code, summary = run(tmp_path / "out", wrong, "--report", tmp_path / "report.html")
+    assert code == replay.NOTHING
+    assert (summary["bags"][0]["estimates"], summary["bags"][0]["estimate"]) == (20, {})
+    words = capsys.readouterr().out
+    assert "NO ESTIMATE, no observation was used: 20 WRONG_WHEELS (publish the wheel" in words
+    assert "got wheels ['wheel_0'" in words
+    assert "2.75" not in words
+    assert "NO ESTIMATE" in (tmp_path / "report.html").read_text()
+
+
+def test_readings_at_50_hz_are_averaged_and_the_summary_names_their_rate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The stamps of a drive are put five times closer, in a bag and in a pipeline as live."""
+    types = Types()
+    events = list(drive_messages(types.make, SECONDS))
+    for stamp in {id(each.header.stamp): each.header.stamp for _, _, each in events}.values():
+        passed_ns = stamp.sec * 10**9 + stamp.nanosec - 100 * 10**9
+        stamp.sec, stamp.nanosec = divmod(100 * 10**9 + passed_ns // 5, 10**9)
+    fast = write_bag(tmp_path / "fast", events, types)
+    code, summary = run(tmp_path / "out", fast)
+    assert code == 0
+    result = summary["bags"][0]
+    assert result["rates"] == [{"hz": 50.0, "treatment": "AVERAGE", "readings": 80}]
+    assert "80 readings at 50 Hz, averaged to 10 Hz" in capsys.readouterr().out
+    live = Pipeline(load_model(), EstimatorConfig())
+    answers = [each for topic, _, message in events for each in live.add(topic, message)]
+    answers += live.flush()
+    replayed = estimates(tmp_path / "out/fast_estimates")
+    assert len(replayed) == len(answers) == 17
+    assert [each.cohesion for each in replayed] == [
+        answer.update.estimate.mean[0] for answer in answers
+    ]
+    assert replayed[-1].observations_used == 16
+    assert "mean of 5 readings at 50 Hz" in replayed[-1].status_text
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
