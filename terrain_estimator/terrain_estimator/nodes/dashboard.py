@@ -38,7 +38,8 @@ class Dashboard(Node):
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
         super().__init__("dashboard", automatically_declare_parameters_from_overrides=True)
         self._config = declare(self, DashboardConfig)
-        self._model = LiveModel(uuid.uuid4().hex, self._config.shown)
+        resume = self.resolve_service_name("planner/resume")
+        self._model = LiveModel(uuid.uuid4().hex, self._config.shown, resume)
         self._taken = 0
         self._turn = guarded_turn(self)
         self._inactivity = InactivityMonitor(self, LISTENED, QOS)
