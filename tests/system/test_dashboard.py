@@ -234,7 +234,7 @@ def drawn_when_scrolled_to(page: Page) -> None:
         page.locator(f"#{name}").scroll_into_view_if_needed()
         chart = [name, line]
         wait_until(
-            lambda chart=chart: page.evaluate(drawn, chart) > STEPS // 2,  # type: ignore[misc]
+            lambda chart=chart: page.evaluate(drawn, chart) > STEPS // 4,  # type: ignore[misc]
             f"{name} is drawn",
         )
 

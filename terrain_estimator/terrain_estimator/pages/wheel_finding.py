@@ -51,11 +51,16 @@ def _verdict(finding: Finding) -> say.Headline:
     found, gap = say.verdict(finding), finding["gap"]
     if gap["described"]:
         return found
-    headline = (
-        "No effect identified: the model does not describe these tables"
-        if found.name == "none"
-        else f"{found.headline}; the model does not describe these tables"
-    )
+    misfit = "the model does not describe these tables"
+    if found.name == "none":
+        headline = f"No effect identified: {misfit}"
+    elif gap["proven"]:
+        headline = f"{found.headline}; even with that {misfit}"
+    else:
+        closest = found.headline.removeprefix("The model lacks ")
+        headline = "The model does not describe these tables" + (
+            f"; it may lack {closest}" if closest != found.headline else ""
+        )
     sentence = undescribed(gap["before"] if gap["after"] is None else gap["after"])
     return dataclasses.replace(
         found,

@@ -55,3 +55,27 @@ def test_the_headline_agrees_with_the_table_and_with_the_held_out_errors(
     assert re.findall("<h1>(.*)</h1>", page) == [headline]
     assert ("14 deviations of repeatability, more than" in page) is not described
     assert ("Also possible: slip_sinkage" in page) is (none < 0.5)
+
+
+@pytest.mark.parametrize(
+    ("proven", "headline"),
+    [
+        (None, "The model does not describe these tables; it may lack slip_sinkage"),
+        (
+            True,
+            "The model lacks slip_sinkage; even with that the model does not describe these tables",
+        ),
+    ],
+)
+def test_an_effect_that_leaves_large_errors_is_not_called_the_answer(
+    *, proven: bool | None, headline: str
+) -> None:
+    given = finding(described=False, none=0.1)
+    effect = {"name": "slip_sinkage", "coefficient": 0.8, "sd": 0.4, "unit": "1"}
+    given["effects"] = [effect | {"probability": 0.9, "log_bayes_factor": 9.0}]
+    given |= {"verdict": "named", "probabilities": {"none": 0.1, "slip_sinkage": 0.9}}
+    given["gap"] |= {"after": 13.0, "proven": proven}
+    given["gap"]["rows"]["sinkage"]["after"] = 0.013
+    page = wheel_page(given)
+    assert re.findall("<h1>(.*)</h1>", page) == [headline]
+    assert "13 deviations of repeatability, more than" in page

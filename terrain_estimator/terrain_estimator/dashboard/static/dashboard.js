@@ -33,8 +33,10 @@ function showMost(name, topic, scale) {
   const k = values.reduce((best, value, at) => (value !== null && (best < 0 || value > values[best]) ? at : best), -1);
   const target = element(`most-${name}`).firstElementChild;
   show(target, k < 0 ? null : values[k], number(k < 0 ? null : scale * values[k]));
-  say(element(`most-${name}-wheel`), k >= 0 ? plain(wheel[k]) : wheel.length ? "no wheel has a value now" : "no data");
+  say(element(`most-${name}-wheel`), k >= 0 ? plain(wheel[k]) : wheel.length ? unmeasured() : "no data");
 }
+
+const unmeasured = () => (store.now.terrain_estimate?.status === "STANDING_STILL" ? "no value: the rover stands" : "no wheel has a value now");
 
 /** Grey out what is no longer current, and write its age beside it. */
 function showAges() {
