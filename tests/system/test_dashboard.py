@@ -34,13 +34,15 @@ def browser() -> Iterator[Browser]:
 class Rover:
     """Says on every topic that is shown what a rover would say."""
 
-    def __init__(self, listener: Listener) -> None:
+    def __init__(self, listener: Listener, namespace: str = "") -> None:
         self._listener = listener
         quality = {
             topic: LATCHED if kind == TRUTH else RELIABLE for topic, (kind, _) in TOPICS.items()
         }
         self._outputs = {
-            topic: listener.publisher(message_class(kind), topic, quality[topic])
+            topic: listener.publisher(
+                message_class(kind), f"{namespace}/{topic}" if namespace else topic, quality[topic]
+            )
             for topic, (kind, _) in TOPICS.items()
         }
 
@@ -141,13 +143,14 @@ def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
         assert {selector: shown(page, selector) for selector in expected} == expected
         assert page.locator("#stop").inner_text() == "Stop: the wheels slip"
         history_equals_the_topics(page)
-        assert (
-            page.locator("#cohesion canvas").get_attribute("aria-label")
-            == "Cohesion c: now 1.54, 95 percent between 1.34 and 1.74 kPa"
+        assert re.fullmatch(
+            r"Cohesion c: (now|last) 1.54, 95 percent between 1.34 and 1.74 kPa",
+            page.locator("#cohesion canvas").get_attribute("aria-label") or "",
         )
         depths = "front left 15.4, front right 16.4, rear left 17.4, rear right 18.4 mm"
-        assert (
-            page.locator("#sinkage canvas").get_attribute("aria-label") == f"Sinkage now: {depths}"
+        assert re.fullmatch(
+            f"Sinkage (now|last): {depths}",
+            page.locator("#sinkage canvas").get_attribute("aria-label") or "",
         )
         usable_by_everybody(page)
         assert it.said == []
@@ -185,6 +188,57 @@ def usable_by_everybody(page: Page) -> None:
     assert page.locator("#connection").inner_text() == "paused"
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_what_has_ended_is_old_and_not_identified_and_a_stop_stays_with_its_way_out(
+    start: Starter, listener: Listener, browser: Browser, scheme: str
+) -> None:
+    process = start(
+        "terrain_estimator", "dashboard", "--ros-args", "-p", "port:=0", "-r", "__ns:=/rover1"
+    )
+    url, rover = url_of(process), Rover(listener, "/rover1")
+    with opened(browser, url, DESK, scheme) as it:
+        page = it.page
+        rover.drive(range(STEPS))
+        rover.say("traction_advice", advice(make, STEPS, stop=True))
+        page.locator("#stopped").wait_for()
+        assert page.locator("#resume").inner_text() == (
+            "ros2 service call /rover1/planner/resume std_srvs/srv/Trigger"
+        )
+        assert page.evaluate("getComputedStyle(stopped).backgroundColor") == "rgb(179, 38, 30)"
+        page.locator("#verdict[data-level=old]").wait_for()
+        page.locator("#now > .stale .age").first.wait_for()
+        assert page.locator("#now > :not(.stale)").count() == 0
+        header = page.locator("header").inner_text()
+        assert re.search(r"no current estimate\s+The last estimate is \d+ s old", header)
+        for text in (header, page.locator("#now").inner_text()):
+            assert "identified" not in text
+        assert page.locator("#stop").inner_text() == "Stop: the wheels slip"
+        drawn_when_scrolled_to(page)
+        found = Axe().run(page)
+        assert found.violations_count == 0, found.generate_report()
+        words = page.evaluate(
+            "async () => { const {clock, number, duration} = await import('/words.js');"
+            " return [clock(-0.4), number(-1e-4, 0.1), duration(61), duration(7261)]; }"
+        )
+        assert words == ["0:00", "0.00", "1 min 1 s", "2 h 1 min"]
+        assert it.said == []
+
+
+def drawn_when_scrolled_to(page: Page) -> None:
+    """Check that a chart below the fold gets its lines though no data arrives any more."""
+    drawn = (
+        "([name, line]) => Chart.getChart(document.querySelector(`#${name} canvas`))"
+        ".getDatasetMeta(line).data.length"
+    )
+    for name, line in (("change", 0), ("track", 1), ("height", 1)):
+        page.locator(f"#{name}").scroll_into_view_if_needed()
+        chart = [name, line]
+        wait_until(
+            lambda chart=chart: page.evaluate(drawn, chart) > STEPS // 4,  # type: ignore[misc]
+            f"{name} is drawn",
+        )
+
+
 def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken(
     start: Starter, listener: Listener, browser: Browser
 ) -> None:
@@ -204,7 +258,7 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
         planner = it.page.locator("#advice")
         wait_until(
             lambda: planner.inner_text() == "planner: at most 0.0815 m/s",
-            "the planner is heard",
+            "the planner's limit is shown",
             seen=planner.inner_text,
         )
         awaits(it.page, '[data-path="odom/x"]', 0.01 * (STEPS - 1))

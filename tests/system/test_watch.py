@@ -3,6 +3,7 @@
 """The watch as a process of its own, on real DDS."""
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -11,11 +12,13 @@ import time
 from pathlib import Path
 
 import pytest
+from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
+from std_msgs.msg import Header
 
-from msg_defs.msg import TerrainEstimate, WheelSinkage, WheelSlip
+from msg_defs.msg import TerrainEstimate, TractionAdvice, WheelSinkage, WheelSlip
 from rover_parameters.records import ConfigError
-from terrain_estimator.nodes.watch import Watch
+from terrain_estimator.nodes.watch import Watch, advised
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 from tests.system.waiting import wait_until
@@ -62,6 +65,43 @@ def test_it_says_why_it_hears_nothing_then_what_it_hears_and_at_which_rates(
     assert report["rate_hz"]["wheel_slip"] == pytest.approx(
         10.0, rel=0.1
     )  # 20 a second, at twice real time
+
+
+def test_a_stop_is_printed_at_once_with_its_way_out_and_stays_on_every_line(
+    listener: Listener, capsys: pytest.CaptureFixture[str]
+) -> None:
+    listener.host(Watch, parameter_overrides=[Parameter("period", value=0.1)])
+    publishers = {
+        topic: listener.publisher(kind, topic)
+        for topic, kind in (KINDS | {"traction_advice": TractionAdvice}).items()
+    }
+    lines: list[str] = []
+
+    def printed(words: str) -> bool:
+        lines.extend(capsys.readouterr().out.splitlines())
+        return any(words in line for line in lines)
+
+    publishers["traction_advice"].publish(TractionAdvice(stop=True, status_text="wheels slip"))
+    listener.spin_until(lambda: printed("STOP: wheels slip. It holds"), "the stop is printed")
+    assert "ros2 service call /planner/resume std_srvs/srv/Trigger" in lines[-1]
+    stamp = Header(stamp=Time(sec=3661))
+    for topic, kind in KINDS.items():
+        publishers[topic].publish(kind(header=stamp))
+    listener.spin_until(lambda: printed("| STOP: wheels slip"), "a line has the stop")
+    assert lines[-1].startswith("61:01.0 | c ")
+    publishers["traction_advice"].publish(
+        TractionAdvice(known=True, speed_limit=0.0815, status_text="")
+    )
+    listener.spin_until(lambda: printed("the stop is withdrawn"), "the end of it is printed")
+
+
+def test_old_advice_has_its_age_and_an_old_limit_is_none() -> None:
+    limit = TractionAdvice(known=True, speed_limit=0.0815)
+    assert advised(None, math.inf) == ""
+    assert advised(limit, 0.5) == " | at most 0.0815 m/s"
+    assert advised(limit, 61.0) == " | planner: no advice for 1 min 1 s"
+    stop = TractionAdvice(stop=True, status_text="wheels slip")
+    assert advised(stop, 61.0) == " | STOP: wheels slip (no advice for 1 min 1 s)"
 
 
 def test_its_memory_grows_for_a_report_alone(listener: Listener, tmp_path: Path) -> None:

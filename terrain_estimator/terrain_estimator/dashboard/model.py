@@ -53,9 +53,12 @@ class Cursor:
 class LiveModel:
     """Content of the page; each viewer gets the part that it lacks."""
 
-    def __init__(self, session: str, config: ShownConfig) -> None:
+    def __init__(
+        self, session: str, config: ShownConfig, resume_service: str = "/planner/resume"
+    ) -> None:
         """Start without messages; ``session`` identifies this run of the node."""
         self._session, self._config = session, config
+        self._resume_service = resume_service
         self.revision = 0  # grows with every message
         self._now: dict[str, Values] = {}
         self._received_s: dict[str, float] = {}
@@ -183,6 +186,7 @@ class LiveModel:
                 "columns": self.columns,
                 "wheels": self._wheels,
                 "window": self._config.window_s,
+                "resume": self._resume_service,
                 "outcomes": [each.name for each in Outcome],
                 "statuses": [each.name for each in Status],
                 "levels": [each.name for each in Level],

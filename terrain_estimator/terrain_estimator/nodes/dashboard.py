@@ -13,6 +13,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from rover_parameters.command_line import run
 from terrain_estimator.config.dashboard import DashboardConfig
+from terrain_estimator.dashboard.log_limit import limited_log
 from terrain_estimator.dashboard.model import LiveModel
 from terrain_estimator.dashboard.values import TOPICS
 from terrain_estimator.dashboard.web import WebServer
@@ -37,7 +38,8 @@ class Dashboard(Node):
         """Read the parameters and subscribe. Raises ConfigError where one is wrong."""
         super().__init__("dashboard", automatically_declare_parameters_from_overrides=True)
         self._config = declare(self, DashboardConfig)
-        self._model = LiveModel(uuid.uuid4().hex, self._config.shown)
+        resume = self.resolve_service_name("planner/resume")
+        self._model = LiveModel(uuid.uuid4().hex, self._config.shown, resume)
         self._taken = 0
         self._turn = guarded_turn(self)
         self._inactivity = InactivityMonitor(self, LISTENED, QOS)
@@ -69,9 +71,15 @@ class Dashboard(Node):
 
     async def serve(self, stop: threading.Event) -> None:
         """Serve the page until ``stop`` is set. Raises ConfigError where the port is taken."""
-        server = WebServer(self._model, self._config.address, self._config.port)
-        self.get_logger().info(f"ready: {server.url}")
-        await server.serve(stop, self._config.rate, self._take_all)
+        with limited_log(self.get_logger().warning) as log:
+            server = WebServer(self._model, self._config.address, self._config.port)
+            self.get_logger().info(f"ready: {server.url}")
+
+            def take() -> None:
+                self._take_all()
+                log.report()
+
+            await server.serve(stop, self._config.rate, take)
 
 
 def main() -> int:

@@ -5,6 +5,7 @@
 import json
 import math
 import sys
+import time
 from array import array
 from pathlib import Path
 from typing import Any
@@ -18,12 +19,14 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.watch import WatchConfig
+from terrain_estimator.console.times import clock, duration
 from terrain_estimator.messaging.arrival_rates import timing
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.inactivity import InactivityMonitor
 from terrain_estimator.nodes.common.message_types import message_class
 from terrain_estimator.nodes.common.running import guarded, serve
 from terrain_estimator.topics import (
+    ADVICE,
     HEALTH,
     INPUT_TYPES,
     LISTENED,
@@ -35,6 +38,9 @@ from terrain_estimator.topics import (
 TOPICS = {**INPUT_TYPES, **OUTPUT_TYPES, "estimator_health": HEALTH}
 SHOWN = ("wheel_slip", "wheel_sinkage", "terrain_estimate")
 TRUTH = "ground_truth/terrain"
+TRACTION = "traction_advice"
+SILENT_S = 2.5
+"""[s] Age from which the planner's speed limit is not current."""
 QOS = QoSProfile(depth=1000)
 
 
@@ -69,6 +75,10 @@ class Watch(Node):
             TRUTH,
             guarded(self, lambda message: self._last.update({TRUTH: message})),
             latched,
+        )
+        self._advised_s = -math.inf
+        self.create_subscription(
+            message_class(ADVICE), TRACTION, guarded(self, self._take_advice), QOS
         )
         self.create_timer(
             self._config.period_s,
@@ -127,6 +137,19 @@ class Watch(Node):
             kind, topic, guarded(self, receive), QOS, event_callbacks=events, raw=topic not in SHOWN
         )
 
+    def _take_advice(self, message: Message) -> None:
+        """Keep the advice; print at once that a stop is recommended, or withdrawn."""
+        stopped = TRACTION in self._last and self._last[TRACTION].stop
+        self._last[TRACTION], self._advised_s = message, time.monotonic()
+        if message.stop and not stopped:
+            resume = self.resolve_service_name("planner/resume")
+            self._print(
+                f"STOP: {message.status_text}. It holds until an operator withdraws it:"
+                f" ros2 service call {resume} std_srvs/srv/Trigger"
+            )
+        elif stopped and not message.stop:
+            self._print("the stop is withdrawn")
+
     def _show(self) -> None:
         """Print a line where a new estimate has arrived."""
         if (
@@ -134,7 +157,8 @@ class Watch(Node):
             and self._last["terrain_estimate"] is not self._shown
         ):
             self._shown = self._last["terrain_estimate"]
-            self._print(live_line(self._last))
+            silent_s = time.monotonic() - self._advised_s
+            self._print(f"{live_line(self._last)}{advised(self._last.get(TRACTION), silent_s)}")
 
     def _print(self, text: str) -> None:
         sys.stdout.write(f"{text}\n")
@@ -151,7 +175,7 @@ def live_line(last: dict[str, Message]) -> str:
         for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage"))
     )
     parts = [
-        f"{stamp_ns(estimate) * 1e-9:6.1f} s",
+        clock(stamp_ns(estimate) * 1e-9),
         (
             f"c {_interval(cohesion, 1e-3, '.2f')}"
             f" kPa{'' if truth is None else f', truth {truth.cohesion * 1e-3:.2f}'}"
@@ -165,6 +189,22 @@ def live_line(last: dict[str, Message]) -> str:
         estimate.decision.outcome_name.lower(),
     ]
     return " | ".join(parts)
+
+
+def advised(advice: Message, silent_s: float) -> str:
+    """Format the planner's advice of ``silent_s`` ago as the end of a line; empty without any.
+
+    An old speed limit no longer applies. A stop holds until it is withdrawn.
+    """
+    if advice is None:
+        return ""
+    old = f"no advice for {duration(silent_s)}" if silent_s > SILENT_S else ""
+    if advice.stop:
+        return f" | STOP: {advice.status_text}{old and f' ({old})'}"
+    if old:
+        return f" | planner: {old}"
+    known = advice.known and math.isfinite(advice.speed_limit)
+    return f" | at most {advice.speed_limit:.3g} m/s" if known else " | no speed limit yet"
 
 
 def _interval(values: tuple[float, float, float], scale: float, form: str) -> str:

@@ -15,7 +15,7 @@ from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of
 from terrain_estimator.discovery.single_wheel.investigation import FLOOR, HeldOut
 from terrain_estimator.observation import Floats
 from terrain_estimator.offline.effect_entries import effect_entries
-from terrain_estimator.pages.finding_words import doubt_note
+from terrain_estimator.pages.wheel_finding import undescribed
 
 NOT_IDENTIFIED = (
     "c and tan phi are not identified: these tables have no drive torque, so both were left free"
@@ -85,6 +85,7 @@ def _gap(outcome: WheelFinding, bed: Rig, seed: int) -> dict[str, Any]:
         "closed_95": None if interval is None or room <= 0.0 else [end / room for end in interval],
         "rows": _gap_by_row(errors, bed),
         "proven": outcome.proven,
+        "described": errors.described,
         "settings": errors.settings,
     }
 
@@ -112,7 +113,10 @@ def wheel_sentence(outcome: WheelFinding, bed: Rig) -> str:
     judgement = outcome.judgement
     labels = ", ".join(each.label for each in judgement.named)
     words = {
-        Verdict.NONE: "no missing effect shows in these tables",
+        Verdict.NONE: (
+            "no effect is identified: the most probable answer is that nothing is missing"
+            f" ({judgement.probabilities['none']:.0%})"
+        ),
         Verdict.NAMED: f"named: {labels}",
         Verdict.CONFUSABLE: f"confusable: {labels}. To separate: {outcome.separate_by}",
         Verdict.UNKNOWN: (
@@ -120,12 +124,13 @@ def wheel_sentence(outcome: WheelFinding, bed: Rig) -> str:
             f" {outcome.left[0]} row)"
         ),
     }[judgement.verdict]
-    words += doubt_note(judgement.verdict, judgement.probabilities)
     before, after = outcome.held_out.rms(bed.repeatability)
+    if not outcome.held_out.described:
+        words = f"{undescribed(before if after is None else after)}; {words}"
     proven = {None: "too few settings to prove it", True: "proven", False: "not proven"}[
         outcome.proven
     ]
-    told = (
+    gap = (
         ""
         if after is None
         else (
@@ -133,4 +138,4 @@ def wheel_sentence(outcome: WheelFinding, bed: Rig) -> str:
             f" {proven}"
         )
     )
-    return f"{words}{told}. {NOT_IDENTIFIED[0].upper()}{NOT_IDENTIFIED[1:]}."
+    return f"{words}{gap}. {NOT_IDENTIFIED[0].upper()}{NOT_IDENTIFIED[1:]}."

@@ -49,6 +49,10 @@ _DOUBTS = {
 """Beginning of the headline, and the most probable answer, where that names no effect."""
 
 
+_LIKELY, _POSSIBLE = 0.5, 0.05
+"""[1] Probabilities below which nothing missing is in doubt, and an answer is not listed."""
+
+
 def doubt(verdict: str, probabilities: Mapping[str, float]) -> str:
     """Return the answer that is more probable than every effect which a verdict names.
 
@@ -76,7 +80,19 @@ def what_it_is(name: str) -> str:
 
 
 def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
-    sure = probability(finding["probabilities"]["none"])
+    chances = finding["probabilities"]
+    sure = probability(chances["none"])
+    if chances["none"] < _LIKELY:
+        others = sorted(set(chances) - {"none"}, key=lambda name: -chances[name])
+        listed = Markup("; ").join(
+            Markup("{} {}").format(name, probability(chances[name]))
+            for name in others
+            if chances[name] >= _POSSIBLE
+        )
+        return "No effect identified", Markup(
+            "The most probable answer is that nothing is missing ({}). That is not certain. Also"
+            " possible: {}."
+        ).format(sure, listed)
     sentence = Markup(
         "No effect explains the measurements better than the model without one, and neither does a"
         " discrepancy without a name (probability that nothing is missing: {}). An effect that is"

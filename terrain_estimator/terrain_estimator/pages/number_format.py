@@ -89,4 +89,5 @@ def _places(sd: float) -> int:
 
 
 def _fixed(value: float, places: int) -> str:
-    return f"{value:.{places}f}".replace("-", _MINUS)
+    text = f"{value:.{places}f}"
+    return text.replace("-", _MINUS if float(text) else "")  # no minus before a zero

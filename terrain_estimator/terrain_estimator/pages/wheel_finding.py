@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report about tables of one wheel: one page from the content of finding.json."""
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from typing import Any
@@ -23,7 +24,7 @@ def wheel_page(finding: Finding) -> str:
     listed, rest = candidates(finding)
     return page(
         "wheel_finding.html",
-        verdict=say.verdict(finding),
+        verdict=_verdict(finding),
         asked={**finding, **finding["asked"], "library": library(finding)},
         candidates=listed,
         rest=rest,
@@ -34,6 +35,38 @@ def wheel_page(finding: Finding) -> str:
         left_out=finding["left_out"],
         separate_by=say.separation(finding["separate_by"]),
         everything=json.dumps(finding, indent=1, ensure_ascii=False),
+    )
+
+
+def undescribed(deviations: float) -> str:
+    """Return the statement about a model whose errors are too large for a true one."""
+    return (
+        f"the model does not describe these tables: its held-out error is {deviations:.2g}"
+        " deviations of repeatability, more than a true model has with these free parameters"
+    )
+
+
+def _verdict(finding: Finding) -> say.Headline:
+    """Return the verdict, with the statement that the model does not describe the tables."""
+    found, gap = say.verdict(finding), finding["gap"]
+    if gap["described"]:
+        return found
+    misfit = "the model does not describe these tables"
+    if found.name == "none":
+        headline = f"No effect identified: {misfit}"
+    elif gap["proven"]:
+        headline = f"{found.headline}; even with that {misfit}"
+    else:
+        closest = found.headline.removeprefix("The model lacks ")
+        headline = "The model does not describe these tables" + (
+            f"; it may lack {closest}" if closest != found.headline else ""
+        )
+    sentence = undescribed(gap["before"] if gap["after"] is None else gap["after"])
+    return dataclasses.replace(
+        found,
+        sign="?",
+        headline=headline,
+        sentence=found.sentence + f" {sentence[0].upper()}{sentence[1:]}.",
     )
 
 

@@ -5,6 +5,7 @@
 import csv
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,14 @@ import torch
 
 from terrain_estimator.cli import single_wheel
 from terrain_estimator.cli.find_missing_effect import main
-from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
+from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of, of_one_wheel
 from terrain_estimator.discovery.single_wheel.cells import wheel_alone
+from terrain_estimator.discovery.single_wheel.investigation import (
+    BY_RATE,
+    BY_SLIP,
+    by_probability,
+)
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table, rim_slip
 from terramechanics.simulation.plant import (
     ContactInputs,
@@ -181,6 +188,46 @@ def test_where_nothing_is_missing_nothing_is_named(tmp_path: Path) -> None:
         "trial",
     )
     assert finding["verdict"] == "none"
+    assert finding["gap"]["described"] is True
+
+
+def test_errors_far_beyond_repeatability_are_in_the_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    finding = found(
+        table(tmp_path / "scattered.csv", [], (0.05, 0.2)),
+        *("--library", "slip_sinkage", "--hold-out-by", "trial"),
+        *("--sinkage-sd", "1e-5", "--pull-sd", "0.01"),
+    )
+    assert finding["gap"]["before"] > 5.0
+    assert finding["gap"]["described"] is False
+    assert "the model does not describe these tables" in capsys.readouterr().out
+    page = (tmp_path / "scattered" / "report.html").read_text(encoding="utf-8")
+    headline = re.search("<h1>(.*)</h1>", page)
+    assert headline
+    assert "model does not describe these tables" in headline[1]
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "verdict", "names"),
+    [
+        ({"none": 0.436, "unknown": 0.004, BY_SLIP: 0.28, BY_RATE: 0.28}, Verdict.NONE, []),
+        ({"none": 0.2, "unknown": 0.4, BY_SLIP: 0.2, BY_RATE: 0.2}, Verdict.UNKNOWN, [BY_SLIP]),
+        (
+            {"none": 0.2, "unknown": 0.2, BY_SLIP: 0.3, BY_RATE: 0.3},
+            Verdict.CONFUSABLE,
+            [BY_SLIP, BY_RATE],
+        ),
+    ],
+)
+def test_the_verdict_is_the_first_of_its_own_probabilities(
+    probabilities: dict[str, float], verdict: Verdict, names: list[str]
+) -> None:
+    named = tuple(of_one_wheel([BY_SLIP, BY_RATE]))
+    judgement = by_probability(Judgement(Verdict.CONFUSABLE, named, probabilities))
+    assert judgement.verdict is verdict
+    assert [each.label for each in judgement.named] == names
+    assert judgement.probabilities == probabilities
 
 
 def test_a_side_that_ploughs_is_named_and_the_lateral_force_of_another_trial_is_met_better(

@@ -46,7 +46,7 @@ export function restyle() {
 
 /** Draw the charts in sight, unless nothing has changed since the last time. */
 export function drawCharts(store, view, always) {
-  const state = `${store.time}/${store.recent.length}`;
+  const state = `${store.time}/${store.recent.length}/${Object.keys(store.ages).filter((topic) => store.isStale(topic))}`;
   if (state === drawn && !always) return;
   drawn = state;
   const drive = store.drive, rows = view.whole ? drive : store.recent;
@@ -60,6 +60,9 @@ export function drawCharts(store, view, always) {
   }
 }
 
+/** The word before a value: the last one may be old. */
+const when = (store, topic) => (store.isStale(topic) ? "last" : "now");
+
 const DRAW = {
   cohesion: (...given) => band("cohesion", "Cohesion c", "kPa", 1e-3, ...given),
   tan_phi: (...given) => band("tan_phi", "Friction, as tan φ", "1", 1, ...given),
@@ -69,7 +72,7 @@ const DRAW = {
     chart.data.datasets[0].data = store.points(rows, "change_probability", 100);
     fitTime(chart, span);
     const now = store.at("terrain_estimate/change_probability");
-    return { words: `Probability that the ground changed: now ${number(now === null ? null : 100 * now)} percent`, rows, columns: [["probability [%]", "change_probability", 100]] };
+    return { words: `Probability that the ground changed: ${when(store, "terrain_estimate")} ${number(now === null ? null : 100 * now)} percent`, rows, columns: [["probability [%]", "change_probability", 100]] };
   },
   timeline(chart, store, rows, span) {
     const names = store.begin;
@@ -78,8 +81,8 @@ const DRAW = {
       ({ from, to, value }) => ({ x: [from, to], y: LANES[k], state: plain(states[value]), look: looks[states[value]] ?? "bad" }),
     ));
     fitTime(chart, span);
-    const now = LANES.map((lane) => `${lane} ${chart.data.datasets[0].data.filter((item) => item.y === lane).pop()?.state ?? "not known"}`);
-    return { words: `Timeline: now ${now.join(", ")}`, rows, columns: lanes.map(([column, states], k) => [LANES[k], column, (value) => plain(states[value])]) };
+    const last = LANES.map((lane) => `${lane} ${chart.data.datasets[0].data.filter((item) => item.y === lane).pop()?.state ?? "not known"}`);
+    return { words: `Timeline: ${when(store, "terrain_estimate")} ${last.join(", ")}`, rows, columns: lanes.map(([column, states], k) => [LANES[k], column, (value) => plain(states[value])]) };
   },
   track(chart, store, rows) {
     const [x, y] = ["x", "y"].map((axis) => store.points(rows, axis));
@@ -88,7 +91,7 @@ const DRAW = {
     chart.data.datasets[0].data = odometry ? [{ x: odometry.x, y: odometry.y }] : [];
     chart.data.datasets[0].rotation = 90 - (180 / Math.PI) * (odometry?.heading ?? 0);
     fitPlane(chart, odometry ? [...line, odometry] : line);
-    const words = odometry ? `the rover is at x ${number(odometry.x)}, y ${number(odometry.y)} metres` : "no odometry";
+    const words = odometry ? `${when(store, "odom")} at x ${number(odometry.x)}, y ${number(odometry.y)} metres` : "no odometry";
     return { words: `Track from above: ${words}`, rows, columns: [["x [m]", "x", 1], ["y [m]", "y", 1], ["speed [m/s]", "velocity", 1]] };
   },
   height(chart, store, rows) {
@@ -104,7 +107,7 @@ const DRAW = {
     chart.data.datasets[0].data = end === null ? [] : [{ x: way, y: end }];
     chart.data.datasets[0].rotation = 90;
     chart.options.scales.x.min = 0;
-    return { words: `Height along the way: now ${number(end)} metres after ${number(way)} metres`, rows, columns: [["z [m]", "z", 1]] };
+    return { words: `Height along the way: ${when(store, "odom")} ${number(end)} metres after ${number(way)} metres`, rows, columns: [["z [m]", "z", 1]] };
   },
 };
 
@@ -120,7 +123,7 @@ function band(name, title, unit, scale, chart, store, rows, span) {
   const [now, low, high] = ["", "_lower_95", "_upper_95"].map((part) => store.at(`terrain_estimate/${name}${part}`));
   const scaled = (value) => number(value === null ? null : scale * value);
   return {
-    words: `${title}: now ${scaled(now)}, 95 percent between ${scaled(low)} and ${scaled(high)} ${unit === "1" ? "" : unit}`.trim(),
+    words: `${title}: ${when(store, "terrain_estimate")} ${scaled(now)}, 95 percent between ${scaled(low)} and ${scaled(high)} ${unit === "1" ? "" : unit}`.trim(),
     rows,
     columns: [["mean", name], ["68 %, lower", `${name}_lower_68`], ["68 %, upper", `${name}_upper_68`], ["95 %, lower", `${name}_lower_95`], ["95 %, upper", `${name}_upper_95`]].map(([head, column]) => [`${head} [${unit}]`, column, scale]),
   };
@@ -156,7 +159,7 @@ function wheels(name, title, unit, scale, chart, store, rows, span) {
   const measured = store.now[`wheel_${name}`] ?? { wheel: [], [name]: [] };
   const now = names.map((wheel) => measured[name][measured.wheel.indexOf(wheel)] ?? null); // each topic has an order of its own
   return {
-    words: `${title} now: ${names.map((wheel, k) => `${plain(wheel)} ${number(now[k] === null ? null : scale * now[k])}`).join(", ")} ${unit === "1" ? "" : unit}`.trim(),
+    words: `${title} ${when(store, `wheel_${name}`)}: ${names.map((wheel, k) => `${plain(wheel)} ${number(now[k] === null ? null : scale * now[k])}`).join(", ")} ${unit === "1" ? "" : unit}`.trim(),
     rows,
     columns: names.map((wheel, k) => [`${plain(wheel)} [${unit}]`, `${name}_${k}`, scale]),
   };
@@ -185,7 +188,8 @@ function fill(table, store, { rows, columns }) {
   table.replaceChildren(make("thead", {}, head), make("tbody", {}, ...body));
 }
 
-const time = (seconds, store) => `${clock(seconds + store.origin)}${fixed((seconds + store.origin) % 1, 1).slice(-2)}`;
+const tenths = (seconds) => fixed(Math.floor(10 * (seconds % 1)) / 10, 1).slice(-2);
+const time = (seconds, store) => `${clock(seconds + store.origin)}${tenths(seconds + store.origin)}`;
 
 function cell(row, store, [, column, scale]) {
   const value = row[store.index[column]], data = make("data");

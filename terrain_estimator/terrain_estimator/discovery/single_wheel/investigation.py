@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from terrain_estimator.discovery.evidence.search import Progress
 from terrain_estimator.discovery.evidence.verdict import (
@@ -33,6 +34,8 @@ FLOOR = 1.0
 """[deviations of repeatability] Root mean square error of a model that is true."""
 FEWEST_HELD_OUT = 5
 """Different settings without which held-out ones prove nothing: replicates are not independent."""
+MISFIT = 1e-3
+"""[1] Probability of errors this large on held-out settings, below which the model is refuted."""
 BY_RATE, BY_SLIP, SAME_SPEED = "rate_dependence", "slip_sinkage", 1.1
 """Ratio of carriage speeds within which slip and wheel rate vary together."""
 _RESAMPLED = 2000
@@ -45,6 +48,19 @@ class HeldOut:
     before: Floats
     after: Floats | None  # None where nothing is to be added
     settings: int  # different ones among them
+    # squared distances of all errors, in deviations by repeatability and the free parameters;
+    # chi-squared distributed with one degree of freedom a measurement where the model is true
+    distances: tuple[float, ...]  # before, and after where there is one
+
+    @property
+    def measurements(self) -> int:
+        """Number of held-out measurements."""
+        return int(np.isfinite(self.before).sum())
+
+    @property
+    def described(self) -> bool:
+        """Whether the errors are those of a model that is true, with the effect if one is added."""
+        return bool(chi2.sf(self.distances[-1], max(self.measurements, 1)) >= MISFIT)
 
     def rms(self, repeatability: tuple[float, float, float]) -> tuple[float, float | None]:
         """Return the errors before and after, in deviations of repeatability."""
@@ -147,7 +163,9 @@ def investigate_wheel(
     probabilities = {
         name: 0.0 for each in hypotheses for name in each.names
     } | judgement.probabilities
-    judgement = dataclasses.replace(judgement, probabilities=probabilities)
+    judgement = _by_design(dataclasses.replace(judgement, probabilities=probabilities), rows, found)
+    confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
+    judgement = by_probability(judgement)
     progress(0.6, "held-out cells")
     named = judgement.verdict in (Verdict.NAMED, Verdict.CONFUSABLE)
     errors = held_out(
@@ -155,8 +173,8 @@ def investigate_wheel(
     )
     interval = errors.improvement_95(bed.repeatability, seed) if named else None
     proven = None if interval is None else interval[0] > 0.0
-    judgement = _refuted(judgement) if proven is False else _by_design(judgement, rows, found)
-    confusable = judgement.named if judgement.verdict is Verdict.CONFUSABLE else ()
+    if proven is False:
+        judgement, confusable = _refuted(judgement), ()
     return WheelFinding(
         judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable), left
     )
@@ -228,6 +246,20 @@ def _by_design(judgement: Judgement, rows: Sequence[Row], found: Sequence[Explai
     )
 
 
+def by_probability(judgement: Judgement) -> Judgement:
+    """Return the judgement with the verdict none or unknown where that is most probable.
+
+    A verdict that names effects while nothing missing is more probable than each of them would
+    contradict its own table.
+    """
+    leader = max(judgement.probabilities, key=judgement.probabilities.__getitem__)
+    if leader == "none":
+        return dataclasses.replace(judgement, verdict=Verdict.NONE, named=())
+    if leader == "unknown":
+        return dataclasses.replace(judgement, verdict=Verdict.UNKNOWN, named=judgement.named[:1])
+    return judgement
+
+
 def _refuted(judgement: Judgement) -> Judgement:
     """Return the judgement without a name that does not help on held-out cells."""
     sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
@@ -255,12 +287,38 @@ def held_out(
         for each in ((NOTHING, sought) if sought.effects else (NOTHING,))
     ]
     errors: list[list[Floats]] = [[] for _ in models]
+    distances = [0.0] * len(models)
     for left, out in _folds(rows, reference, by_trial=by_trial):
-        for model, found in zip(models, errors, strict=True):
-            fitted = explain(model, left)
-            found.append(out.measured.numpy() - model.of(out, fitted.values))
+        for k, model in enumerate(models):
+            values = explain(model, left).values
+            error, distance = _missed(model, left, out, values)
+            errors[k].append(error)
+            distances[k] += distance
     before, *after = (np.concatenate(each) if each else np.zeros((0, len(ROWS))) for each in errors)
-    return HeldOut(before, after[0] if after else None, int(cells_of(rows, reference).acts.sum()))
+    settings = int(cells_of(rows, reference).acts.sum())
+    return HeldOut(before, after[0] if after else None, settings, tuple(distances))
+
+
+def _missed(model: WheelModel, left: Cells, out: Cells, values: Floats) -> tuple[Floats, float]:
+    """Return the errors [F, 3] of held-out cells, and their squared distance.
+
+    The covariance is that of a true model: repeatability, and the parameters' uncertainty by
+    repeatability (linearised). An excess that the fit needs is no part of it.
+    """
+    noise = np.array(model.bed.repeatability)
+
+    def scaled(cells: Cells) -> tuple[Floats, Floats]:
+        modelled, by = model.jacobian(cells, values)
+        seen = cells.seen.numpy()
+        error = (cells.measured.numpy() - modelled) / noise
+        return error, (by / noise[:, None])[seen]
+
+    _, fitted = scaled(left)
+    error, slope = scaled(out)
+    parameters = np.linalg.inv(fitted.T @ fitted + np.eye(fitted.shape[1]))
+    short = error[out.seen.numpy()]
+    covariance = np.eye(len(short)) + slope @ parameters @ slope.T
+    return error * noise, float(short @ np.linalg.solve(covariance, short))
 
 
 def _folds(
