@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from errno import EINTR, EINVAL, ENOTSUP
 from pathlib import Path
-from typing import BinaryIO, TypeGuard
+from typing import BinaryIO
 
 UNFINISHED = ".unfinished"
 """Ending of a file or folder that is being written; a kill leaves it behind."""
 _NEW = os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
 _LONGEST_NAME = 255  # bytes, on the usual file systems
 
 
@@ -47,9 +48,9 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             broken. An error that names another file is raised as it is.
     """
     try:
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        folder = os.open(path.parent, _FOLDER)
     except OSError as error:
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     try:
         mode = _mode(path, folder)
         name = unforeseeable(path.name)
@@ -59,10 +60,15 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         except BaseException as error:
             with suppress(OSError):
                 os.unlink(name, dir_fd=folder)
-            if _is_ours(error, name):
-                raise _cannot_write(path, error) from error
+            if isinstance(error, OSError) and is_refusal_of(error, Path(name)):
+                raise cannot_write(path, error) from error
             raise
-        _sync_entries(folder, path)
+        try:
+            sync_entries(folder)
+        except OSError as error:
+            raise OutputError(
+                f"{path}: is written, but a power cut may undo it ({error.strerror})", error.errno
+            ) from error
     finally:
         _close(folder)
 
@@ -80,13 +86,12 @@ def unforeseeable(name: str) -> str:
     return f".{start}{ending}"
 
 
-def _is_ours(error: BaseException, name: str) -> TypeGuard[OSError]:
-    """Return whether the disk refused our file, whose writes give errors without a name."""
+def is_refusal_of(error: OSError, path: Path) -> bool:
+    """Return whether the disk refused ``path``, or a file in it; a write's error has no name."""
     return (
-        isinstance(error, OSError)
-        and not isinstance(error, OutputError)
+        not isinstance(error, OutputError)
         and error.errno is not None
-        and error.filename in {None, name}
+        and (error.filename is None or Path(error.filename).is_relative_to(path))
     )
 
 
@@ -97,7 +102,7 @@ def _mode(path: Path, folder: int) -> int:
     except FileNotFoundError:
         return 0
     except OSError as error:
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     if not stat.S_ISREG(found):
         kind = "a symbolic link" if stat.S_ISLNK(found) else "a folder or a device"
         raise OutputError(f"{path}: is {kind}, not a file: it is left alone; give another name")
@@ -123,15 +128,23 @@ def _written(name: str, mode: int, folder: int) -> Iterator[BinaryIO]:
     _close(descriptor)  # a network file system may report a full disk only here
 
 
-def _sync_entries(folder: int, path: Path) -> None:
-    """Make the new name durable, on file systems that sync folders."""
+def sync_entries(folder: Path | int) -> None:
+    """Make new names in a folder, or in one that is open, durable where the file system can.
+
+    Raises OSError.
+    """
     try:
-        os.fsync(folder)
+        descriptor = folder if isinstance(folder, int) else os.open(folder, _FOLDER)
+    except PermissionError:  # a folder that may be written but not read
+        return
+    try:
+        os.fsync(descriptor)
     except OSError as error:
         if error.errno not in {EINVAL, ENOTSUP}:
-            raise OutputError(
-                f"{path}: is written, but a power cut may undo it ({error.strerror})", error.errno
-            ) from error
+            raise
+    finally:
+        if descriptor != folder:
+            os.close(descriptor)
 
 
 def _close(descriptor: int) -> None:
@@ -143,7 +156,8 @@ def _close(descriptor: int) -> None:
             raise
 
 
-def _cannot_write(path: Path, error: OSError) -> OutputError:
+def cannot_write(path: Path, error: OSError) -> OutputError:
+    """Return the error for a result that the disk refused."""
     return OutputError(
         f"{path}: cannot be written ({error.strerror}), and nothing there has changed: make room,"
         " or give another place that you may write",
