@@ -16,6 +16,8 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, whole_bag
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.files.atomic import OutputError
+from terrain_estimator.files.results import new_folder
 from terrain_estimator.importing.mapping import Mapping, SignalNoise, read_mapping
 from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.samples import CsvError, read_samples
@@ -33,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
         rows, hints = convert(
             options.data, mapping, options.mapping.read_text(encoding="utf-8"), options.out
         )
-    except (ConfigError, CsvError, BagError) as error:
+    except (ConfigError, CsvError, BagError, OutputError) as error:
         print(f"csv_to_bag: {error}", file=sys.stderr)
         return WRONG
     except OSError as error:
@@ -53,11 +55,10 @@ def convert(data: Path, mapping: Mapping, mapping_text: str, out: Path) -> tuple
 
     Raises:
         CsvError: the file is wrong; no bag is left behind.
-        BagError: the bag exists already or cannot be begun.
-        OSError: the disk is full; no bag is left behind.
+        OutputError: the bag exists already or the disk is full; no bag is left behind.
     """
     deque(read_samples(data, mapping), maxlen=0)  # check all rows before the bag is begun
-    with whole_bag(out) as writer:
+    with new_folder(out) as place, whole_bag(place) as writer:
         with data.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         writer.add_metadata(
