@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test colcon-test lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures workspace environment clean
+.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -23,13 +23,16 @@ colcon-test: workspace  ## the tests that each ROS package declares, as colcon r
 	cd ros2_ws && ./with colcon test --return-code-on-test-failure $(ARGS)
 	cd ros2_ws && ./with colcon test-result --all
 
+first-use: workspace  ## run the commands of README and getting started twice as written, 6 minutes
+	FIRST_USE=whole ros2_ws/with python -m pytest tests/system/test_first_use.py $(ARGS)
+
 lint: environment  ## ruff, mypy and the import contract
 	$(VENV_PYTHON) -m ruff check
 	$(VENV_PYTHON) -m ruff format --check
 	$(VENV_PYTHON) -m mypy
 	PYTHONPATH=$(LIBRARIES) .venv/bin/lint-imports
 
-train: workspace  ## train the tracked models anew
+train: workspace  ## train the models that ship anew; results in out/models
 	ros2_ws/bin/ros2 run terrain_estimator train $(ARGS)
 
 accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md

@@ -17,6 +17,7 @@ from pathlib import Path
 from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.machine import machine
 from benchmarks.page import number, page, quantity
+from terrain_estimator.files.atomic import write_file
 
 NAMES = ("observation", "latency", "rate", "replaying", "reading", "simulation", "training", "cost")
 """Modules of this folder; each has ``lines(effort)``."""
@@ -48,9 +49,9 @@ def main(arguments: list[str] | None = None) -> int:
     lines = [line for name in options.only for line in measured(name, Effort(options.scale))]
     options.out.parent.mkdir(parents=True, exist_ok=True)
     record = {"machine": where, "scale": options.scale, "lines": [line.record() for line in lines]}
-    options.out.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    write_file(options.out, json.dumps(record, indent=2) + "\n")
     if options.scale == 1.0 and set(options.only) == set(NAMES):
-        PAGE.write_text(page(lines, where, NAMES), encoding="utf-8")
+        write_file(PAGE, page(lines, where, NAMES))
     missed = [line for line in lines if not line.met]
     print(
         f"{len(missed)} of {len(lines)} bars missed; {options.out}"

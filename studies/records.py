@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from studies.workers import workers
 from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.files.atomic import replacing, write_file
 
 _Result = TypeVar("_Result")
 
@@ -31,9 +32,8 @@ class Piece(Generic[_Result]):
 def write_record(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
     """Write a record, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f"{path.stem}.unfinished.npz")
-    np.savez(unfinished, allow_pickle=False, **arrays)
-    unfinished.replace(path)
+    with replacing(path) as file:
+        np.savez(file, allow_pickle=False, **arrays)
 
 
 def read_record(path: Path) -> dict[str, NDArray[Any]] | None:
@@ -52,7 +52,7 @@ def write_results(texts: Mapping[Path, str]) -> None:
     """Write the files that follow from the records; raises OSError."""
     for path, text in texts.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        write_file(path, text)
 
 
 def compute(

@@ -29,6 +29,7 @@ from benchmarks.soak.core import ProcessSample
 from benchmarks.soak.page import HEADING, section
 from benchmarks.soak.verdict import DDS_HOURS, HOURS, Ran, core_trends, live_trends
 from benchmarks.trend import Trend
+from terrain_estimator.files.atomic import write_file
 from tests.faults.page import PAGE, replace_section
 
 AT_ONCE = len(os.sched_getaffinity(0)) >= 4
@@ -83,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
         "samples": [[asdict(each) for each in samples] for samples in core],
     }
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    write_file(options.out, json.dumps(record, indent=1) + "\n")
     replace_section(options.page, HEADING, section(trends, ran))
     return verdict(trends, ran)
 

@@ -36,6 +36,7 @@ from terrain_estimator.discovery import (
 )
 from terrain_estimator.discovery.evidence.verdict import Gains
 from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis, LibraryEffect
+from terrain_estimator.files.atomic import write_file
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics.effects import describe, make_effect
 from terramechanics.simulation import sample as simulated
@@ -106,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
             "effects": len(done) - nulls,
         }
         record = dataclasses.asdict(chosen) | counts
-        options.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_file(options.out, json.dumps(record, indent=1) + "\n")
     except OSError as error:
         sys.stderr.write(f"studies.calibration: {error}\n")
         return 2

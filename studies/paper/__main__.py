@@ -27,6 +27,7 @@ from studies.paper.tables import tables
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.files.atomic import write_file
 
 
 @interruptible
@@ -83,7 +84,7 @@ def _write(results: list[CellResult], size: Size, seconds: float, folder: Path) 
             for soil, result in cells.items()
         }
         paths.append(folder / f"{plant.name.lower()}.json")
-        paths[-1].write_text(json.dumps(content, indent=1) + "\n")
+        write_file(paths[-1], json.dumps(content, indent=1) + "\n")
     arguments = f"--trainings {size.trainings}" * (size.trainings != Size().trainings)
     when = measured("paper", arguments)
     how = {
@@ -94,10 +95,11 @@ def _write(results: list[CellResult], size: Size, seconds: float, folder: Path) 
     }
     published = {"trade_off_percent": TRADE_OFF, "estimates_percent": ESTIMATES}
     paths += [folder / "run.json", folder / "tables.md"]
-    paths[-2].write_text(
-        json.dumps({**how, "torch": torch.__version__, "published": published}, indent=1) + "\n"
+    write_file(
+        paths[-2],
+        json.dumps({**how, "torch": torch.__version__, "published": published}, indent=1) + "\n",
     )
-    paths[-1].write_text(f"{when}\n\n{tables(results)}")
+    write_file(paths[-1], f"{when}\n\n{tables(results)}")
     return paths + draw_all(results, folder)
 
 

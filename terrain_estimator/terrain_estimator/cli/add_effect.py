@@ -13,8 +13,9 @@ import sys
 from pathlib import Path
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.console.arguments import command_parser, make_folder
+from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.files.results import adding
 from terrain_estimator.learning.adding import Sized, add_effects
 from terrain_estimator.model.model_file import DEFAULT_MODEL, ModelFileError, load_model
 
@@ -62,13 +63,14 @@ def main(arguments: list[str] | None = None) -> int:
         "--out",
         type=model_path,
         default=Path("model.pt"),
-        help="file to write, ending with .pt (default: %(default)s)",
+        help="new file to write, ending with .pt (default: %(default)s)",
     )
     options = parser.parse_args(arguments)
     try:
         effects = [sized(text) for text in options.effect]
-        make_folder("--out", options.out.parent)
-        metadata = add_effects(load_model(options.model), effects, options.out)
+        out: Path = options.out
+        with adding(out.parent, out.name, out.with_suffix(".json").name) as new:
+            metadata = add_effects(load_model(options.model), effects, new / out.name)
     except (ConfigError, ModelFileError, OSError) as error:
         sys.stderr.write(f"add_effect: {error}\n")
         return WRONG

@@ -31,6 +31,7 @@ from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.files.results import new_folder
 from terrain_estimator.messaging.slip_source import (
     JOINTS,
     TWICE,
@@ -121,7 +122,8 @@ def add_slip(
     Raises:
         TopicError: the bag has slips already, or none could be made.
         ConfigError: the rover or a parameter is wrong.
-        BagError: a message cannot be read, or ``out`` cannot be written.
+        BagError: a message cannot be read.
+        OutputError: ``out`` exists already, or the disk is full; nothing is left behind.
     """
     if slip_topic in reader.topics:
         raise TopicError(
@@ -129,7 +131,11 @@ def add_slip(
             " without it"
         )
     source, added, span = SlipSource(load_rover(config.rover), config), Added(), reader.span
-    with whole_bag(out) as writer, ProgressReport(f"add_slip {out.name}") as progress:
+    with (
+        new_folder(out) as place,
+        whole_bag(place) as writer,
+        ProgressReport(f"add_slip {out.name}") as progress,
+    ):
         for name, values in reader.metadata.items():
             writer.add_metadata(name, values)
         writer.add_metadata(

@@ -19,6 +19,8 @@ from terrain_estimator.bags import BagError, whole_bag
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.printing import print_lines
+from terrain_estimator.files.atomic import OutputError
+from terrain_estimator.files.results import new_folder
 from terrain_estimator.importing.mapping import Mapping, SignalNoise, read_mapping
 from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.plausibility import Plausibility
@@ -39,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
         mapping = _mapping(options.mapping, rover)
         text = options.mapping.read_text(encoding="utf-8")
         rows, found = convert(options.data, mapping, text, options.out, rover)
-    except (ConfigError, CsvError, BagError) as error:
+    except (ConfigError, CsvError, BagError, OutputError) as error:
         print(f"csv_to_bag: {error}", file=sys.stderr)
         return WRONG
     except OSError as error:
@@ -69,11 +71,10 @@ def convert(
     Raises:
         CsvError: the file is wrong, or its values are impossible on the rover; no bag is left
             behind.
-        BagError: the bag exists already or cannot be begun.
-        OSError: the disk is full; no bag is left behind.
+        OutputError: the bag exists already or the disk is full; no bag is left behind.
     """
     found = _checked(data, mapping, rover)  # all rows, before the bag is begun
-    with whole_bag(out) as writer:
+    with new_folder(out) as place, whole_bag(place) as writer:
         with open_regular(data) as file:
             digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
         writer.add_metadata(

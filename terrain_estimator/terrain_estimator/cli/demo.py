@@ -23,13 +23,16 @@ from terrain_estimator.demonstration.drive import (
     add_seed,
     drive,
     random_domain,
+    renewing,
 )
 from terrain_estimator.demonstration.figure import draw, read_curves
 from terrain_estimator.demonstration.processes import FleetError, executable
+from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.topics import stamp_ns
 
 DIFFERENT, FAILED = 1, 2
+PICTURE, SUMMARY = "estimate.png", "summary.json"
 
 
 @interruptible
@@ -47,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     try:
         return run(what, options.out)
-    except (FleetError, BagError) as error:
+    except (FleetError, BagError, OSError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return FAILED
 
@@ -69,42 +72,35 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def run(what: DriveSettings, folder: Path) -> int:
-    """Drive, replay, compare, draw, summarise; FleetError or BagError where that fails."""
+    """Drive, replay, compare, draw, summarise; FleetError, BagError or OSError on a failure."""
     print(
         f"{what.rover} drives {what.schedule} on {what.soil} for {what.duration_s:g} s,"
         f" {what.real_time_factor:g} times real time",
         flush=True,
     )
-    recording = drive(what, folder, lambda line: print(line, flush=True))
-    replayed = _replay(recording.bag, folder / "replay")
-    picture = folder / "estimate.png"
-    draw(
-        read_curves(recording.bag),
-        picture,
-        f"{what.rover} on {what.soil}, schedule {what.schedule}, seed {what.seed}",
-    )
-    content = demo_summary(recording, replayed)
-    write_summary(folder / "summary.json", content)
-    _print_results(content, picture, folder / "summary.json")
+    with renewing(ResultFolder(folder), "replay", PICTURE, SUMMARY) as (new, logs):
+        recording = drive(what, new, logs, lambda line: print(line, flush=True))
+        replayed = _replay(new)
+        draw(
+            read_curves(recording.bag),
+            new / PICTURE,
+            f"{what.rover} on {what.soil}, schedule {what.schedule}, seed {what.seed}",
+        )
+        content = demo_summary(recording, replayed) | {"bag": str(folder / "bag")}
+        write_summary(new / SUMMARY, content)
+    _print_results(content, folder / PICTURE, folder / SUMMARY)
     return 0 if content["replay"]["identical_to_live"] else DIFFERENT
 
 
-def _replay(bag: Path, folder: Path) -> dict[str, Any]:
-    """Replay one bag with the installed command; return its summary."""
-    command = [
-        executable("terrain_estimator", "replay"),
-        str(bag),
-        "--out",
-        str(folder),
-        "--compare",
-        "--overwrite",
-    ]
-    result = subprocess.run(command, check=False)  # noqa: S603
+def _replay(folder: Path) -> dict[str, Any]:
+    """Replay the bag in a folder with the installed command, there; return its summary."""
+    command = [executable("terrain_estimator", "replay"), "bag", "--out", "replay", "--compare"]
+    result = subprocess.run(command, check=False, cwd=folder)  # noqa: S603
     if result.returncode not in (0, DIFFERENT):
         raise FleetError(f"replay ended with code {result.returncode}")
-    replayed: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))[
-        "bags"
-    ][0]
+    replayed: dict[str, Any] = json.loads(
+        (folder / "replay/summary.json").read_text(encoding="utf-8")
+    )["bags"][0]
     return replayed
 
 
@@ -139,7 +135,6 @@ def demo_summary(recording: Recording, replayed: dict[str, Any]) -> dict[str, An
         "replay": {
             name: replayed[name] for name in ("estimates", "identical_to_live", "times_real_time")
         },
-        "bag": str(recording.bag),
     }
 
 

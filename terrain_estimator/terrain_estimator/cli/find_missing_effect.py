@@ -21,7 +21,6 @@ from terrain_estimator.console.arguments import (
     WORKERS,
     add_search_options,
     command_parser,
-    make_folder,
     refuse_twice,
 )
 from terrain_estimator.console.interrupting import interruptible
@@ -41,13 +40,14 @@ from terrain_estimator.discovery import (
 )
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.runs import Blocks
+from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.finding_model import check_model, prior_of, write_model
 from terrain_estimator.model.model_file import ModelFileError
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
 from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workplace
 from terrain_estimator.offline.finding_content import finding_content, finding_sentence
-from terrain_estimator.offline.finding_file import asked, provenance, write_finding
+from terrain_estimator.offline.finding_file import FINDING, asked, provenance, write_finding
 from terrain_estimator.offline.topic_mapping import TopicError
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
@@ -55,6 +55,7 @@ from terramechanics.vehicle.rover import load_rover
 WRONG = 2
 FEWEST = 2
 ROVER = "mars_rover"
+MODEL = "model.pt"
 
 
 class InputError(ValueError):
@@ -75,6 +76,8 @@ def main(arguments: list[str] | None = None) -> int:
         soil, base = load_soil(options.soil), options.model or reading.config.model
         hypotheses = singles(options.library)
         runs, held_out = _divided(options)
+        results, names = ResultFolder(options.out), _results(base, options.out)
+        results.check(*names)
         if base:
             check_model(base, rover)
         nominal = nominal_of(rover, soil, prior_of(base, rover))
@@ -85,7 +88,6 @@ def main(arguments: list[str] | None = None) -> int:
         ):
             usable = _read(place, runs, nominal, reading, report)
             unseen = _read(place, held_out, nominal, reading, report, held_out=True).blocks
-            make_folder("--out", options.out)
             study = Study(nominal, usable.blocks, contributions=usable.contributions)
             finding = investigate(study, hypotheses, read_thresholds(), report.at)
             diagnosis = diagnose(study, hypotheses, finding, report.at)
@@ -96,10 +98,10 @@ def main(arguments: list[str] | None = None) -> int:
             "asked": asked(nominal.rover.name, options.soil, options.seed, reading),
             "provenance": provenance(nominal.rover, load_soil(options.soil), [*runs, *held_out]),
         }
-        written = write_finding(
-            options.out, finding_content(finding, diagnosis, usable.blocks, unseen, proof) | told
-        )
-        model = write_model(finding, nominal.rover, base, options.out / "model.pt")
+        content = finding_content(finding, diagnosis, usable.blocks, unseen, proof) | told
+        with results.renewing(*names) as new:
+            write_finding(new, content)
+            model = write_model(finding, nominal.rover, base, options.out / MODEL, new / MODEL)
     except (ConfigError, ClusterError, InputError, ModelFileError, TopicError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return WRONG
@@ -108,11 +110,21 @@ def main(arguments: list[str] | None = None) -> int:
     )
     sys.stdout.write(
         "\n".join(
-            [finding_sentence(finding, diagnosis, proof), *map(str, written), f"{model}{unproven}"]
+            [
+                finding_sentence(finding, diagnosis, proof),
+                *(str(options.out / name) for name in FINDING),
+                f"{model}{unproven}",
+            ]
         )
         + "\n"
     )
     return 0
+
+
+def _results(base: str, out: Path) -> tuple[str, ...]:
+    """Return the names of the files to write: not the model's where that is the one to extend."""
+    extended = base and Path(base).resolve() == (out / MODEL).resolve()
+    return FINDING if extended else (*FINDING, MODEL, "model.json")
 
 
 def _parser() -> argparse.ArgumentParser:

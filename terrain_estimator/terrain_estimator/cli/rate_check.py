@@ -20,8 +20,10 @@ from terrain_estimator.demonstration.drive import (
     add_seed,
     drive,
     random_domain,
+    renewing,
 )
 from terrain_estimator.demonstration.processes import FleetError
+from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.offline.summary import write_summary
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 
@@ -43,13 +45,14 @@ def main(arguments: list[str] | None = None) -> int:
         options.duration, 1.0, options.seed, "mars_rover", "loose_sand", "S1", random_domain()
     )
     try:
-        timing = drive(what, options.out, lambda _: None).timing
-    except FleetError as error:
+        with renewing(ResultFolder(options.out), "summary.json") as (new, logs):
+            timing = drive(what, new, logs, lambda _: None).timing
+            failures = [topic for topic in TOPICS if not keeps_its_rate(timing, topic)]
+            write_summary(new / "summary.json", timing | {"failed": failures})
+    except (FleetError, OSError) as error:
         print(f"rate_check: {error}", file=sys.stderr)
         return 2
-    failures = [topic for topic in TOPICS if not keeps_its_rate(timing, topic)]
     _print_table(timing)
-    write_summary(options.out / "summary.json", timing | {"failed": failures})
     print(
         f"{'failed: ' + ', '.join(failures) if failures else 'every topic keeps its rate'};"
         f" {options.out / 'summary.json'}"

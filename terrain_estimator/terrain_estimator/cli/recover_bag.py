@@ -13,6 +13,7 @@ from pathlib import Path
 from terrain_estimator.bags import BagError, Recovery, bag_name, recover
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.files.results import new_folder
 
 NOTHING, WRONG = 1, 2
 DAMAGED = "_damaged"
@@ -31,10 +32,10 @@ def main(arguments: list[str] | None = None) -> int:
     if options.replace and aside.exists():
         parser.error(f"--replace: {aside} exists already: move it away")
     try:
-        recovery = recover(bag, target)
+        with new_folder(target) as place:
+            recovery = recover(bag, place)
         if options.replace and recovery.span.count:
-            bag.rename(aside)
-            target.rename(bag)
+            _exchange(bag, aside, target)
             target = bag
     except (BagError, OSError) as error:
         print(f"recover_bag: {error}", file=sys.stderr)
@@ -43,6 +44,16 @@ def main(arguments: list[str] | None = None) -> int:
     if options.replace and recovery.span.count:
         print(f"the damaged bag is now {aside}")
     return 0 if recovery.span.count else NOTHING
+
+
+def _exchange(bag: Path, aside: Path, target: Path) -> None:
+    """Give the new bag the name of the damaged one; undo that where it fails. Raises OSError."""
+    bag.rename(aside)
+    try:
+        target.rename(bag)
+    except OSError:
+        aside.rename(bag)
+        raise
 
 
 def report(recovery: Recovery) -> str:

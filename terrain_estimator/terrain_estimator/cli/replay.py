@@ -7,27 +7,34 @@ parameters, model or bag; 3 a bag gave no estimate.
 """
 
 import argparse
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import torch
 
 from rover_parameters.parameters import template
 from rover_parameters.records import ConfigError
-from terrain_estimator.bags import BagError, bag_name
+from terrain_estimator.bags import BagError
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.console.arguments import command_parser
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.estimator.summary import Beliefs
+from terrain_estimator.files.atomic import OutputError, write_file
+from terrain_estimator.files.results import ResultFolder, check_new, write_new
 from terrain_estimator.messaging.pipeline import rover_of
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
 from terrain_estimator.offline.bag_options import add_options, node_config
 from terrain_estimator.offline.replay import Replay, Start, compare_with_live, replay
+from terrain_estimator.offline.run_names import run_names
 from terrain_estimator.offline.summary import print_table, summary, write_summary
 from terrain_estimator.offline.topic_mapping import TopicError, absolute, bag_topics
 
 DIFFERENT, WRONG, NOTHING = 1, 2, 3
+SUMMARY = "summary.json"
 
 
 @interruptible
@@ -49,9 +56,10 @@ def main(arguments: list[str] | None = None) -> int:
         rover_of(model, config.rover)
         Beliefs.of(model.metadata, config.core)
         start = Start.read(options.state, model.sha256) if options.state else None
-    except (ModelFileError, ConfigError, TopicError, StateFileError) as error:
+        output = _Output(options)
+    except (ModelFileError, ConfigError, TopicError, StateFileError, OSError) as error:
         return _refuse(str(error))
-    return _replay_all(options, model, config, names, start)
+    return _replay_all(options, model, config, names, start, output)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -67,7 +75,8 @@ def _parser() -> argparse.ArgumentParser:
         "--out",
         type=Path,
         default=Path("out/replay"),
-        help="folder for estimates bags and summary.json (default: %(default)s)",
+        help="folder for estimates bags and summary.json, new or of earlier replays (default:"
+        " %(default)s)",
     )
     parser.add_argument(
         "--model",
@@ -84,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
         "--report",
         type=Path,
         metavar="FILE.html",
-        help="write a page about the runs: one HTML file",
+        help="write a page about the runs: one HTML file, new or in the folder of --out",
     )
     parser.add_argument(
         "--state",
@@ -98,9 +107,43 @@ def _parser() -> argparse.ArgumentParser:
         help="compare with the estimates of the live node in the bag",
     )
     parser.add_argument(
-        "--overwrite", action="store_true", help="replace estimates bags of an earlier replay"
+        "--overwrite",
+        action="store_true",
+        help="replace estimates bags that an earlier replay wrote to --out",
     )
     return parser
+
+
+class _Output:
+    """The places of all results, checked before any work; raises ConfigError or OutputError."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.results, self.runs = ResultFolder(options.out), run_names(options.bags)
+        self.report: Path | None = options.report
+        self._overwrite: bool = options.overwrite
+        if self.report and self.report.suffix != ".html":
+            raise ConfigError(f"--report {self.report}: the name must end with .html")
+        self.inside = bool(self.report) and self.report.parent.resolve() == options.out.resolve()
+        self.results.check(*self.told)
+        if self.report and not self.inside:
+            check_new(self.report)
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the files about all runs in the folder of results."""
+        return (SUMMARY, self.report.name) if self.report and self.inside else (SUMMARY,)
+
+    @contextmanager
+    def renewing(self, run: str) -> Iterator[Path]:
+        """Yield the place of an estimates bag; OutputError where one is there already."""
+        name = f"{run}_estimates"
+        if not self._overwrite and os.path.lexists(self.results.path / name):
+            raise OutputError(
+                f"{self.results.path / name} exists from an earlier replay: give --overwrite, or"
+                " another folder with --out"
+            )
+        with self.results.renewing(name) as new:
+            yield new / name
 
 
 def _replay_all(
@@ -109,20 +152,19 @@ def _replay_all(
     config: EstimatorConfig,
     names: dict[str, str],
     start: Start | None,
+    output: _Output,
 ) -> int:
     """Replay one bag after the other, each from the same start.
 
-    A bag that fails does not stop the others.
+    A bag that fails does not stop the others, and leaves earlier estimates as they are.
     """
     replays: list[Replay] = []
     failed = False
-    for bag in options.bags:
+    for bag, name in zip(options.bags, output.runs, strict=True):
         try:
-            output = options.out / f"{bag_name(bag)}_estimates"
-            _make_room(
-                output, [each.estimates_bag for each in replays], overwrite=options.overwrite
-            )
-            replays.append(replay(bag, output, model, config, names, start))
+            with output.renewing(name) as place:
+                replays.append(replay(bag, place, model, config, names, start))
+            replays[-1].name, replays[-1].estimates_bag = name, output.results.path / place.name
             if options.compare:
                 compare_with_live(replays[-1], names)
         except (BagError, TopicError, StateFileError, OSError) as error:
@@ -130,8 +172,7 @@ def _replay_all(
             _refuse(str(error))
     if replays:
         print_table(replays)
-        failed |= not _summary(options.out / "summary.json", replays, model, config)
-        failed |= bool(options.report) and not _report(options.report, replays, model, config)
+        failed |= not _tell(output, replays, model, config)
     if failed:
         return WRONG
     if any(each.differences and any(each.differences.values()) for each in replays):
@@ -139,49 +180,32 @@ def _replay_all(
     return NOTHING if any(not each.learnt for each in replays) else 0
 
 
-def _summary(
-    path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig
+def _tell(
+    output: _Output, replays: list[Replay], model: LoadedModel, config: EstimatorConfig
 ) -> bool:
-    """Write the summary of the runs; return whether that succeeded."""
+    """Write summary and report; return whether that succeeded."""
     try:
-        write_summary(path, summary(replays, model, config))
+        page = _page(replays, model, config) if output.report else ""
+        with output.results.renewing(*output.told) as new:
+            write_summary(new / SUMMARY, summary(replays, model, config))
+            if output.report and output.inside:
+                write_file(new / output.report.name, page)
+        print(f"summary: {output.results.path / SUMMARY}")
+        if output.report and not output.inside:
+            write_new(output.report, page)
     except OSError as error:
-        _refuse(f"{path}: the summary cannot be written: {error.strerror}")
+        _refuse(str(error))
         return False
-    print(f"summary: {path}")
+    if output.report:
+        print(f"report: {output.report}")
     return True
 
 
-def _report(path: Path, replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> bool:
-    """Write the page about the runs; return whether that succeeded."""
+def _page(replays: list[Replay], model: LoadedModel, config: EstimatorConfig) -> str:
     # matplotlib takes half a second to import, and few users want a report
-    from terrain_estimator.offline.run_report import write_report  # noqa: PLC0415
+    from terrain_estimator.offline.run_report import report_page  # noqa: PLC0415
 
-    try:
-        write_report(path, replays, model, config)
-    except OSError as error:
-        _refuse(f"{path}: the report cannot be written: {error.strerror}")
-        return False
-    print(f"report: {path}")
-    return True
-
-
-def _make_room(output: Path, written: list[Path], *, overwrite: bool) -> None:
-    """Remove an earlier estimates bag on request; BagError where one is in the way."""
-    if output in written:
-        raise BagError(
-            f"{output} has the estimates of a bag of the same name: rename this one, or replay it"
-            " separately with --out"
-        )
-    if output.exists() and not overwrite:
-        raise BagError(
-            f"{output} exists from an earlier replay: give --overwrite, or another folder with"
-            " --out"
-        )
-    if overwrite and output.is_dir():
-        for file in (*output.glob("*.mcap"), output / "metadata.yaml"):
-            file.unlink(missing_ok=True)
-        output.rmdir()
+    return report_page(replays, model, config)
 
 
 def _refuse(text: str) -> int:

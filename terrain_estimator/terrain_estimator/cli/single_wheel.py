@@ -21,7 +21,6 @@ from terrain_estimator.console.arguments import (
     add_search_options,
     command_parser,
     effects,
-    make_folder,
     refuse_twice,
 )
 from terrain_estimator.console.progress import ProgressReport
@@ -42,7 +41,8 @@ from terrain_estimator.discovery.single_wheel.table import (
     WheelTableError,
     read_table,
 )
-from terrain_estimator.offline.finding_file import write_finding
+from terrain_estimator.files.results import ResultFolder
+from terrain_estimator.offline.finding_file import FINDING, write_finding
 from terrain_estimator.offline.wheel_finding_content import wheel_content, wheel_sentence
 from terrain_estimator.pages.wheel_finding import wheel_page
 from terramechanics.effects import describe
@@ -71,6 +71,8 @@ def main(arguments: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     try:
         _check(options)
+        results = ResultFolder(options.out)
+        results.check(*FINDING)
         wheel = load(TestbedWheel, options.wheel)
         rover = wheel_alone(load_rover("mars_rover"), wheel.radius, wheel.width)
         bed = Rig(
@@ -90,7 +92,6 @@ def main(arguments: list[str] | None = None) -> int:
         reference = frozenset(map(str, options.reference))
         by_trial = options.hold_out_by == "trial"
         _check_rows(rows, reference, by_trial=by_trial)
-        make_folder("--out", options.out)
         with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
             outcome = investigate_wheel(
                 bed,
@@ -112,11 +113,15 @@ def main(arguments: list[str] | None = None) -> int:
             outcome, bed, rows, reference, given, tables, by_trial=by_trial, seed=options.seed
         )
         content |= {"left_out": left_out, "asked": asked_for}
-        written = write_finding(options.out, content, wheel_page)
+        with results.renewing(*FINDING) as new:
+            write_finding(new, content, wheel_page)
     except (ConfigError, WheelTableError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return 2
-    sys.stdout.write("\n".join([wheel_sentence(outcome, bed), *map(str, written)]) + "\n")
+    sys.stdout.write(
+        "\n".join([wheel_sentence(outcome, bed), *(str(options.out / name) for name in FINDING)])
+        + "\n"
+    )
     return 0
 
 

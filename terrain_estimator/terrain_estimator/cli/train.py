@@ -1,20 +1,24 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""train: simulate drives, train the learnt features, export the model, and check the file."""
+"""train: simulate drives, train the learnt features, export the model, and check the file.
+
+A model of one rover for two soils takes about three minutes of processor time, and much longer on
+a busy machine: 18 minutes in one case.
+"""
 
 import argparse
 import dataclasses
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import torch
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.console.arguments import COUNT, SEED, WORKERS, make_folder, real, whole
+from terrain_estimator.console.arguments import COUNT, SEED, WORKERS, real, whole
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
+from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.curves import draw_curves
 from terrain_estimator.learning.departures import HIDDEN
 from terrain_estimator.learning.export import check_export, export
@@ -23,12 +27,15 @@ from terrain_estimator.learning.loss import Orthogonality
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.tasks import BENCHMARK, PAPER, ROVERS, SOILS, draw_tasks
 from terrain_estimator.learning.training import Progress, Recipe, build_model, train
-from terrain_estimator.model.model_file import MODELS, ModelFileError, Training
+from terrain_estimator.model.model_file import Metadata, ModelFileError, Training
+from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.offline.cluster import cluster
 from terramechanics.terrain.soil import Soil, load_soil
 from terramechanics.vehicle.rover import Rover, load_rover
 
+_ENDINGS = (".pt", ".json")
+"""Endings of the two files of a model."""
 _CHECKED_OBSERVATIONS = 50
 _SMOOTHED = 20  # iterations behind the loss in the metadata
 _LARGEST_CONSTANTS_SD = 0.2  # of the soil's value: beyond it, columns are far from linear
@@ -67,10 +74,18 @@ def main(argv: list[str] | None = None) -> int:
             [load_soil(name) for name in args.soil],
         )
         names = file_names(rovers, soils)
-        make_folder("--out", args.out)
-        make_folder("--curves", args.curves)
+        models, curves = ResultFolder(args.out), ResultFolder(args.curves)
+        models.check(*(f"{name}{ending}" for name in names for ending in _ENDINGS))
+        curves.check(*(f"{name}.png" for name in names))
         for rover, name in zip(rovers, names, strict=True):
-            _train_one(rover, soils, name, args, device)
+            model, training, history = _trained(rover, soils, name, args, device)
+            metadata = _write(model, rover, soils, training, models, name)
+            with curves.renewing(f"{name}.png") as new:
+                draw_curves(history, new / f"{name}.png", name)
+            sys.stdout.write(
+                f"{args.out / name}.pt: {metadata.size} bytes, loss {training.loss:.3f} nat a row,"
+                f" curves in {args.curves / name}.png\n"
+            )
     except (ConfigError, ModelFileError, OSError, ValueError) as error:
         sys.stderr.write(f"train: {error}\n")
         return 2
@@ -131,7 +146,12 @@ def _parser() -> argparse.ArgumentParser:
         default=list(SOILS),
         help="names or YAML files of the soils in the model",
     )
-    parser.add_argument("--out", type=Path, default=MODELS, help="folder of the model files")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/models"),
+        help="folder of the model files, new or of earlier trainings",
+    )
     parser.add_argument(
         "--curves",
         type=Path,
@@ -243,9 +263,10 @@ def options_of(args: argparse.Namespace, device: torch.device) -> tuple[str, ...
     )
 
 
-def _train_one(
+def _trained(
     rover: Rover, soils: list[Soil], name: str, args: argparse.Namespace, device: torch.device
-) -> None:
+) -> tuple[PAlpaca, Training, list[Progress]]:
+    """Draw the drives and train a model on them."""
     recipe = recipe_of(args)
     orders = [
         Order(
@@ -275,27 +296,30 @@ def _train_one(
         torch.__version__,
         options_of(args, device),
     )
+    return model, training, history
+
+
+def _write(
+    model: PAlpaca,
+    rover: Rover,
+    soils: list[Soil],
+    training: Training,
+    models: ResultFolder,
+    name: str,
+) -> Metadata:
+    """Export a model and check its file; one that fails the check replaces no other."""
     fresh = draw_tasks(
         rover,
         soils[0],
         "S1",
         _CHECKED_OBSERVATIONS / 10,
         1,
-        torch.Generator().manual_seed(recipe.seed + 1),
+        torch.Generator().manual_seed(training.seed + 1),
     )
-    path = args.out / f"{name}.pt"
-    # a model that fails its check replaces no other
-    with TemporaryDirectory(prefix=f".{name}-", dir=args.out) as unchecked:
-        made = Path(unchecked, path.name)
-        metadata = export(model, rover, soils, training, made)
-        check_export(model, made, fresh.measured[0])
-        for file in (made.with_suffix(".json"), made):
-            file.replace(args.out / file.name)
-    curves = args.curves / f"{name}.png"
-    draw_curves(history, curves, name)
-    sys.stdout.write(
-        f"{path}: {metadata.size} bytes, loss {training.loss:.3f} nat a row, curves in {curves}\n"
-    )
+    with models.renewing(*(f"{name}{ending}" for ending in _ENDINGS)) as new:
+        metadata = export(model, rover, soils, training, new / f"{name}.pt")
+        check_export(model, new / f"{name}.pt", fresh.measured[0])
+    return metadata
 
 
 def shared_out(total: int, parts: int) -> list[int]:

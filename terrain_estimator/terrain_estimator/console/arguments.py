@@ -6,7 +6,6 @@ import math
 from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import TemporaryFile
 
 from rover_parameters.records import ConfigError
 
@@ -92,19 +91,6 @@ def add_search_options(parser: ArgumentParser, library: str, seed: str) -> None:
         "--seed", type=SEED, default=0, help=f"seed of the {seed} (default: %(default)s)"
     )
     add_out(parser, "out/finding")
-
-
-def make_folder(option: str, folder: Path) -> None:
-    """Make the folder that ``option`` names; ConfigError where no file can be written there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise ConfigError(
-            f"{option} {folder}: no file can be written there ({error.strerror}): give another"
-            " folder"
-        ) from error
 
 
 def refuse_twice(paths: Sequence[Path], why: str) -> None:

@@ -4,18 +4,21 @@
 
 import json
 import random
-import shutil
 from argparse import ArgumentParser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from terrain_estimator.console.arguments import real
 from terrain_estimator.demonstration.processes import Fleet, FleetError, Program
+from terrain_estimator.files.results import ResultFolder
 
 START_TIMEOUT_S = 60.0  # importing torch from a cold disk is slow
 MATCH_TIMEOUT_S = 20.0
+RECORDED = ("bag", "timing.json")
+"""Names of the results of a drive."""
 READERS = 3  # of every input: estimator, recorder and watch
 
 
@@ -77,15 +80,30 @@ def random_domain() -> int:
     return random.SystemRandom().randint(1, 101)
 
 
-def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Recording:
-    """Drive, estimate and record into ``folder``; pass the watch's lines to ``say``.
+@contextmanager
+def renewing(results: ResultFolder, *names: str) -> Iterator[tuple[Path, Path]]:
+    """Yield empty folders for the results of a drive and for its logs; the logs of a failure stay.
+
+    ``names`` are those of the other results.
+    """
+    with (
+        results.renewing(*RECORDED, *names) as new,
+        results.renewing("log", despite=FleetError) as logs,
+    ):
+        try:
+            yield new, logs / "log"
+        except FleetError as error:
+            raise FleetError(str(error).replace(str(logs), str(results.path))) from error
+
+
+def drive(what: DriveSettings, folder: Path, logs: Path, say: Callable[[str], None]) -> Recording:
+    """Drive, estimate and record into an empty folder; pass the watch's lines to ``say``.
 
     Raises:
         FleetError: a process failed.
     """
-    clear(folder)
-    bag, report = folder / "bag", folder / "timing.json"
-    with Fleet(folder / "log", what.domain_id) as fleet:
+    bag, report = (folder / name for name in RECORDED)
+    with Fleet(logs, what.domain_id) as fleet:
         estimator = fleet.start("terrain_estimator", "estimator")
         recorder = fleet.start("terrain_estimator", "recorder", {"output": bag})
         simulator = fleet.start("rover_sim_node", "simulator", _simulator_parameters(what))
@@ -113,13 +131,6 @@ def drive(what: DriveSettings, folder: Path, say: Callable[[str], None]) -> Reco
             if code != 0:
                 raise FleetError(f"{program.name} ended with code {code}, see {program.log}")
     return Recording(bag, json.loads(report.read_text(encoding="utf-8")))
-
-
-def clear(folder: Path) -> None:
-    """Remove the results of an earlier drive."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in ("bag", "replay", "log"):
-        shutil.rmtree(folder / name, ignore_errors=True)
 
 
 def _simulator_parameters(what: DriveSettings) -> dict[str, object]:

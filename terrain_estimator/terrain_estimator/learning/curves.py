@@ -27,6 +27,5 @@ def draw_curves(history: list[Progress], path: Path, title: str) -> None:
     upper.legend()
     lower.semilogy(steps, [progress.overlap for progress in history], linewidth=0.8)
     lower.set(ylabel="overlap with physics [1]", xlabel="iteration")
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)

@@ -3,6 +3,7 @@
 """Export of a trained model as TorchScript with its metadata, and the check of the file."""
 
 import dataclasses
+import errno
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -70,11 +71,17 @@ def export(
 
 
 def save(model: PAlpaca, metadata: Metadata, path: Path) -> Metadata:
-    """Write ``path`` (.pt) and ``metadata`` beside it, and return that with size and sha256."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write ``path`` (.pt) and ``metadata`` beside it, and return that with size and sha256.
+
+    Raises OSError where the disk is full.
+    """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"`torch.jit.\w+` is deprecated", DeprecationWarning)
-        torch.jit.save(torch.jit.script(model.eval()), str(path))
+        module = torch.jit.script(model.eval())
+        try:
+            torch.jit.save(module, str(path))
+        except RuntimeError as error:  # so torch reports what the disk refuses
+            raise OSError(errno.EIO, str(error).splitlines()[0], str(path)) from error
     sha256, size = fingerprint(path)
     metadata = dataclasses.replace(metadata, sha256=sha256, size=size)
     write_metadata(path.with_suffix(".json"), metadata)

@@ -46,16 +46,14 @@ def prior_of(model: str, rover: Rover) -> Prior:
     return read_metadata(model_path(model or rover.name).with_suffix(".json")).prior
 
 
-def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path | str:
-    """Write the model with the named effect, the size found as its prior.
+def write_model(finding: Finding, rover: Rover, model: str, path: Path, new: Path) -> Path | str:
+    """Write the model with the named effect, the size found as its prior, to ``new``.
 
-    Return the file, or the reason why none is written. ``model`` is the name or file of the model
-    to extend; empty: the model with the rover's name.
+    Return its later place ``path``, or the reason why none is written. ``model`` is the name or
+    file of the model to extend; empty: the model with the rover's name.
     """
     if model and Path(model).resolve() == path.resolve():
         return f"no model is written: {path} is the model to extend; give another --out"
-    for old in (path, path.with_suffix(".json")):
-        old.unlink(missing_ok=True)  # of an earlier finding
     if finding.judgement.verdict is not Verdict.NAMED:
         return "no model is written: no effect is named"
     try:
@@ -70,7 +68,7 @@ def write_model(finding: Finding, rover: Rover, model: str, path: Path) -> Path 
             Sized(name, size, math.hypot(sd, ELSEWHERE * size))
             for name, size, sd in candidate.sizes
         ]
-        add_effects(known, sizes, path)
+        add_effects(known, sizes, new)
     except (ConfigError, ModelFileError) as error:
         return f"no model is written: {error}"
     return path

@@ -20,6 +20,8 @@ from rover_parameters.command_line import run
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.watch import WatchConfig
 from terrain_estimator.console.times import clock, duration
+from terrain_estimator.files.atomic import OutputError
+from terrain_estimator.files.results import check_new, write_new
 from terrain_estimator.messaging.arrival_rates import timing
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.inactivity import InactivityMonitor
@@ -60,6 +62,11 @@ class Watch(Node):
             raise ConfigError(
                 f"parameter report: {self._config.report}: there is no such folder, make it first"
             )
+        try:
+            if self._config.report:
+                check_new(Path(self._config.report))
+        except OutputError as error:
+            raise ConfigError(f"parameter report: {error}") from error
         # without a report nothing grows
         self.arrivals_ns = {topic: array("q") for topic in TOPICS if self._config.report}
         self._last: dict[str, Message] = {}
@@ -90,7 +97,11 @@ class Watch(Node):
     def destroy_node(self) -> None:
         """Write the report first."""
         if self._config.report:
-            self._write_report(Path(self._config.report))
+            try:
+                self._write_report(Path(self._config.report))
+            except OutputError as error:
+                text = f"the report is lost: {error}"
+                self.get_logger().error(text)
         super().destroy_node()
 
     def _write_report(self, path: Path) -> None:
@@ -113,7 +124,7 @@ class Watch(Node):
                 if math.isfinite(result.jitter_ms_p99)
             },
         }
-        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        write_new(path, json.dumps(content, indent=2) + "\n")
 
     def _subscribe(self, topic: str) -> None:
         """Subscribe; messages that are not shown stay serialised, to use little processor time."""

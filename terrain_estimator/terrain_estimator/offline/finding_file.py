@@ -15,12 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from rover_parameters.parameters import effective
+from terrain_estimator.files.atomic import write_file
 from terrain_estimator.offline.bag_options import BagOptions
 from terrain_estimator.offline.provenance import bag_sha256, versions
 from terrain_estimator.pages.finding import finding_page
 from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
+
+FINDING = ("finding.json", "report.html")
+"""Names of the files of a finding."""
 
 
 def known(value: Any) -> Any:  # noqa: ANN401 (whatever JSON holds)
@@ -41,19 +45,17 @@ def write_finding(
     folder: Path,
     content: Mapping[str, Any],
     page: Callable[[Mapping[str, Any]], str] = finding_page,
-) -> list[Path]:
-    """Write finding.json and report.html to ``folder``, which is created; return their paths.
+) -> None:
+    """Write finding.json and report.html to ``folder``; raises OutputError.
 
     ``page`` makes the text of the report. The same content gives the same bytes.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     texts = {
-        "finding.json": json.dumps(known(content), indent=1, allow_nan=False) + "\n",
-        "report.html": page(content),
+        FINDING[0]: json.dumps(known(content), indent=1, allow_nan=False) + "\n",
+        FINDING[1]: page(content),
     }
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return [folder / name for name in texts]
+        write_file(folder / name, text)
 
 
 def asked(rover: str, soil: str, seed: int, reading: BagOptions) -> dict[str, Any]:

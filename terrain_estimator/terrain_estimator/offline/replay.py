@@ -68,6 +68,7 @@ class Replay:
 
     bag: Path
     estimates_bag: Path
+    name: str = ""  # of the run; empty: that of the bag
     state_sha256: str = ""  # of the file of the state that it started from
     missing_s: float | None = 0.0  # at the end of an unfinished bag; None where it is unknown
     notes: list[str] = field(default_factory=list)
@@ -89,10 +90,9 @@ class Replay:
     # by topic, empty where identical to live; None where not compared
     differences: dict[str, str] | None = None
 
-    @property
-    def name(self) -> str:
-        """Name of the bag."""
-        return bag_name(self.bag)
+    def __post_init__(self) -> None:
+        """Name the run by its bag where it has no name of its own."""
+        self.name = self.name or bag_name(self.bag)
 
     def keep_wheels(self, complete: MessageSet) -> None:
         """Record the wheels' measurements of one instant."""

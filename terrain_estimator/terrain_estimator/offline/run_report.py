@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write the report of a replay: one HTML file about all its runs."""
+"""The report of a replay: one HTML page about all its runs."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from rover_parameters.parameters import effective, parameters
 from terrain_estimator.bags import Message
@@ -19,14 +18,9 @@ from terrain_estimator.pages.run import Origin, ReplayedRun, ShownTruth, run_pag
 from terrain_estimator.topics import stamp_ns
 
 
-def write_report(
-    path: Path, replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig
-) -> None:
-    """Write the page about runs whose history was kept; OSError where that fails."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(
-        run_page([_run(each, model) for each in replays], _origin(model, config)), encoding="utf-8"
-    )
+def report_page(replays: Sequence[Replay], model: LoadedModel, config: EstimatorConfig) -> str:
+    """Return the page about runs whose history was kept; OSError where a bag is gone."""
+    return run_page([_run(each, model) for each in replays], _origin(model, config))
 
 
 def _run(replay: Replay, model: LoadedModel) -> ReplayedRun:

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from rover_parameters.parameters import effective
 from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.offline.replay import Replay
@@ -148,11 +149,8 @@ def print_table(replays: Sequence[Replay]) -> None:
 
 
 def write_summary(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON atomically: a reader never sees half of it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.new")
-    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    """Write JSON atomically: a reader never sees half of it. Raises OutputError."""
+    write_file(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def _interval(value: dict[str, Any] | None, scale: float, *, narrow: bool) -> str:

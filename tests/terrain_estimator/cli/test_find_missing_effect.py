@@ -98,7 +98,7 @@ def test_a_drag_of_the_drives_is_named_with_its_size_and_written_to_a_file(
             "unknown parameter pairing_tolerence: did you mean pairing_tolerance?",
         ),
         (["--remap", "odom:=/wheel_slip"], "/wheel_slip would be both"),
-        (["--out", __file__], f"--out {__file__}: no file can be written there"),
+        (["--out", __file__], f"{__file__}: is a file, not a folder"),
     ],
 )
 def test_a_wrong_argument_is_refused_by_name(
@@ -163,6 +163,9 @@ def test_a_model_of_two_runs_is_said_to_be_unproven(
 def test_the_model_that_is_to_be_extended_is_never_removed(tmp_path: Path) -> None:
     path = tmp_path / "model.pt"
     path.write_bytes(b"a model")
-    said = write_model(None, load_rover("mars_rover"), str(path), path)  # type: ignore[arg-type]
+    new, rover = tmp_path / "new.pt", load_rover("mars_rover")
+    said = write_model(None, rover, str(path), path, new)  # type: ignore[arg-type]
     assert "give another --out" in str(said)
-    assert path.exists()
+    assert not new.exists()
+    assert "model.pt" not in find_missing_effect._results(str(path), tmp_path)
+    assert "model.pt" in find_missing_effect._results("mars_rover", tmp_path)

@@ -454,7 +454,7 @@ def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_look
             ["--given", "grousers", "--library", "grousers"],
             "grousers is in --library and in --given",
         ),
-        (["--out", str(wheel)], f"--out {wheel}: no file can be written there"),
+        (["--out", str(wheel)], f"{wheel}: is a file, not a folder"),
     ):
         assert main(["--wheel-table", grousered, *place, *arguments]) == 2
         assert said in capsys.readouterr().err

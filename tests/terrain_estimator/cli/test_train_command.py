@@ -14,7 +14,7 @@ from rover_parameters.records import ConfigError
 from terrain_estimator.cli import train
 from terrain_estimator.learning.generation import Order
 from terrain_estimator.learning.restore import restore
-from terrain_estimator.model.model_file import ModelFileError, load_model
+from terrain_estimator.model.model_file import MODELS, ModelFileError, load_model
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 
@@ -85,6 +85,17 @@ def test_two_trainings_give_one_file_that_says_how_it_came_about(
     assert {path.name: path.read_bytes() for path in (tmp_path / "alone").iterdir()} == kept
 
 
+def test_installed_models_are_not_replaced(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(train, "draw", None)
+    assert not train._parser().parse_args([]).out.resolve().is_relative_to(MODELS)
+    before = {path.name: path.stat().st_mtime_ns for path in MODELS.iterdir()}
+    assert train.main([*SMALL, "--out", str(MODELS)]) == 2
+    assert f"{MODELS}: holds " in capsys.readouterr().err
+    assert {path.name: path.stat().st_mtime_ns for path in MODELS.iterdir()} == before
+
+
 def refuse(*_: object) -> None:
     raise ModelFileError("differs from the trained model")
 
@@ -141,7 +152,7 @@ def test_names_that_would_be_one_file_and_a_folder_that_is_none_are_refused_befo
     occupied.touch()
     for option in ("--out", "--curves"):
         assert call(tmp_path / "models", option, str(occupied)) == 2
-        assert f"{option} {occupied}: no file can be written there" in capsys.readouterr().err
+        assert f"{occupied}: is a file, not a folder" in capsys.readouterr().err
     assert (
         train.main([*SMALL, "--rover", "mars_rover", "no_rover", "--out", str(tmp_path / "models")])
         == 2
