@@ -6,13 +6,13 @@ ROS itself ignores a section that matches no node, such as one with a misspelt n
 """
 
 import itertools
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from rover_parameters.parameters import configure, flatten
-from rover_parameters.records import ConfigError, nearest, parse_yaml, read_yaml
+from rover_parameters.records import SHOWN, ConfigError, nearest, shortened
+from rover_parameters.yaml_files import parse_yaml, read_yaml
 
 OF_ROS = frozenset({"use_sim_time", "start_type_description_service"})
 """Parameters that every node has."""
@@ -68,7 +68,7 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
     if not found:
         names = [name for name, _ in sections]
         what = (
-            f"its sections are {', '.join(names)}: {nearest(node, names)}"
+            f"its sections are {', '.join(names[:SHOWN])}: {nearest(node, names)}"
             if names
             else "it has none at all"
         )
@@ -104,11 +104,13 @@ def parse_assignment(text: str) -> tuple[str, Any]:
     """
     name, separator, value = text.partition(":=")
     if not (name and separator):
-        raise ConfigError(f"parameter {text!r}: expected name:=value")
+        raise ConfigError(f"parameter {shortened(text)}: expected name:=value")
     try:
         return name, parse_yaml(value)
     except ConfigError as error:
-        raise ConfigError(f"parameter {name}: {value!r} is not valid YAML: {error}") from error
+        raise ConfigError(
+            f"parameter {name}: {shortened(value)} is not valid YAML: {error}"
+        ) from error
 
 
 def _sections(
@@ -118,12 +120,14 @@ def _sections(
     for key, value in tree.items():
         name = f"{prefix}/{str(key).strip('/')}"
         if not isinstance(value, Mapping):
-            raise ConfigError(f"{path}: {name}: expected {_SECTION}: {{...}}, got {value!r}")
+            raise ConfigError(
+                f"{path}: {name}: expected {_SECTION}: {{...}}, got {shortened(value)}"
+            )
         if _SECTION in value:
             if set(value) != {_SECTION} or not isinstance(value[_SECTION], Mapping):
                 raise ConfigError(
                     f"{path}: section {name}: expected {_SECTION}: {{...}} alone, got"
-                    f" {', '.join(map(str, value))}"
+                    f" {', '.join(list(value)[:SHOWN])}"
                 )
             yield name, value[_SECTION]
         else:
@@ -135,9 +139,11 @@ def _matches(section: str, node: str) -> bool:
 
     In the section's name, * stands for one word and ** for any number of words.
     """
-    words = section.strip("/").split("/")
-    pattern = "".join(
-        "(/[^/]+)*" if word == "**" else "/[^/]+" if word == "*" else re.escape(f"/{word}")
-        for word in words
-    )
-    return re.fullmatch(pattern, node) is not None
+    words, parts = section.strip("/").split("/"), node.strip("/").split("/")
+    ends = {0}  # numbers of parts that the words so far can stand for
+    for word in words:
+        if word == "**":
+            ends = set(range(min(ends), len(parts) + 1)) if ends else ends
+        else:
+            ends = {end + 1 for end in ends if end < len(parts) and word in {"*", parts[end]}}
+    return len(parts) in ends

@@ -1,25 +1,26 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read configuration files strictly: YAML into frozen dataclasses.
+"""Build frozen dataclasses from the content of configuration files, strictly.
 
 An unknown key is an error that names it and the nearest right one, at every level; so are a missing
-key, a duplicate key, a wrong type and a value outside its range. An int is accepted for a float. A
-range is declared once, on the dataclass field, with :func:`number`.
+key, a wrong type and a value outside its range. An int is accepted for a float. A range is declared
+once, on the dataclass field, with :func:`number`. :mod:`rover_parameters.yaml_files` reads files.
 """
 
 import dataclasses
 import difflib
 import itertools
 import math
-import re
+import reprlib
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-import yaml
-
-LARGEST_TREE = 100_000
-"""Largest number of values in a YAML file."""
+SHOWN = 100
+"""Largest number of names in an error."""
+_COMPARED = 1000  # names from a file among which the nearest is searched
+_LONGEST_NAME = 100  # characters of it
+_SHORTENED = reprlib.Repr()
+_SHORTENED.maxstring = _SHORTENED.maxother = _SHORTENED.maxlong = 80
 RecordT = TypeVar("RecordT")
 
 
@@ -69,37 +70,16 @@ def entry(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def load(record: type[RecordT], path: Path) -> RecordT:
-    """Read the YAML file at ``path`` into the dataclass ``record``. Raises ConfigError."""
-    return build(record, read_yaml(path), str(path))
-
-
-def read_yaml(path: Path) -> object:
-    """Read the content of a YAML file. Raises ConfigError."""
-    try:
-        return parse_yaml(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ConfigError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid YAML: {error}") from error
-
-
-def parse_yaml(text: str) -> object:
-    """Parse a YAML text. Raises ConfigError."""
-    try:
-        return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
-    except yaml.YAMLError as error:
-        raise ConfigError(str(error)) from error
-    # ValueError at a 13th month, KeyError at !!bool x, RecursionError at depth
-    except Exception as error:
-        raise ConfigError(f"{type(error).__name__}: {error}") from error
+def shortened(value: object) -> str:
+    """Return the repr of a value from a file, cut so that an error stays one readable line."""
+    return _SHORTENED.repr(value)
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
     """Return a hint about an unknown name: the nearest known one, or all."""
-    names = list(known)
-    near = difflib.get_close_matches(str(name), names, n=1)
-    return f"did you mean {near[0]}?" if near else f"known are {', '.join(names)}"
+    names = list(itertools.islice(known, _COMPARED))
+    near = difflib.get_close_matches(str(name)[:_LONGEST_NAME], names, n=1)
+    return f"did you mean {near[0]}?" if near else f"known are {', '.join(names[:SHOWN])}"
 
 
 def build(record: type[RecordT], content: object, where: str) -> RecordT:
@@ -109,7 +89,7 @@ def build(record: type[RecordT], content: object, where: str) -> RecordT:
     fields = {item.name: item for item in dataclasses.fields(record)}  # type: ignore[arg-type]
     for key in content:
         if key not in fields:
-            raise ConfigError(f"{where}: unknown key {key!r}: {nearest(key, fields)}")
+            raise ConfigError(f"{where}: unknown key {shortened(key)}: {nearest(key, fields)}")
     needed = [
         name
         for name, item in fields.items()
@@ -206,60 +186,4 @@ def _check_range(value: float, limits: Mapping[str, Any], where: str) -> None:
 
 
 def _shown(value: object) -> str:
-    return f"{value!r} ({type(value).__name__})"
-
-
-def _written_out(node: yaml.Node, known: dict[int, int]) -> int:
-    """Count the values of a tree with its aliases expanded.
-
-    Nine lines can expand to 10^9 values; an alias that contains itself expands without end.
-    """
-    if id(node) not in known:
-        known[id(node)] = LARGEST_TREE + 1  # for an alias within itself
-        children = (
-            itertools.chain(*node.value) if isinstance(node, yaml.MappingNode) else node.value
-        )
-        known[id(node)] = 1 + (
-            0
-            if isinstance(node, yaml.ScalarNode)
-            else sum(_written_out(child, known) for child in children)
-        )
-    return known[id(node)]
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """SafeLoader that refuses duplicate keys and endless aliases.
-
-    It reads 1e6 as a number, as YAML 1.2 does; YAML 1.1 reads it as a text.
-    """
-
-    def get_single_node(self) -> yaml.Node | None:
-        node = super().get_single_node()
-        if node is not None and _written_out(node, {}) > LARGEST_TREE:
-            raise yaml.constructor.ConstructorError(
-                None,
-                None,
-                f"more than {LARGEST_TREE} values when its aliases are written out",
-                None,
-            )
-        return node
-
-    def construct_mapping(
-        self,
-        node: yaml.MappingNode,
-        deep: bool = False,  # noqa: FBT001, FBT002 - of PyYAML
-    ) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key!r} is given twice", node.start_mark
-                )
-        return super().construct_mapping(node, deep)
-
-
-_StrictLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)
+    return f"{shortened(value)} ({type(value).__name__})"

@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readers give the content of a file or their documented error; `make fuzz` searches further."""
 
+import contextlib
 import functools
 import math
+import re
+import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,13 +16,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rover_parameters.parameters import configure
-from rover_parameters.records import ConfigError, build, parse_yaml
+from rover_parameters.records import ConfigError, build
+from rover_parameters.yaml_files import parse_yaml
 from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.importing.mapping import Mapping
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 from tests.fuzz.targets import TARGETS
 
+ROOT = Path(__file__).parents[2]
 WORDS = (
     b"!!timestamp ",
     b"!!bool x",
@@ -139,16 +145,18 @@ def test_parameters_of_any_form_are_taken_or_refused_by_name(values: dict[str, o
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("day: 2001-13-45", "month must be in 1..12"),
-        ("[" * 500, "RecursionError"),
-        ("a: !!bool x", "KeyError"),
-        ("a: &x {b: *x}", "more than 100000 values"),
-        (
-            "".join(
-                f"a{n}: &x{n} [{', '.join([f'*x{n - 1}'] * 9) if n else 1}]\n" for n in range(9)
-            ),
-            "more than 100000 values",
-        ),
+        ("[" * 500, "more than 32 lists and mappings within each other"),
+        ("- " * 500, "more than 32 lists and mappings within each other"),
+        ("a: !!bool x", "tag 'tag:yaml.org,2002:bool'"),
+        ("a: &x {b: *x}", "an anchor"),
+        ("a: *x", "alias"),
+        ("[" + "1," * 300_000 + "]", "more than 200000 values"),
+        ("a" * (5 << 20), "more than 4194304"),
+        ("? [a]\n: 1", "a key is a list or mapping"),
+        ("{a: 1, 'a': 2}", "key 'a' is given twice"),
+        ("---\na\n---\nb", "a second document begins"),
+        ("a: \x07", "special characters|control characters"),
+        ("a: \ud800", "surrogates"),
     ],
 )
 def test_yaml_that_ended_in_a_traceback_or_without_end_is_refused(text: str, words: str) -> None:
@@ -156,5 +164,55 @@ def test_yaml_that_ended_in_a_traceback_or_without_end_is_refused(text: str, wor
         parse_yaml(text)
 
 
-def test_aliases_are_read() -> None:
-    assert parse_yaml("a: &x [1]\nb: *x") == {"a": [1], "b": [1]}
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: " + "1" * 1_000_000 + "e",
+        "a: " + "1" * 200_000 + ":" + "1:" * 200_000,
+        "{" + "".join(f"k{n}: 1, " for n in range(90_000)) + "}",
+        "{" + "".join(f"{n * (2**61 - 1)}: 1, " for n in range(90_000)) + "}",
+        "[" * 1_000_000,
+        "a: " + "'" * 1_000_000,
+        "a: |\n" + " x\n" * 500_000,
+        "#\n" * 2_000_000,
+        "? " * 500_000,
+        "a: [" + "b: " * 500_000,
+        '"' + "\\x41" * 500_000 + '"',
+    ],
+    ids=lambda text: text[:12].encode("unicode_escape").decode(),
+)
+def test_yaml_is_read_or_refused_in_linear_time(text: str) -> None:
+    started = time.process_time()
+    with contextlib.suppress(ConfigError):
+        parse_yaml(text)
+    assert time.process_time() - started < 3.0
+
+
+def test_plain_words_are_read_as_ros_reads_them() -> None:
+    text = "[1, -2, 1e6, .5, 2., -.inf, true, off, ~, 2001-13-45, 1:30, 017, 0x1F, 1_0, '7', =, <<]"
+    values = [1, -2, 1e6, 0.5, 2.0, -math.inf, True, False, None]
+    assert parse_yaml(text) == [
+        *values,
+        *("2001-13-45", "1:30", "017", "0x1F", "1_0", "7", "=", "<<"),
+    ]
+    assert parse_yaml("{1: a, on: b}") == {"1": "a", "on": "b"}
+    assert parse_yaml("") is None
+
+
+def test_plain_yaml_is_read_in_one_module_alone() -> None:
+    """Also the parsers of PyYAML: every other use writes YAML."""
+    reading = re.compile(r"yaml\.\w*(?:load|parse|scan|compose|Loader|Reader)\w*")
+    packages = (
+        "rover_parameters",
+        "terramechanics",
+        "terrain_estimator",
+        "rover_sim_node",
+        "studies",
+    )
+    found = {
+        path.name
+        for package in packages
+        for path in (ROOT / package).rglob("*.py")
+        if reading.search(path.read_text(encoding="utf-8"))
+    }
+    assert found == {"yaml_files.py"}

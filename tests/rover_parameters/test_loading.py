@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rovers and soils from presets and YAML files: every mistake is named."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ LOOSE = (PRESETS / "soils" / "loose_sand.yaml").read_text(encoding="utf-8")
 
 def written(folder: Path, text: str, **changes: object) -> Path:
     """Write a file with that content, some keys changed; None removes a key."""
-    content = yaml.safe_load(text) | changes
+    content = json.loads(json.dumps(yaml.safe_load(text) | changes))  # without aliases
     path = folder / "given.yaml"
     path.write_text(
         yaml.safe_dump({key: value for key, value in content.items() if value is not None}),

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import torch
 
-from rover_parameters.records import ConfigError, load, number
+from rover_parameters.records import ConfigError, number
+from rover_parameters.yaml_files import load
 from terrain_estimator.console.arguments import (
     add_search_options,
     command_parser,

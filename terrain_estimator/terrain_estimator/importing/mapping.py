@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rover_parameters.records import ConfigError, load, number
+from rover_parameters.records import ConfigError, number
+from rover_parameters.yaml_files import load
 from terrain_estimator.importing.units import factor
 
 SLIP_DEFINITIONS = ("one_minus_v_over_rw", "max_normalised")

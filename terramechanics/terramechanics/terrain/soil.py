@@ -9,7 +9,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from rover_parameters.records import load, number
+from rover_parameters.records import number
+from rover_parameters.yaml_files import load
 from terramechanics.contact.stresses import CONSTANTS
 from terramechanics.presets import preset_names, preset_path
 

@@ -5,7 +5,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from rover_parameters.records import ConfigError, entry, load, number
+from rover_parameters.records import ConfigError, entry, number
+from rover_parameters.yaml_files import load
 from terramechanics.presets import preset_names, preset_path
 
 

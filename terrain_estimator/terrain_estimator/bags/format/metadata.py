@@ -10,11 +10,14 @@ from typing import Any
 
 import yaml
 
+from rover_parameters.records import ConfigError, shortened
+from rover_parameters.yaml_files import read_yaml
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.qos import Qos
 from terrain_estimator.bags.writing.syncing import sync_folder
 
 VERSION = 9
+_WITHOUT = "delete it to read the .mcap files of the folder without it"
 METADATA_FILE = "metadata.yaml"
 ROSBAG2_RECORD = "rosbag2"  # MCAP metadata record in which rosbag2 keeps a copy of metadata.yaml
 NO_TIME = 2**63 - 1  # what rosbag2 writes as starting time of an empty bag
@@ -131,7 +134,11 @@ def read_metadata(path: Path) -> StoredMetadata:
             files.
     """
     try:
-        fields = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        content: Any = read_yaml(path)
+    except ConfigError as error:
+        raise BagError(f"{path} is damaged ({error}): {_WITHOUT}") from error
+    try:
+        fields = content["rosbag2_bagfile_information"]
         storage, mode = fields["storage_identifier"], fields.get("compression_mode") or ""
         first, duration = (
             fields["starting_time"]["nanoseconds_since_epoch"],
@@ -139,22 +146,29 @@ def read_metadata(path: Path) -> StoredMetadata:
         )
         span = TimeSpan(int(first), int(first) + int(duration), int(fields["message_count"]))
         files = tuple(Path(name).name for name in fields["relative_file_paths"])
-        stored = StoredMetadata(files, span, dict(fields.get("custom_data") or {}))
+        stored = StoredMetadata(files, span, _texts(fields.get("custom_data") or {}))
         compressed = str(mode).lower() not in {"", "none"}
     except Exception as error:
-        msg = (
-            f"{path} is damaged ({type(error).__name__}: {error}): delete it to read the .mcap"
-            " files of the folder without it"
-        )
-        raise BagError(msg) from error
+        raise BagError(
+            f"{path} is damaged ({type(error).__name__}: {shortened(str(error))}): {_WITHOUT}"
+        ) from error
     if storage != "mcap" or compressed:
-        what = f"storage {storage!r}" if storage != "mcap" else f"compression mode {mode!r}"
+        what = (
+            f"storage {shortened(storage)}"
+            if storage != "mcap"
+            else f"compression mode {shortened(mode)}"
+        )
         msg = (
             f"{path}: {what} is not supported; convert it to uncompressed mcap with `ros2 bag"
             " convert` or `rosbags-convert`"
         )
         raise BagError(msg)
     return stored
+
+
+def _texts(custom: Mapping[str, object]) -> dict[str, str]:
+    """Return ``custom_data``; a number without quotes is a text too, null an empty one."""
+    return {key: "" if value is None else str(value) for key, value in custom.items()}
 
 
 def _topic(topic: TopicCount) -> dict[str, Any]:

@@ -7,6 +7,9 @@ from typing import Any
 
 import yaml
 
+from rover_parameters.records import ConfigError
+from rover_parameters.yaml_files import parse_yaml
+
 INFINITE_NS = 2**63 - 1  # RMW_DURATION_INFINITE
 
 
@@ -57,8 +60,9 @@ def qos_text(profiles: tuple[Qos, ...]) -> str:
 def parse_qos(text: str) -> tuple[Qos, ...]:
     """Parse a channel's ``offered_qos_profiles``; empty unless it is of version 9."""
     try:
-        return tuple(_of_dict(fields) for fields in yaml.safe_load(text) or ())
-    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        profiles: Any = parse_yaml(text)
+        return tuple(_of_dict(fields) for fields in profiles or ())
+    except (ConfigError, KeyError, TypeError, ValueError, OverflowError):
         return ()
 
 
