@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures workspace environment clean
+.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -69,7 +69,7 @@ million: workspace  ## a million updates with mad sensors and clocks, an hour of
 	ros2_ws/with python -m tests.faults.million $(ARGS)
 
 fuzz: workspace  ## fuzz all readers of files, 78 minutes on one core; ARGS="--only bag --mutations 10000" for random damage: docs/faults.md
-	$(VENV_PYTHON) -m pip install --quiet --no-deps --requirement tests/fuzz/requirements.txt
+	$(VENV_PYTHON) -m pip install --quiet --no-deps --require-hashes --requirement tests/fuzz/requirements.txt
 	ros2_ws/with python -m tests.fuzz $(ARGS)
 
 mutants: workspace  ## change 300 places of the library one by one, do the tests notice? 3 hours on two cores: out/mutants.md
@@ -94,6 +94,12 @@ docs: environment  ## build the site of the pages and the API reference, check i
 
 measures: environment  ## measure the code's form, beside an earlier commit: make measures ARGS="--before COMMIT --write docs/architecture.md"
 	$(VENV_PYTHON) -m tools.measures $(ARGS)
+
+sbom: environment  ## list all installed packages with versions and licences, in CycloneDX's form: out/sbom.json
+	$(VENV_PYTHON) -m tools.supply_chain sbom
+
+audit: environment  ## look the pinned packages up among known vulnerabilities, by pip-audit
+	$(VENV_PYTHON) -m tools.supply_chain audit
 
 workspace: environment  ## set up and build, and start nothing
 	@ros2_ws/compile

@@ -110,8 +110,8 @@ WHEN = {
             " service that restarts"
         ),
         "topics": (
-            "to record /diagnostics, /clock, traction_advice or terrain_map too; name the default"
-            " topics as well"
+            "to record /clock or topics of your own, too (name the default topics as well), or to"
+            " record fewer"
         ),
         "fsync_interval": "to a longer time to spare a flash memory, to a shorter one to lose less",
         "split.size": (

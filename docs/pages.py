@@ -41,8 +41,7 @@ NODES = {
 }
 _PARAMETERS = """# Parameters
 
-Nodes read their parameters at the start. They cannot be changed while a node runs. Set them one by
-one,
+Nodes read their parameters at the start. Set them one by one,
 
     ros2 run terrain_estimator estimator --ros-args -p use_torque:=false -p prior.soil:=loose_sand
 
@@ -55,6 +54,29 @@ or from a file:
 `terrain_estimator/config` has such a file for each node that runs on a rover (not for `simulator`
 and `watch`). Its comments say when to change which parameter. The files are installed in
 `share/terrain_estimator/config`.
+
+## Changes at run time
+
+`estimator` and `recorder` are managed nodes and read their parameters each time they are
+configured. Set them while the node is unconfigured or inactive. The change takes effect at the
+next `configure`:
+
+    ros2 lifecycle set /estimator deactivate
+    ros2 lifecycle set /estimator cleanup
+    ros2 param set /estimator model paper_rover
+    ros2 lifecycle set /estimator configure
+    ros2 lifecycle set /estimator activate
+
+- A value of another type or out of its range is refused at once. Whether the values fit together is
+  checked by `configure`, so that you can set both parts of a prior one by one.
+- While the node is active a change is refused, except that of `gate_probability`, which takes
+  effect with the next observation. The fingerprint of the configuration in `estimator_health`
+  follows.
+- `auto_start` is read-only, since only the start of the process reads it.
+- `planner`, `terrain_map`, `slip_source`, `dashboard`, `watch` and `simulator` are not managed
+  nodes: their parameters are read-only. Start them anew with other values.
+
+## Errors
 
 These are errors:
 
@@ -84,13 +106,18 @@ _DIAGNOSTICS = """# Diagnostics
 
 `estimator`, `recorder` and `slip_source` publish `/diagnostics`
 (`diagnostic_msgs/msg/DiagnosticArray`) once a second by the steady clock, from their start and in
-every lifecycle state. Each check has one status, named `NODE: CHECK [TOPIC]`; its value is among
-the `values`. `slip_source` has the check `refused` only, for its pairs of wheel rates and velocity.
+every lifecycle state. Each check has one status, named `NODE: CHECK [TOPIC]`, whose `values` have
+the keys `value` and `unit`. To plot one in Foxglove:
+
+    /diagnostics.status[:]{name=="/estimator: latency"}.values[0].value
+
+`slip_source` has the check `refused` only, for its pairs of wheel rates and velocity.
 
 `estimator_health` summarises the checks of the estimator's inputs and updates: `level` is the worst
 level, `summary` describes the checks that have it.
 
-A problem that lasts five seconds is logged once, and once more when it is over.
+A problem that lasts five seconds is logged once, and once more when it is over. Before any data
+arrive, one line names all inputs that are silent for the same reason.
 
 A level applies when the quantity is above the limit of that level. An unknown quantity (NaN) is no
 fault.

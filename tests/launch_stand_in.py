@@ -27,6 +27,7 @@ MODULES = (
     "launch_ros",
     "launch_ros.actions",
 )
+OURS = "terrain_estimator.nodes.common.launching"
 NAMES = (
     "LaunchContext",
     "LaunchDescription",
@@ -59,9 +60,10 @@ class LaunchConfiguration(Kept):
 class Context:
     """Values of the arguments in force, and the entities that were started."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.values, self.started = folder, dict[str, str](), list[Kept]()
-        self.locals = SimpleNamespace()
+    def __init__(self, path: Path, arguments: dict[str, str]) -> None:
+        self.folder, self.values, self.started = path.parent, arguments, list[Kept]()
+        self.argv = [f"{name}:={value}" for name, value in arguments.items()]
+        self.locals = SimpleNamespace(current_launch_file_path=str(path))
 
     def extend_globals(self, values: dict[str, Any]) -> None:
         vars(self.locals).update(values)
@@ -84,8 +86,12 @@ class Context:
         }
         assert set(given) <= known, f"{path.name} has no argument {set(given) - known}"
         self.values |= given
-        for entity in entities:
-            self.visit(entity)
+        self.locals.current_launch_file_path = str(path)
+        self._all(entities)
+
+    def start(self, path: Path) -> None:
+        """Start what the file declares that the user named."""
+        self._all(description(path))
 
     def visit(self, entity: Kept) -> None:
         kind = type(entity).__name__
@@ -129,7 +135,9 @@ def library() -> Iterator[None]:
             module = ModuleType(name)
             vars(module).update(classes)
             patch.setitem(sys.modules, name, module)
+        patch.delitem(sys.modules, OURS, raising=False)
         yield
+        sys.modules.pop(OURS, None)
 
 
 def description(path: Path) -> list[Kept]:
@@ -140,9 +148,10 @@ def description(path: Path) -> list[Kept]:
 
 def started(path: Path, **arguments: str) -> list[Kept]:
     """Return the nodes and processes that a launch file starts with these arguments."""
-    with library():
-        context = Context(path.parent)
-        context.include(path, arguments)
+    context = Context(path, arguments)
+    with library(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["ros2", "launch", str(path), *context.argv])
+        context.start(path)
     return context.started
 
 

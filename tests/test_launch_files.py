@@ -13,7 +13,7 @@ from docs.pages import NODES
 from rover_parameters.files import read_parameters
 from rover_parameters.parameters import configure, parameters
 from rover_parameters.records import ConfigError
-from terrain_estimator.topics import INPUT_TYPES, RECORDED_TOPICS
+from terrain_estimator.topics import INPUT_TYPES
 from tests.launch_stand_in import Kept, declared, started
 
 ROOT = Path(__file__).parents[1]
@@ -21,6 +21,7 @@ FOLDER = ROOT / "terrain_estimator/launch"
 CONFIG = ROOT / "terrain_estimator/config"
 FILES = sorted(FOLDER.glob("*.launch.py"))
 NEEDED = {"replay.launch.py": {"bag": "bags/first"}}
+RESPAWN = {"respawn": "true", "respawn_delay": "0.5"}
 EVERYTHING = {
     "planner": "true",
     "map": "true",
@@ -95,11 +96,51 @@ def test_a_state_that_is_named_outlives_a_restart(name: str) -> None:
     assert values(nodes(name, state="ground.state")["/estimator"])["state.file"] == "ground.state"
 
 
-def test_a_velocity_brings_the_source_of_slip_and_the_planner_is_recorded() -> None:
+@every_file
+def test_a_misspelt_argument_is_refused_and_the_right_one_named(path: Path) -> None:
+    needed = NEEDED.get(path.name, {})
+    with pytest.raises(
+        ConfigError, match=rf"{path.name} has no argument plannr .*did you mean planner\?"
+    ):
+        started(path, **needed, plannr="true")
+    assert started(path, **needed, **{"launch-prefix": "nice"})
+
+
+def test_arguments_of_a_foreign_file_that_includes_ours_are_left_alone(tmp_path: Path) -> None:
+    foreign = tmp_path / "rover.launch.py"
+    foreign.write_text(
+        "from launch import LaunchDescription\n"
+        "from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription\n"
+        "def generate_launch_description():\n"
+        "    return LaunchDescription([\n"
+        "        DeclareLaunchArgument('wheels', default_value='6', description=''),\n"
+        f"        IncludeLaunchDescription('{FOLDER}/rover.launch.py', launch_arguments=[]),\n"
+        "    ])\n"
+    )
+    assert len(started(foreign, wheels="4")) == 2
+
+
+@every_file
+def test_respawn_starts_the_nodes_of_the_rover_anew(path: Path) -> None:
+    needed = NEEDED.get(path.name, {})
+    for given, expected in (({}, (False, 2.0)), (RESPAWN, (True, 0.5))):
+        found = nodes(path.name, **needed, **given)
+        assert {
+            (node.named["respawn"], node.named["respawn_delay"])
+            for node in found.values()
+            if node.named["executable"] != "simulator"
+        } == {expected}
+        assert not any(
+            node.named.get("respawn") for name, node in found.items() if name.endswith("simulator")
+        )
+    with pytest.raises(ConfigError, match="respawn_delay:=soon: expected a number of seconds"):
+        nodes(path.name, **needed, respawn_delay="soon")
+
+
+def test_a_velocity_brings_the_source_of_slip() -> None:
     found = nodes("rover.launch.py", velocity="visual_odometry", planner="true", rover="mars_rover")
     assert found["/slip_source"].named["remappings"] == [("velocity", "visual_odometry")]
     assert values(found["/slip_source"])["rover"] == "mars_rover"
-    assert values(found["/recorder"])["topics"].split() == [*RECORDED_TOPICS, "traction_advice"]
     assert all(
         not node.named["remappings"] for name, node in found.items() if name != "/slip_source"
     )
@@ -173,9 +214,11 @@ def test_the_check_finds_an_argument_that_an_included_file_does_not_have(tmp_pat
     for path in FILES:
         text = path.read_text(encoding="utf-8")
         (tmp_path / path.name).write_text(
-            text.replace('    "map": (', '    "mop": (') if path.name == "drive.launch.py" else text
+            text.replace('    "state": (', '    "stat": (')
+            if path.name == "drive.launch.py"
+            else text
         )
-    with pytest.raises(AssertionError, match=r"rover.launch.py has no argument {'mop'}"):
+    with pytest.raises(AssertionError, match=r"rover.launch.py has no argument {'stat'}"):
         started(tmp_path / "drive.launch.py")
 
 

@@ -10,7 +10,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from rover_parameters.files import DUMP, configured
-from rover_parameters.parameters import Parameter, effective, parameters, template
+from rover_parameters.parameters import Parameter, configure, effective, parameters, template
 from rover_parameters.records import ConfigError
 
 Config = TypeVar("Config")
@@ -24,8 +24,15 @@ def given(node: Node) -> dict[str, Any]:
     }
 
 
-def declare(node: Node, config: type[Config], declared_elsewhere: Container[str] = ()) -> Config:
-    """Read all parameters of a configuration and declare them read-only.
+def declare(
+    node: Node,
+    config: type[Config],
+    declared_elsewhere: Container[str] = (),
+    *,
+    changeable: bool = False,
+    fixed: Container[str] = (),
+) -> Config:
+    """Read all parameters of a configuration and declare them.
 
     With ``--dump-config``, print them and end. ROS ignores a parameter that a node does not
     declare, and a parameter file without a section for the node; here both are errors. A list of
@@ -36,6 +43,9 @@ def declare(node: Node, config: type[Config], declared_elsewhere: Container[str]
             user's values visible.
         config: made of fields by ``rover_parameters.records``.
         declared_elsewhere: given names that the node's subscriptions declare by themselves.
+        changeable: the parameters can be set later, but for those in ``fixed``; the node judges
+            each change and reads the values by :func:`in_force`. Otherwise all are read-only.
+        fixed: names.
 
     Raises:
         ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches
@@ -59,21 +69,29 @@ def declare(node: Node, config: type[Config], declared_elsewhere: Container[str]
         sys.exit()
     for key in elsewhere:
         node.undeclare_parameter(key)  # a subscription declares it anew, read-only
-    in_force = effective(result)
+    values = effective(result)
     for entry in parameters(config):
         if node.has_parameter(entry.name):
             node.undeclare_parameter(entry.name)
-        node.declare_parameter(
-            entry.name, in_force[entry.name], _descriptor(entry), ignore_override=True
-        )
+        descriptor = _descriptor(entry)
+        descriptor.read_only = not changeable or entry.name in fixed
+        node.declare_parameter(entry.name, values[entry.name], descriptor, ignore_override=True)
     return result
+
+
+def in_force(node: Node, config: type[Config]) -> Config:
+    """Build the configuration from the values that the node's parameters have now.
+
+    Raises:
+        ConfigError: they do not fit together.
+    """
+    names = [entry.name for entry in parameters(config)]
+    return configure(config, {name: node.get_parameter(name).value for name in names})
 
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
     """Return the descriptor, with the range in words and, where ROS can hold it, as numbers."""
-    descriptor = ParameterDescriptor(
-        description=entry.meaning, additional_constraints=entry.limits, read_only=True
-    )
+    descriptor = ParameterDescriptor(description=entry.meaning, additional_constraints=entry.limits)
     if entry.range and isinstance(entry.default, float):
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=entry.low, to_value=entry.high)

@@ -108,6 +108,15 @@ def configure(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
     return _made(record, converted, "")
 
 
+def check(record: type[Any], name: str, value: object) -> None:
+    """Check one value by itself, without those that it must fit.
+
+    Raises ConfigError that names the parameter for a wrong type or a value out of range.
+    """
+    hint, item = next((hint, item) for leaf, hint, item in _leaves(record, "") if leaf == name)
+    _converted(hint, item, value, f"parameter {name}")
+
+
 def effective(config: object) -> dict[str, Value]:
     """Return the values in force, by flat name."""
     names = [name for name, _, _ in _leaves(type(config), "")]

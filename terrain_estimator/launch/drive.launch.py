@@ -11,7 +11,6 @@ from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import (
-    DeclareLaunchArgument,
     EmitEvent,
     GroupAction,
     IncludeLaunchDescription,
@@ -24,8 +23,8 @@ from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
 
 from rover_parameters.files import read_parameters
+from terrain_estimator.nodes.common.launching import ONE_ROVER, declared, seconds
 
-SWITCH = ["true", "false"]
 SIMULATOR = {
     "rover": ("mars_rover", "preset or YAML file; another one needs its model, too"),
     "soil": ("loose_sand", "preset or YAML file"),
@@ -38,15 +37,8 @@ SIMULATOR = {
 }
 ROVER = {
     "namespace": ("", "of all topics and nodes"),
-    "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
-    "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
-    "map": ("false", "publish the estimate along the track, on terrain_map"),
-    "dashboard": (
-        "false",
-        "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)",
-    ),
+    **ONE_ROVER,
     "record": ("true", "record inputs and outputs to a bag"),
-    "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
     "state": (
         "",
         (
@@ -54,22 +46,12 @@ ROVER = {
             " at the end"
         ),
     ),
-    "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),
 }
 ARGUMENTS = SIMULATOR | ROVER
 
 
 def generate_launch_description() -> LaunchDescription:
     """Start the simulator and the nodes of a rover; stop these when the simulator has ended."""
-    declared = [
-        DeclareLaunchArgument(
-            name,
-            default_value=default,
-            description=text,
-            choices=SWITCH if default in SWITCH else None,
-        )
-        for name, (default, text) in ARGUMENTS.items()
-    ]
     # In a group, so that what it is given does not become ours; without a rover its nodes go by
     # that of the model.
     given = [("rover", ""), *((name, LaunchConfiguration(name)) for name in ROVER)]
@@ -80,7 +62,7 @@ def generate_launch_description() -> LaunchDescription:
             )
         ]
     )
-    return LaunchDescription([*declared, rover, OpaqueFunction(function=_simulator)])
+    return LaunchDescription([*declared(ARGUMENTS), rover, OpaqueFunction(function=_simulator)])
 
 
 def _simulator(context: LaunchContext) -> list[Node | RegisterEventHandler]:
@@ -89,7 +71,7 @@ def _simulator(context: LaunchContext) -> list[Node | RegisterEventHandler]:
         "rover": value["rover"],
         "soil": value["soil"],
         "schedule": value["schedule"],
-        "duration": float(value["duration"]),
+        "duration": seconds(value, "duration"),
         "seed": int(value["seed"]),
         # The drive waits until the nodes that read all of its topics have matched, so that none
         # misses its beginning.

@@ -10,7 +10,6 @@ terrain_estimator replay` is faster, and exact.
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import (
-    DeclareLaunchArgument,
     EmitEvent,
     ExecuteProcess,
     IncludeLaunchDescription,
@@ -21,23 +20,18 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 
+from terrain_estimator.nodes.common.launching import ONE_ROVER, declared
+
 INPUTS = ("wheel_slip", "wheel_sinkage", "odom", "joint_states", "imu")
 ROVER = {
     "namespace": ("", "of the topics in the bag, and of all nodes"),
-    "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
+    **ONE_ROVER,
     "rover": (
         "",
         "name or YAML file of the rover, for other names of its wheels; empty: the model's",
     ),
-    "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
-    "map": ("false", "publish the estimate along the track, on terrain_map"),
-    "dashboard": (
-        "false",
-        "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)",
-    ),
     "record": ("false", "record inputs and the new outputs to another bag"),
     "output": ("", "folder of that bag, must not exist; empty: bags/<UTC time>"),
-    "config": ("", "folder of parameter files, as of rover.launch.py; empty: none"),
 }
 ARGUMENTS = {
     "bag": (None, "folder of the recording"),
@@ -49,21 +43,12 @@ ARGUMENTS = {
 
 def generate_launch_description() -> LaunchDescription:
     """Start the nodes of a rover and the player; stop the nodes when the player has ended."""
-    declared = [
-        DeclareLaunchArgument(
-            name,
-            default_value=default,
-            description=text,
-            choices=["true", "false"] if default in {"true", "false"} else None,
-        )
-        for name, (default, text) in ARGUMENTS.items()
-    ]
     given = [(name, LaunchConfiguration(name)) for name in ROVER]
     rover = IncludeLaunchDescription(
         [ThisLaunchFileDir(), "/rover.launch.py"],
         launch_arguments=[*given, ("use_sim_time", "true")],
     )
-    return LaunchDescription([*declared, rover, OpaqueFunction(function=_player)])
+    return LaunchDescription([*declared(ARGUMENTS), rover, OpaqueFunction(function=_player)])
 
 
 def _player(context: LaunchContext) -> list[ExecuteProcess | RegisterEventHandler]:

@@ -11,18 +11,17 @@ ROS installation start the executables by `ros2 run`.
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from terrain_estimator.topics import RECORDED_TOPICS
+from terrain_estimator.nodes.common.launching import ONE_ROVER, declared, seconds
 
-SWITCH = ["true", "false"]
 PATIENCE_S = "60"
 """[s] after Ctrl-C, in which the recorder compresses its bag."""
 ARGUMENTS = {
     "namespace": ("", "of all topics and nodes"),
-    "model": ("", "name of an installed model or path of a model file; empty: mars_rover"),
+    **ONE_ROVER,
     "rover": (
         "",
         (
@@ -37,29 +36,12 @@ ARGUMENTS = {
             " publishes wheel_slip itself"
         ),
     ),
-    "planner": ("false", "advise how fast to go and when to stop, on traction_advice"),
-    "map": ("false", "publish the estimate along the track, on terrain_map"),
-    "dashboard": (
-        "false",
-        "show all of it live in a browser, at http://127.0.0.1:8090 (docs/dashboard.md)",
-    ),
-    "record": (
-        "true",
-        "record inputs and outputs to a bag; of planner and map, too, whatever recorder.yaml says",
-    ),
-    "output": ("", "folder of the bag, must not exist; empty: bags/<UTC time>"),
+    "record": ("true", "record inputs and outputs to a bag"),
     "state": (
         "",
         (
             "file in which the estimator keeps what it knows over restarts, one a rover; empty: as"
             " config says, else it forgets at the end"
-        ),
-    ),
-    "config": (
-        "",
-        (
-            "folder of parameter files estimator.yaml, planner.yaml, ...; begin with a copy of"
-            " share/terrain_estimator/config; empty: none"
         ),
     ),
     "use_sim_time": (
@@ -71,16 +53,7 @@ ARGUMENTS = {
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments, and start the chosen nodes."""
-    declared = [
-        DeclareLaunchArgument(
-            name,
-            default_value=default,
-            description=text,
-            choices=SWITCH if default in SWITCH else None,
-        )
-        for name, (default, text) in ARGUMENTS.items()
-    ]
-    return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
+    return LaunchDescription([*declared(ARGUMENTS), OpaqueFunction(function=_nodes)])
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
@@ -106,23 +79,9 @@ def _nodes(context: LaunchContext) -> list[Node]:
         ),
         "terrain_map": {} if value["map"] == "true" else None,
         "dashboard": {} if value["dashboard"] == "true" else None,
-        "recorder": (
-            {"output": value["output"], "topics": _topics(value)}
-            if value["record"] == "true"
-            else None
-        ),
+        "recorder": ({"output": value["output"]} if value["record"] == "true" else None),
     }
     return [_node(name, value, given) for name, given in wanted.items() if given is not None]
-
-
-def _topics(value: dict[str, str]) -> str:
-    """Return all topics to record where planner or map run, else "" for the default."""
-    more = [
-        topic
-        for switch, topic in (("planner", "traction_advice"), ("map", "terrain_map"))
-        if value[switch] == "true"
-    ]
-    return " ".join([*RECORDED_TOPICS, *more]) if more else ""
 
 
 def _node(name: str, value: dict[str, str], given: dict[str, str]) -> Node:
@@ -136,6 +95,8 @@ def _node(name: str, value: dict[str, str], given: dict[str, str]) -> Node:
         parameters=[*_file(value["config"], name), chosen],
         remappings=[("velocity", value["velocity"])] if name == "slip_source" else [],
         output="screen",
+        respawn=value["respawn"] == "true",
+        respawn_delay=seconds(value, "respawn_delay"),
         sigterm_timeout=PATIENCE_S,
         sigkill_timeout=PATIENCE_S,
     )

@@ -8,8 +8,10 @@ For real rovers start rover.launch.py once in each namespace. Ends when both dri
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
+from launch.actions import GroupAction, IncludeLaunchDescription
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
+
+from terrain_estimator.nodes.common.launching import SHARED, declared
 
 ROVERS = ("first", "second")
 BOTH = {
@@ -18,13 +20,8 @@ BOTH = {
         "how the wheels are driven: S1, S2, S3, S4, or cmd_vel to follow velocity commands",
     ),
     "duration": ("60.0", "[s] of the drives; 0: until Ctrl-C"),
-    "planner": ("false", "advise how fast to go and when to stop, on traction_advice of each"),
-    "map": ("false", "publish the estimates along the tracks, on terrain_map of each"),
+    **SHARED,
     "record": ("true", "record inputs and outputs of each to a bag of its own, bags/<namespace>"),
-    "config": (
-        "",
-        "folder of parameter files, as of rover.launch.py, for the nodes of both; empty: none",
-    ),
 }
 ARGUMENTS = {
     "first": ("rover1", "namespace of the first rover"),
@@ -46,17 +43,8 @@ ARGUMENTS = {
 
 def generate_launch_description() -> LaunchDescription:
     """Include the drive of one rover twice, each with a seed of its own."""
-    declared = [
-        DeclareLaunchArgument(
-            name,
-            default_value=default,
-            description=text,
-            choices=["true", "false"] if default in {"true", "false"} else None,
-        )
-        for name, (default, text) in ARGUMENTS.items()
-    ]
     return LaunchDescription(
-        [*declared, *(_drive(which, seed) for seed, which in enumerate(ROVERS))]
+        [*declared(ARGUMENTS), *(_drive(which, seed) for seed, which in enumerate(ROVERS))]
     )
 
 

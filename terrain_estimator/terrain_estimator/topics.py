@@ -42,8 +42,11 @@ OUTPUT_TYPES = {"terrain_estimate": ESTIMATE, "motion_prediction": PREDICTION}
 LISTENED = {"terrain_estimate": ESTIMATE} | {topic: INPUT_TYPES[topic] for topic in REQUIRED_INPUTS}
 """Types of the topics that planner, watch and dashboard need."""
 
-RECORDED_TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES, "estimator_health", "ground_truth/terrain")
-"""Topics that the recorder records by default."""
+OPTIONAL_TOPICS = ("traction_advice", "terrain_map", "ground_truth/terrain", "/diagnostics")
+"""Topics that not every rover has; the recorder does not miss them."""
+
+RECORDED_TOPICS = (*INPUT_TYPES, *OUTPUT_TYPES, "estimator_health", *OPTIONAL_TOPICS)
+"""Topics that the recorder records by default: all of the suite."""
 
 
 def paired_inputs(*, use_imu: bool) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from terrain_estimator.nodes.common.inactivity import (
     InactivityMonitor,
     PairingMonitor,
     explain_silence,
+    merged,
 )
 from tests.system.listening import Listener
 
@@ -113,3 +114,9 @@ def test_messages_that_are_never_of_one_instant_are_said_once_and_taken_back(
     assert "a and b: messages of one instant come now" in said("a", paired=True)
     assert said("a" * 20) == ""
     assert said("ab" * 20).count("none of one instant") == 1
+
+
+def test_topics_that_are_silent_for_one_reason_share_one_line() -> None:
+    lines = {"odom": "no data on odom: a", "imu": "no data on imu: a", "slip": "no data on slip: b"}
+    assert merged(lines) == ["no data on odom: a; likewise imu", "no data on slip: b"]
+    assert merged({}) == []

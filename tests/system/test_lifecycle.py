@@ -245,6 +245,10 @@ def test_it_says_from_the_start_what_it_will_never_hear(start: Starter, listener
         )
         assert status(diagnostics, check).level in {b"\x02", b"\x03"}
     estimator.wait_for_output("no data on odom since the start")
+    assert {each.key for each in status(diagnostics, "required input odom").values} == {
+        "value",
+        "unit",
+    }
     estimator.wait_for_output("use_sim_time is set, but no /clock came for [0-9]+ s")
     assert estimator.output.count("no data on odom") == 1
 

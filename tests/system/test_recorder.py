@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder as a process of its own, on real DDS."""
 
+import re
 import resource
 import signal
 from pathlib import Path
@@ -9,12 +10,15 @@ from pathlib import Path
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from msg_defs.msg import TerrainTruth, WheelSlip
 from terrain_estimator.bags import BagReader, recover
+from terrain_estimator.nodes.common.message_types import message_class
+from terrain_estimator.topics import OPTIONAL_TOPICS, RECORDED_TOPICS
 from tests.system.listening import LATCHED, Listener
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
@@ -111,6 +115,35 @@ def test_it_says_when_all_topics_are_recorded_and_picks_up_a_late_one(
         }
         [profile] = yaml.safe_load(reader.topics["/ground_truth/terrain"].qos_text)
         assert (profile["durability"], profile["reliability"]) == ("transient_local", "reliable")
+
+
+def test_by_default_it_records_every_topic_of_the_suite_and_misses_no_optional_one(
+    start: Starter, listener: Listener, tmp_path: Path
+) -> None:
+    page = (Path(__file__).parents[2] / "docs/messages.md").read_text(encoding="utf-8")
+    kinds = dict(re.findall(r"^\| `([\w/]+)` \| `(\w+/msg/\w+)` \|", page, re.MULTILINE))
+    assert set(kinds) == set(RECORDED_TOPICS)
+    recorder = start("terrain_estimator", "recorder", "--ros-args", "-p", f"output:={tmp_path}/run")
+    diagnostics = listener.collect(DiagnosticArray, "/diagnostics")
+    publishers = {
+        name: listener.node.create_publisher(message_class(kind), name, 5)
+        for name, kind in kinds.items()
+        if name not in OPTIONAL_TOPICS or name == "traction_advice"
+    }
+    recorder.wait_for_output(r"recording \d+ topics")
+    recorder.wait_for_output("matched /traction_advice")
+    publishers["traction_advice"].publish(message_class(kinds["traction_advice"])())
+
+    def silent() -> str:
+        found = [each for message in diagnostics for each in message.status]
+        return next((e.message for e in reversed(found) if e.name.endswith("recording")), "")
+
+    listener.spin_until(
+        lambda: silent() == "every topic that is recorded has a publisher", "none is missed"
+    )
+    assert recorder.interrupt() == 0
+    with BagReader(tmp_path / "run") as reader:
+        assert reader.topics["/traction_advice"].count == 1
 
 
 def test_it_follows_a_publisher_that_offers_less(

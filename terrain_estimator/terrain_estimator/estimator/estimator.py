@@ -106,6 +106,11 @@ class Estimator:
         """Stamp of the last observation that came, None where none did."""
         return self._last_stamp
 
+    def set_gate_probability(self, probability: float) -> None:
+        """Refuse this share of good observations from the next one on; 0: none."""
+        self._config = dataclasses.replace(self._config, gate_probability=probability)
+        self._gate = _threshold(probability, 1)
+
     def save(self) -> dict[str, NDArray[Any]]:
         """Return all that the next update depends on, as arrays, but for the sequence number."""
         last = {} if self._last is None else dataclasses.asdict(self._last)

@@ -75,6 +75,7 @@ class Pipeline:
         self._synchronizer = input_synchronizer(self.inputs, config.pairing)
         rover = rover_of(model, config.rover)
         self.rover_name, self._wheels = rover.name, rover.wheel_names
+        self._model, self._config = model, config
         self._converter = Converter(rover, config.conversion, config.core)
         self._averager = Averager(rover.wheel_radius, config.core)
         self._before: Arrays | None = None  # the state before the first reading
@@ -202,6 +203,14 @@ class Pipeline:
             f"the clock went back by {back_s:.1f} s, as when a bag loops: the posterior is the"
             " prior again"
         )
+
+    def set_gate_probability(self, probability: float) -> None:
+        """Change the gates from the next observation on; the fingerprint in ``meta`` follows."""
+        core = dataclasses.replace(self._config.core, gate_probability=probability)
+        self._config = dataclasses.replace(self._config, core=core)
+        self._estimator.set_gate_probability(probability)
+        sha256 = configuration_sha256(self._model, self._config)
+        self.meta = dataclasses.replace(self.meta, configuration_sha256=sha256)
 
     def reset(self) -> None:
         """Forget the ground and the waiting messages; keep counters and sequence numbers."""

@@ -53,6 +53,7 @@ class EstimatorNode(ManagedNode):
     """Publish an estimate and a prediction for each complete set of inputs, and health at 1 Hz."""
 
     config: EstimatorNodeConfig
+    live = frozenset({"gate_probability"})
 
     def __init__(self, stop: threading.Event, **options: Any) -> None:
         """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is wrong."""
@@ -140,6 +141,11 @@ class EstimatorNode(ManagedNode):
         self._pipeline = None
         gc.unfreeze()
         gc.collect()
+
+    def change(self) -> None:
+        """Take another gate from the next observation on."""
+        with self._pipeline_lock:
+            self._configured.set_gate_probability(self.config.estimator.core.gate_probability)
 
     def findings(self) -> Iterator[CheckResult]:
         """Return the checks of the last health report, of publishers and of the saved state."""

@@ -32,7 +32,7 @@ from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.lifecycle import ManagedNode, drain
 from terrain_estimator.nodes.common.message_types import message_class
 from terrain_estimator.nodes.common.publishers import bag_qos, type_conflicts
-from terrain_estimator.topics import HEALTH
+from terrain_estimator.topics import HEALTH, OPTIONAL_TOPICS
 
 QUEUE = 1000  # messages: minutes of a topic at 10 Hz, so a slow disk loses nothing
 POLL_S = 0.1
@@ -65,7 +65,7 @@ class RecorderNode(ManagedNode):
         """Read the parameters; ``options`` are rclpy's. Raises ConfigError where one is wrong."""
         super().__init__("recorder", RecorderConfig, stop, **options)
         self._log = self.get_logger()
-        self._topics = self._resolve(self.config.topics)
+        self._name_topics()
         self._thread: BagThread | None = None
         self._discovery: Timer | None = None
         self._sources: dict[str, Source] = {}
@@ -81,6 +81,7 @@ class RecorderNode(ManagedNode):
 
     def configure(self) -> None:
         """Open the bag."""
+        self._name_topics()
         self._thread, self._log_time_ns, self.disk_failed = BagThread(self.config), 0, False
         self._sources, self._adding, self._identities, self._warnings = {}, {}, set(), set()
         self._waiting, self._refused = list(self._topics), {}
@@ -133,7 +134,9 @@ class RecorderNode(ManagedNode):
             [
                 name
                 for name in self._topics
-                if name not in self._refused and self._has_no_publisher(name)
+                if name in self._missed
+                and name not in self._refused
+                and self._has_no_publisher(name)
             ]
             if self._discovery
             else []
@@ -177,6 +180,16 @@ class RecorderNode(ManagedNode):
         if not resolved:
             raise ConfigError("parameter topics: no topic is named, so there is nothing to record")
         return list(resolved)
+
+    def _name_topics(self) -> None:
+        self._topics = self._resolve(self.config.topics)
+        self._missed = self._topics_to_miss()
+
+    def _topics_to_miss(self) -> frozenset[str]:
+        """Return the topics whose absence is a fault: all that a user names."""
+        default = self.config.topics == RecorderConfig().topics
+        optional = {self.resolve_topic_name(name) for name in OPTIONAL_TOPICS} if default else set()
+        return frozenset(self._topics) - optional
 
     def _discover(self) -> None:
         if (
@@ -344,7 +357,7 @@ class RecorderNode(ManagedNode):
             f"matched {name} ({source.topic.count.type_name}, {kind}), {matched} of"
             f" {len(self._topics)}"
         )
-        if not self._waiting:
+        if name in self._missed and self._missed.isdisjoint(self._waiting):
             self._log.info(f"recording {matched} topics to {self._bag.bag.folder}")
 
     def _warn_once(self, text: str) -> None:

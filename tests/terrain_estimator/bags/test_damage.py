@@ -182,7 +182,7 @@ def write_foreign(path: Path, profile: str) -> None:
         (b"\x89MCAP0\r\n", "is cut within its header"),
         (b"\x89MCAP0\r\n\x01\x20\x00\x00\x00\x00\x00\x00\x00ros2", "is cut within its header"),
         (b"#ROSBAG V2.0\n", "is a ROS 1 bag: convert it"),
-        (b"SQLite format 3\0", "storage sqlite3: convert it"),
+        (b"SQLite format 3\0", "is damaged .*copy the file again"),
         (b"time,slip\n0,0.1\n", "is not an MCAP file"),
     ],
 )
@@ -224,7 +224,7 @@ def test_a_damaged_metadata_yaml_is_named(tmp_path: Path, text: str, words: str)
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [("mcap\n", "sqlite3\n"), ("compression_mode: ''", "compression_mode: FILE")]
+    ("old", "new"), [("mcap\n", "other\n"), ("compression_mode: ''", "compression_mode: CHUNK")]
 )
 def test_another_storage_is_refused(tmp_path: Path, old: str, new: str) -> None:
     folder = finished_bag(tmp_path / "run")

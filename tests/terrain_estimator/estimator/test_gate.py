@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The gates reject the share of good observations that the user allows them."""
 
+import dataclasses
 import math
 from functools import cache
 
@@ -71,3 +72,15 @@ def test_without_gates_nothing_is_gated() -> None:
     assert all(math.isnan(each.threshold) for each in decisions(0.0)), (
         "an infinite one was published"
     )
+
+
+def test_another_gate_holds_from_the_next_observation_on() -> None:
+    model = load_model()
+    estimator = Estimator(model, CoreConfig())
+    drive = list(drive_observations(model.rover, model.metadata.soils[0], 3.0, SEEDS[0]))
+    for observation in drive[:-2]:
+        assert estimator.update(observation).decision.outcome is Outcome.ACCEPTED
+    wrong = [dataclasses.replace(each, velocity=each.velocity + 1.0) for each in drive[-2:]]
+    assert estimator.update(wrong[0]).decision.outcome is Outcome.GATED
+    estimator.set_gate_probability(0.0)
+    assert estimator.update(wrong[1]).decision.outcome is Outcome.ACCEPTED

@@ -19,6 +19,9 @@ from terrain_estimator.bags.writing.syncing import sync_folder
 VERSION = 9
 _WITHOUT = "delete it to read the .mcap files of the folder without it"
 METADATA_FILE = "metadata.yaml"
+STORAGES = ("mcap", "sqlite3")
+PACKED = ("file", "message")
+"""Compression modes of rosbag2 beside none; a reader sees from the bytes what is packed."""
 ROSBAG2_RECORD = "rosbag2"  # MCAP metadata record in which rosbag2 keeps a copy of metadata.yaml
 NO_TIME = 2**63 - 1  # what rosbag2 writes as starting time of an empty bag
 
@@ -130,8 +133,7 @@ def read_metadata(path: Path) -> StoredMetadata:
     """Read a metadata.yaml of any version.
 
     Raises:
-        BagError: it is not valid YAML, lacks a field, names another storage than MCAP or compressed
-            files.
+        BagError: it is not valid YAML, lacks a field, names an unknown storage or compression.
     """
     try:
         content: Any = read_yaml(path)
@@ -147,22 +149,22 @@ def read_metadata(path: Path) -> StoredMetadata:
         span = TimeSpan(int(first), int(first) + int(duration), int(fields["message_count"]))
         files = tuple(Path(name).name for name in fields["relative_file_paths"])
         stored = StoredMetadata(files, span, _texts(fields.get("custom_data") or {}))
-        compressed = str(mode).lower() not in {"", "none"}
+        packing = fields.get("compression_format") or "" if str(mode).lower() in PACKED else ""
+        known = str(mode).lower() in {"", "none", *PACKED} and packing in {"", "zstd"}
     except Exception as error:
         raise BagError(
             f"{path} is damaged ({type(error).__name__}: {shortened(str(error))}): {_WITHOUT}"
         ) from error
-    if storage != "mcap" or compressed:
+    if storage not in STORAGES or not known:
         what = (
             f"storage {shortened(storage)}"
-            if storage != "mcap"
-            else f"compression mode {shortened(mode)}"
+            if storage not in STORAGES
+            else f"compression {shortened(mode)} {shortened(packing)}".rstrip()
         )
-        msg = (
+        raise BagError(
             f"{path}: {what} is not supported; convert it to uncompressed mcap with `ros2 bag"
             " convert` or `rosbags-convert`"
         )
-        raise BagError(msg)
     return stored
 
 

@@ -49,9 +49,6 @@ _OBJECT_BYTES = 200  # memory of a message in addition to its data
 _LOG_TIME: Callable[[StoredMessage], int] = itemgetter(0)
 _FOREIGN = {
     b"#ROSBAG V": "a ROS 1 bag: convert it with `rosbags-convert`",
-    b"SQLite fo": (
-        "a bag of storage sqlite3: convert it with `rosbags-convert` or `ros2 bag convert`"
-    ),
 }
 
 
@@ -70,6 +67,7 @@ class McapFile:
         self.counts: Counter[int] = Counter()
         self.span = TimeSpan()
         self.metadata: list[Metadata] = []
+        self.notes: list[str] = []
         self.finished = False
         self._chunks: list[ChunkIndex] = []
         try:

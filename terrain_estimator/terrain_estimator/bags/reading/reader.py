@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read a bag: a folder of rosbag2 or a bare .mcap file, finished or not."""
+"""Read a bag: a folder of rosbag2 or one of its files, finished or not."""
 
 import heapq
 import os
@@ -26,7 +26,7 @@ from terrain_estimator.bags.format.metadata import (
     read_metadata,
 )
 from terrain_estimator.bags.format.types import Message, Types
-from terrain_estimator.bags.reading.mcap_file import McapFile
+from terrain_estimator.bags.reading.storage import ENDINGS, StorageFile, open_file, plain
 
 LARGEST_COMPARED = 1 << 20
 """[bytes] of definitions that are parsed to compare them with the installed ones, 4 s at most."""
@@ -66,7 +66,7 @@ class BagReader:
         """Open all files of the bag and read their contents."""
         self.path = Path(path)
         paths, self._stored = _find_files(self.path)
-        self._files: list[McapFile] = []
+        self._files: list[StorageFile] = []
         self._left_out: list[str] = []
         self._prepared: set[str] = set()
         self.types = Types()
@@ -103,6 +103,7 @@ class BagReader:
         return (
             [self._unfinished_note(file) for file in self._files if not file.finished]
             + self._left_out
+            + [note for file in self._files for note in file.notes]
             + self.schema_differences()
         )
 
@@ -234,14 +235,14 @@ class BagReader:
     def _open(self, paths: list[Path]) -> None:
         for path in paths:
             try:
-                self._files.append(McapFile(path))
+                self._files.append(open_file(path))
             except BagError as error:
                 if self._stored or not self._files or path != paths[-1]:
                     raise
                 # a power cut came as this file was begun
                 self._left_out.append(f"{error}; this last file of an unfinished bag is left out")
 
-    def _unfinished_note(self, file: McapFile) -> str:
+    def _unfinished_note(self, file: StorageFile) -> str:
         start = (
             f"{file.path} ends without a footer (the recorder was killed, or the copy is"
             " incomplete)"
@@ -270,7 +271,7 @@ def _find_files(path: Path) -> tuple[list[Path], StoredMetadata | None]:
     if path.is_dir():
         return _files_of_folder(path)
     if not path.exists():
-        msg = f"{path} does not exist: give a bag folder or an .mcap file"
+        msg = f"{path} does not exist: give a bag folder or a file of one"
         raise BagError(msg)
     companion = path.parent / METADATA_FILE
     stored = read_metadata(companion) if companion.is_file() else None
@@ -287,14 +288,14 @@ def _files_of_folder(folder: Path) -> tuple[list[Path], StoredMetadata | None]:
             )
             raise BagError(msg)
         return [folder / name for name in stored.files], stored
-    return numbered_files(folder), None
+    return numbered_files(folder, ENDINGS), None
 
 
-def numbered_files(folder: Path) -> list[Path]:
-    """Return the MCAP files of a folder by number; BagError where there are none."""
+def numbered_files(folder: Path, endings: tuple[str, ...] = (".mcap",)) -> list[Path]:
+    """Return the files of a folder with these endings by number; BagError where there are none."""
     files = sorted(
-        folder.glob("*.mcap"),
-        key=lambda file: (int((re.findall(r"_(\d+)\.mcap$", file.name) or ["0"])[0]), file.name),
+        (file for file in folder.iterdir() if file.name.endswith(endings)),
+        key=lambda file: (int((re.findall(r"_(\d+)\.\D", file.name) or ["0"])[-1]), file.name),
     )
     if not files:
         msg = f"{folder} is not a bag: it has neither {METADATA_FILE} nor an .mcap file"
@@ -302,7 +303,7 @@ def numbered_files(folder: Path) -> list[Path]:
     return files
 
 
-def _merge_topics(files: list[McapFile]) -> dict[str, TopicInfo]:
+def _merge_topics(files: list[StorageFile]) -> dict[str, TopicInfo]:
     topics: dict[str, TopicInfo] = {}
     counts: Counter[str] = Counter()
     for file in files:
@@ -338,7 +339,7 @@ def _merge_topics(files: list[McapFile]) -> dict[str, TopicInfo]:
     return topics
 
 
-def _of_file(file: McapFile, topics: frozenset[str]) -> Iterator[RawMessage]:
+def _of_file(file: StorageFile, topics: frozenset[str]) -> Iterator[RawMessage]:
     build = {
         channel.id: partial(
             RawMessage,
@@ -349,10 +350,10 @@ def _of_file(file: McapFile, topics: frozenset[str]) -> Iterator[RawMessage]:
         if channel.topic in topics
     }
     for log_time, channel_id, publish_time, data in file.messages(frozenset(build)):
-        yield build[channel_id](log_time, publish_time, data)
+        yield build[channel_id](log_time, publish_time, plain(data, file.path))
 
 
-def _overlap(files: list[McapFile]) -> bool:
+def _overlap(files: list[StorageFile]) -> bool:
     """Return whether files overlap in time, given in the order of their first log times.
 
     Parts of a split recording rarely do.

@@ -28,6 +28,7 @@ from terrain_estimator.bags.format.metadata import (
     write_metadata,
 )
 from terrain_estimator.bags.format.qos import parse_qos
+from terrain_estimator.bags.reading import sqlite_file
 from terrain_estimator.bags.reading.reader import numbered_files
 from terrain_estimator.bags.reading.records import MAGIC, Record, parse
 from terrain_estimator.bags.recovery.salvage import Damage, parsed, salvage
@@ -68,6 +69,7 @@ def recover(source: Path, target: Path) -> Recovery:
     """
     if not source.exists():
         raise BagError(f"{source} does not exist: give a bag folder or an .mcap file")
+    _refuse_databases(source)
     files = numbered_files(source) if source.is_dir() else [source]
     try:
         target.mkdir(parents=True)
@@ -82,6 +84,18 @@ def recover(source: Path, target: Path) -> Recovery:
         if not result.span.count:
             shutil.rmtree(target, ignore_errors=True)
     return result
+
+
+def _refuse_databases(source: Path) -> None:
+    """Refuse a bag of storage sqlite3: SQLite recovers its own files."""
+    paths = source.glob("*.db3") if source.is_dir() else [source]
+    for path in paths:
+        with path.open("rb") as file:
+            if path.suffix == ".db3" or file.read(len(sqlite_file.MAGIC)) == sqlite_file.MAGIC:
+                raise BagError(
+                    f"{path}: only MCAP files are recovered here; for a database call `sqlite3"
+                    f" {path.name} .recover | sqlite3 whole.db3`, then `ros2 bag reindex`"
+                )
 
 
 class _Recovering:

@@ -14,13 +14,22 @@ from terrain_estimator.nodes.common.qos import check_overrides
 Config = TypeVar("Config")
 
 
-def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Config:
+def declare(
+    node: Node,
+    config: type[Config],
+    topics: Iterable[str] = (),
+    *,
+    changeable: bool = False,
+    fixed: Iterable[str] = (),
+) -> Config:
     """Read and declare all parameters of ``config`` by :func:`rover_parameters.declare.declare`.
 
     Args:
         node: made with ``automatically_declare_parameters_from_overrides=True``.
         config: made of fields by ``rover_parameters.records``.
         topics: those whose subscriptions take ``qos_overrides``.
+        changeable: as there.
+        fixed: as there.
 
     Raises:
         ConfigError: as there, or an override that no subscription has.
@@ -30,4 +39,4 @@ def declare(node: Node, config: type[Config], topics: Iterable[str] = ()) -> Con
         key: value for key, value in strict.given(node).items() if key.startswith(OVERRIDES)
     }
     check_overrides(overrides, map(node.resolve_topic_name, topics))
-    return strict.declare(node, config, overrides)
+    return strict.declare(node, config, overrides, changeable=changeable, fixed=frozenset(fixed))

@@ -10,7 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from terrain_estimator.messaging.diagnostics import CheckResult, Level
+from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult, Level
+from terrain_estimator.nodes.common.inactivity import merged
 from terrain_estimator.nodes.common.running import guarded
 
 PERIOD_S = 1.0
@@ -47,7 +48,10 @@ class DiagnosticsPublisher:
                 name=f"{name}: {finding.name}",
                 message=finding.message,
                 hardware_id=name,
-                values=[KeyValue(key=finding.check.unit or "value", value=f"{finding.value:g}")],
+                values=[
+                    KeyValue(key="value", value=f"{finding.value:g}"),
+                    KeyValue(key="unit", value=finding.check.unit or "1"),
+                ],
             )
             for finding in findings
         ]
@@ -70,12 +74,17 @@ class DiagnosticsPublisher:
             for name, since_s in self._since_s.items()
             if now - since_s >= PATIENCE_S - PERIOD_S / 2 and name not in self._logged
         ]
-        for name in new:
+        never = [
+            name for name in new if wrong[name].check is REQUIRED and math.isinf(wrong[name].value)
+        ]
+        for line in merged({wrong[name].subject: wrong[name].message for name in never}):
+            node.get_logger().error(line)
+        for each in (wrong[name] for name in new if name not in never):
             # two calls: rclpy raises where one line of code logs at two levels
-            if wrong[name].level is Level.WARN:
-                node.get_logger().warning(wrong[name].message)
+            if each.level is Level.WARN:
+                node.get_logger().warning(each.message)
             else:
-                node.get_logger().error(wrong[name].message)
+                node.get_logger().error(each.message)
         # a paused node does not judge its inputs
         judged = {finding.name for finding in findings}
         for name in sorted(self._logged & judged - set(wrong)):

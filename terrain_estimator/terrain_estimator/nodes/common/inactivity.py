@@ -51,6 +51,20 @@ def explain_silence(node: Node, topic: str, type_name: str, qos: QoSProfile) -> 
     )
 
 
+def merged(lines: Mapping[str, str]) -> list[str]:
+    """Merge the log lines that differ in nothing but the topic that they are about, the key.
+
+    A node that starts before the rover would else log the same line for each of its inputs.
+    """
+    groups: dict[str, list[str]] = {}
+    for topic, line in lines.items():
+        groups.setdefault(line.replace(topic, ""), []).append(topic)
+    return [
+        "; likewise ".join([lines[first], *filter(None, [", ".join(others)])])
+        for first, *others in groups.values()
+    ]
+
+
 class PairingMonitor:
     """Log once that messages arrive on all topics without matching stamps, and when they match."""
 
@@ -111,13 +125,18 @@ class InactivityMonitor:
             self._node.get_logger().info(f"{topic}: messages come now")
 
     def _check(self) -> None:
-        now = time.monotonic()
+        now, never = time.monotonic(), dict[str, str]()
         for topic, kind in self._topics.items():
             silent_s = now - self._received_s.get(topic, self._begun_s)
             if topic in self._warned or silent_s < 0.9 * self._patience_s:  # a timer may be early
                 continue
             self._warned.add(topic)
-            since = f"for {silent_s:.1f} s" if topic in self._received_s else "since the start"
-            self._node.get_logger().warning(
-                f"no data on {topic} {since}: {explain_silence(self._node, topic, kind, self._qos)}"
-            )
+            reason = explain_silence(self._node, topic, kind, self._qos)
+            if topic in self._received_s:
+                self._node.get_logger().warning(
+                    f"no data on {topic} for {silent_s:.1f} s: {reason}"
+                )
+            else:
+                never[topic] = f"no data on {topic} since the start: {reason}"
+        for line in merged(never):
+            self._node.get_logger().warning(line)

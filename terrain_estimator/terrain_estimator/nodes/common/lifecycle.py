@@ -5,19 +5,25 @@
 import threading
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, ClassVar
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
+from rover_parameters.declare import in_force
+from rover_parameters.parameters import check, configure, effective
+from rover_parameters.records import ConfigError, shortened
 from terrain_estimator.messaging.diagnostics import CLOCK, STATE, CheckResult
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.diagnostics import DiagnosticsPublisher
 from terrain_estimator.nodes.common.running import guarded, spin
 
 ACTIVE, INACTIVE, UNCONFIGURED = "active", "inactive", "unconfigured"
+LATER = "as soon as the node is configured"
 _BEFORE = {"configure": UNCONFIGURED, "deactivate": ACTIVE}
 
 
@@ -25,8 +31,12 @@ class ManagedNode(LifecycleNode):
     """A lifecycle node whose transitions never raise: a failure is logged and keeps the old state.
 
     A subclass gives ``configure``, ``activate``, ``deactivate`` and ``cleanup``, and its checks in
-    ``findings``.
+    ``findings``. Its parameters can be set unless it is active, and take effect when it is
+    configured; those in ``live`` can be set at any time, and ``change`` applies them.
     """
+
+    live: ClassVar[frozenset[str]] = frozenset()
+    fixed: ClassVar[frozenset[str]] = frozenset({"auto_start"})
 
     def __init__(
         self,
@@ -50,7 +60,7 @@ class ManagedNode(LifecycleNode):
             ConfigError: a parameter is wrong.
         """
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
-        self.config = declare(self, config, topics)
+        self.config = declare(self, config, topics, changeable=True, fixed=self.fixed)
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.wrong = ""  # why the last transition failed
         self.failures = 0  # callbacks that raised
@@ -58,6 +68,8 @@ class ManagedNode(LifecycleNode):
         # the last time of /clock, and the steady time of its last change
         self._clock_ns, self._ticked_s = 0, time.monotonic()
         self._diagnostics = DiagnosticsPublisher(self, self._every_finding, self._count_failure)
+        self.add_on_set_parameters_callback(self._judge_parameters)
+        self.add_post_set_parameters_callback(self.guard(self._take_parameters))
 
     @abstractmethod
     def configure(self) -> None:
@@ -77,6 +89,9 @@ class ManagedNode(LifecycleNode):
     @abstractmethod
     def cleanup(self) -> None:
         """Release everything that ``configure`` loaded."""
+
+    def change(self) -> None:
+        """Apply the live parameters of ``config`` to what ``configure`` loaded."""
 
     @abstractmethod
     def findings(self) -> Iterable[CheckResult]:
@@ -116,7 +131,7 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """Configure, as rclpy asks."""
-        return self._attempt("configure", self.configure)
+        return self._attempt("configure", self._configure_anew)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: ARG002
         """Activate, as rclpy asks, and deactivate again where that fails."""
@@ -143,6 +158,41 @@ class ManagedNode(LifecycleNode):
             if state.label == UNCONFIGURED
             else self._attempt("clean up", self.cleanup)
         )
+
+    def _configure_anew(self) -> None:
+        self.config = in_force(self, type(self.config))
+        self.configure()
+
+    def _judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Refuse a value by itself; ``configure`` judges whether the values fit together."""
+        known = effective(self.config)
+        try:
+            for each in changes:
+                if each.name in known:  # not one of ROS's own
+                    self._check_change(each)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _check_change(self, parameter: Parameter) -> None:
+        check(type(self.config), parameter.name, parameter.value)
+        if parameter.name not in self.live and self.state not in {UNCONFIGURED, INACTIVE}:
+            raise ConfigError(
+                f"parameter {parameter.name}: the node is {self.state}: deactivate it, set the"
+                " parameter, then clean up, configure and activate the node"
+            )
+
+    def _take_parameters(self, changes: list[Parameter]) -> None:
+        known = effective(self.config)
+        changed = {each.name: each.value for each in changes if each.name in known}
+        live = {name: value for name, value in changed.items() if name in self.live}
+        if live and self.state != UNCONFIGURED:
+            self.config = configure(type(self.config), known | live)
+            self.change()
+        later = [name for name in changed if name not in live or self.state == UNCONFIGURED]
+        for words, names in (("from now on", set(changed).difference(later)), (LATER, later)):
+            if names:
+                self.get_logger().info(f"{words}: {_shown(names, changed)}")
 
     def _attempt(self, what: str, action: Callable[[], None]) -> TransitionCallbackReturn:
         try:
@@ -196,6 +246,10 @@ class ManagedNode(LifecycleNode):
             )
             response.success = False
             return response
+
+
+def _shown(names: Iterable[str], values: Mapping[str, object]) -> str:
+    return ", ".join(f"{name} = {shortened(values[name])}" for name in names)
 
 
 def drain(subscriptions: Iterable[Subscription]) -> None:
