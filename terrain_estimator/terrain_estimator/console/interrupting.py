@@ -11,6 +11,7 @@ from typing import ParamSpec
 
 INTERRUPTED = 130
 """Exit code of shells: 128 plus the number of SIGINT."""
+NO_MEMORY = 2
 _Given = ParamSpec("_Given")
 
 
@@ -26,6 +27,9 @@ def interruptible(main: Callable[_Given, int]) -> Callable[_Given, int]:
         except KeyboardInterrupt:
             sys.stderr.write(f"{name}: interrupted\n")
             return INTERRUPTED
+        except MemoryError:
+            sys.stderr.write(f"{name}: the memory is full: close other programs, or give less\n")
+            return NO_MEMORY
         finally:
             signal.signal(signal.SIGTERM, before)
 
