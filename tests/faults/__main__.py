@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Run the fault matrix: `make faults`.
+"""Run the fault matrix, a fault at every system call, and hostile states: `make faults`.
 
-Every row starts the real processes, applies a fault and reads their topics, log and /diagnostics.
+Every row of the matrix starts the real processes, applies a fault and reads their topics, log and
+/diagnostics.
 Its result is kept in OUT, a file for each row; the page is written from all of them. Exit code 1
 where a row is not as expected.
 """
@@ -16,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.faults import processes, recording, stamps, values
+from tests.faults import processes, recording, sections, stamps, values
 from tests.faults.fault import Fault, Seen, complaints
 from tests.faults.page import PAGE, matrix, replace_section
 from tests.system.domains import own_domain
@@ -26,9 +27,27 @@ HEADING = "The matrix"
 
 
 def main() -> int:
-    """Run the rows, print differences, and write the section of the page."""
+    """Run the chosen sections, print differences, and write them to the page."""
     options = _parser().parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that started processes end
+    chosen = options.section or (["matrix"] if options.only else list(SECTIONS))
+    return max(SECTIONS[name](options) for name in chosen)
+
+
+def _calls(options: argparse.Namespace) -> int:
+    text, right = sections.calls([])
+    replace_section(options.page, sections.CALLS_HEADING, text)
+    return int(not right)
+
+
+def _states(options: argparse.Namespace) -> int:
+    text, right = sections.hostile_states()
+    replace_section(options.page, sections.STATES_HEADING, text)
+    return int(not right)
+
+
+def _matrix(options: argparse.Namespace) -> int:
+    """Run the rows, print differences, and write the section of the page."""
     options.out.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     chosen = [
@@ -43,6 +62,9 @@ def main() -> int:
         options.page, HEADING, matrix([(fault, _kept(fault, options.out)) for fault in FAULTS])
     )
     return int(bool(wrong))
+
+
+SECTIONS = {"matrix": _matrix, "calls": _calls, "states": _states}
 
 
 def _run(fault: Fault, out: Path) -> bool:
@@ -87,6 +109,9 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         choices=[fault.name for fault in FAULTS],
         help="this row, again for more",
+    )
+    parser.add_argument(
+        "--section", action="append", choices=SECTIONS, help="this section, again for more"
     )
     parser.add_argument(
         "--out",

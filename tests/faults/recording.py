@@ -18,6 +18,7 @@ from terrain_estimator.topics import stamp_ns
 from tests.faults.fault import Expected, Fault, Seen
 from tests.faults.logs import log_lines, worst_levels
 from tests.faults.rover import PATIENCE_S
+from tests.faults.syscalls.filter import armed, compiled
 from tests.system.listening import Listener
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
@@ -28,12 +29,21 @@ AFTER = 2000
 AGAIN = 20
 """[messages] for another recorder, which has to record all of them."""
 SMALL_DISK_BYTES = 96 << 10
+FAILING_CALL = 300
+"""After the BEFORE messages, whose writes and fsyncs are fewer."""
 
 
 def of_recorder(
-    name: str, what: str, happen: Callable[[Process, Path], None], expected: Expected
+    name: str,
+    what: str,
+    happen: Callable[[Process, Path], None],
+    expected: Expected,
+    filtered: tuple[int, str] | None = None,
 ) -> Fault:
-    """Row of a recorder's fault: messages before it, the fault, its end, another recorder."""
+    """Row of a recorder's fault: messages before it, the fault, its end, another recorder.
+
+    ``filtered`` is a call on the bag that fails, and how.
+    """
 
     def run(folder: Path, domain_id: int) -> Seen:
         with (
@@ -42,7 +52,11 @@ def of_recorder(
             small_disk(folder / "disk") as disk,
         ):
             diagnostics = listener.collect(DiagnosticArray, "/diagnostics")
+            whole = start.environment
+            if filtered and (library := compiled(folder)):
+                start.environment = whole | armed(library, disk, *filtered)
             recorder = _record(start, disk / "run")
+            start.environment = whole
             publisher = listener.publisher(WheelSlip, "wheel_slip", timeout=PATIENCE_S)
             for number in range(BEFORE):
                 publisher.publish(WheelSlip(sequence=number))
@@ -146,6 +160,10 @@ def _fill(recorder: Process, folder: Path) -> None:
         resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (room, room))
 
 
+def _nothing(_: Process, __: Path) -> None:
+    """Leave it to the filter."""
+
+
 def _kill(recorder: Process, _: Path) -> None:
     recorder.signal(signal.SIGKILL)
 
@@ -160,6 +178,17 @@ FAULTS = (
             {},
             log=("^the disk fails, what was written before is kept: .*",),
         ),
+    ),
+    of_recorder(
+        "a write fails",
+        f"call {FAILING_CALL} of the recorder on its bag reports EIO, once",
+        _nothing,
+        Expected(
+            frozenset({"exit code 1"}),
+            {},
+            log=("^the disk fails, what was written before is kept: .*Input/output error",),
+        ),
+        (FAILING_CALL, "EIO"),
     ),
     of_recorder(
         "kill -9 of the recorder",

@@ -100,7 +100,7 @@ def test_while_nothing_is_synced_files_are_split_and_the_end_does_not_wait(
     disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bag_writer, "UNSETTLED", 3)
-    recording = Recording(tmp_path / "run", **{"split.duration": 0.5})
+    recording = Recording(tmp_path / "run", **{"split.duration": 1.0})
     recording.write(0)
     disk.answers.clear()
     recording.write(*range(1, 10))

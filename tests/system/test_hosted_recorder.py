@@ -4,6 +4,7 @@
 
 import json
 import threading
+import time
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -12,15 +13,20 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
+from mcap.reader import make_reader
+from mcap.records import Metadata
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.type_hash import TypeHash
 from rosgraph_msgs.msg import Clock
 
-from msg_defs.msg import WheelSinkage, WheelSlip
+from msg_defs.msg import EstimatorHealth, WheelSinkage, WheelSlip
+from rover_parameters.parameters import configure
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagReader, BagWriter
 from terrain_estimator.cli import replay
 from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.diagnostics import FAILURES, UNRECORDED, Check
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
@@ -46,22 +52,25 @@ def recorder(
     return node
 
 
-def record(listener: Listener, node: RecorderNode, count: int) -> None:
-    """Publish some messages, and wait until they are recorded."""
+def record(
+    listener: Listener, node: RecorderNode, count: int, size: int = 0, pause_s: float = 0.0
+) -> None:
+    """Publish some messages of ``size`` bytes more, and wait until they are recorded."""
     publisher = listener.publisher(WheelSlip, "wheel_slip")
     before = node.received
     for number in range(count):
-        publisher.publish(WheelSlip(sequence=number))
+        time.sleep(pause_s)
+        publisher.publish(WheelSlip(sequence=number, wheel=["x" * size]))
         wanted = before + number + 1
         listener.spin_until(lambda wanted=wanted: node.received == wanted, "it is recorded")  # type: ignore[misc]
     listener.node.destroy_publisher(publisher)
 
 
 def test_a_long_recording_goes_on_in_the_next_file(listener: Listener, tmp_path: Path) -> None:
-    for name, value in {"split.size": 0.001, "split.duration": 0.0001}.items():
+    for name, size, pause_s in (("split.size", 300_000, 0.0), ("split.duration", 0, 0.15)):
         folder = tmp_path / name
-        node = recorder(listener, folder, {name: value})
-        record(listener, node, 10)
+        node = recorder(listener, folder, {name: 1.0})
+        record(listener, node, 10, size, pause_s)
         node.end()
         listener.leave(node)
         with BagReader(folder) as reader:
@@ -70,6 +79,42 @@ def test_a_long_recording_goes_on_in_the_next_file(listener: Listener, tmp_path:
             )
             assert reader.finished
         assert len(list(folder.glob("*.mcap"))) > 1
+
+
+@pytest.mark.parametrize("name", ["size", "duration"])
+def test_a_split_after_every_few_messages_is_refused_by_name(name: str) -> None:
+    """A file for each message: the recorder did not end within a minute."""
+    words = rf"parameter split\.{name}: 0\.02 .* is too little for a file: give 1 or more, or 0"
+    with pytest.raises(ConfigError, match=words):
+        configure(RecorderConfig, {f"split.{name}": 0.02})
+
+
+def test_the_identities_of_estimators_are_in_a_bag_once_and_bounded(
+    listener: Listener, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Each file repeated all of them: 190 MB became 3.7 GB."""
+    node = recorder(listener, tmp_path / "run", {"topics": "estimator_health", "split.size": 1.0})
+    publisher = listener.publisher(EstimatorHealth, "estimator_health")
+    for number in range(9):
+        name = "short" if not number else f"{number}" * 600_000
+        publisher.publish(EstimatorHealth(model_id=name))
+        listener.spin_until(lambda wanted=number + 1: node.received == wanted, "it is recorded")  # type: ignore[misc]
+    node.end()
+    ids = [
+        record.metadata["model_id"]
+        for path in sorted((tmp_path / "run").glob("*.mcap"))
+        for record in metadata_records(path)
+        if record.name == "terrain_estimator"
+    ]
+    assert ids == ["short"]
+    assert len(list((tmp_path / "run").glob("*.mcap"))) > 3
+    said = capfd.readouterr().err
+    assert said.count("the ids of its models and configurations are longer than 65536 bytes") == 1
+
+
+def metadata_records(path: Path) -> list[Metadata]:
+    with path.open("rb") as file:
+        return list(make_reader(file).iter_metadata())
 
 
 def test_a_name_by_the_time_is_never_taken(

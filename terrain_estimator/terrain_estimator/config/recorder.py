@@ -4,9 +4,13 @@
 
 from dataclasses import dataclass
 
-from rover_parameters.records import entry, number
+from rover_parameters.records import ConfigError, entry, number
 from terrain_estimator.config.auto_start import AUTO_START
 from terrain_estimator.topics import RECORDED_TOPICS
+
+LEAST_SIZE_MB = 1.0
+"""Each file begins with the definitions of its topics, some 40 kB."""
+LEAST_DURATION_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +36,7 @@ class RecorderConfig:
         key="fsync_interval",
     )
     split_size_mb: float = number(
-        "size before compression at which the next file begins; 0: no limit",
+        "size before compression at which the next file begins, at least 1; 0: no limit",
         "MB",
         0.0,
         1e6,
@@ -40,10 +44,22 @@ class RecorderConfig:
         key="split.size",
     )
     split_duration_s: float = number(
-        "span of log times at which the next file begins; 0: no limit",
+        "span of log times at which the next file begins, at least 1; 0: no limit",
         "s",
         0.0,
         1e6,
         default=0.0,
         key="split.duration",
     )
+
+    def __post_init__(self) -> None:
+        """Refuse splits that would give a file for every few messages."""
+        for name, value, unit, least in (
+            ("size", self.split_size_mb, "MB", LEAST_SIZE_MB),
+            ("duration", self.split_duration_s, "s", LEAST_DURATION_S),
+        ):
+            if 0.0 < value < least:
+                raise ConfigError(
+                    f"parameter split.{name}: {value:g} {unit} is too little for a file: give"
+                    f" {least:g} or more, or 0 for no limit"
+                )

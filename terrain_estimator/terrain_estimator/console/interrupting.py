@@ -13,6 +13,7 @@ from rover_parameters.printable import printable_output
 
 INTERRUPTED = 130
 """Exit code of shells: 128 plus the number of SIGINT."""
+NO_MEMORY = 2
 _Given = ParamSpec("_Given")
 
 
@@ -33,6 +34,9 @@ def interruptible(main: Callable[_Given, int]) -> Callable[_Given, int]:
         except KeyboardInterrupt:
             sys.stderr.write(f"{name}: interrupted\n")
             return INTERRUPTED
+        except MemoryError:
+            sys.stderr.write(f"{name}: the memory is full: close other programs, or give less\n")
+            return NO_MEMORY
         finally:
             signal.signal(signal.SIGTERM, before)
 

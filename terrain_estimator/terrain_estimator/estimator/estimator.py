@@ -12,10 +12,13 @@ import torch
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.saved_state import Arrays, StateFileError, checked_state
+from terrain_estimator.estimator.restored_state import ADVICE, Origin, judged
+from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, screen
-from terrain_estimator.estimator.summary import Beliefs, inflated, summarise
+from terrain_estimator.estimator.soundness import unsound
+from terrain_estimator.estimator.summary import Beliefs, deviation, inflated, summarise
 from terrain_estimator.model.model_file import LoadedModel, running
 from terrain_estimator.model.packing import LONGEST_GAP, ground_torque, link, pack
 from terrain_estimator.model.state import State
@@ -33,8 +36,6 @@ from terrain_estimator.update import (
 _NAN = math.nan
 # parts of the state from which all published numbers come
 _PUBLISHED = ("strength_mean", "strength_covariance", "expected", "covariance")
-# parts of the state that hold the parameters prior.* and drift
-_GIVEN = ("prior_mean", "prior_sd", "random_walk", "log_soils")
 _PATIENCE = 15
 """Blocks in a row that fit no ground at all, after which the prior holds again.
 
@@ -48,18 +49,27 @@ class Estimator:
     """Recursive estimate of cohesion and friction angle, and prediction of the velocity."""
 
     def __init__(self, model: LoadedModel, config: CoreConfig) -> None:
-        """Take a checked model and the core's parameters."""
+        """Take a checked model and the core's parameters.
+
+        Raises:
+            ConfigError: the prior is unknown to the model, or gives no sound estimate.
+        """
         self._module = model.module
         self._rover = model.rover
         self._rows = model.rows
         self._effects = model.effects
         self._config = config
-        self._step_s = model.metadata.step_s
+        self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
         self._gate = _threshold(config.gate_probability, 1)
         self._sequence = 0
         self.reopened = 0  # times that the prior came back by itself
         self.reset()
+        if reason := unsound(self._estimate, NOTHING_PREDICTED):
+            raise ConfigError(
+                f"parameters prior.*: the prior's {reason}: give means and deviations of soils, in"
+                " Pa and 1"
+            )
 
     def reset(self) -> None:
         """Forget everything but the sequence number."""
@@ -68,11 +78,7 @@ class Estimator:
 
     def _reopen(self) -> None:
         """Start over from the prior."""
-        beliefs = self._beliefs
-        soils = torch.tensor(beliefs.prior_soils, dtype=torch.float64)
-        prior = (torch.from_numpy(beliefs.prior_mean), torch.from_numpy(beliefs.prior_sd), soils)
-        with running():
-            self._state: State = self._module.initial_with_prior(*prior, self._config.drift)
+        self._state = self._start()
         self._last: Observation | None = None  # the last one that entered
         self._used = 0
         self._time_used_s = 0.0
@@ -81,6 +87,15 @@ class Estimator:
         self._doubt = 0.0  # probability that the ground is one that no block fitted yet
         self._forecast = (_NAN, _NAN)  # of the velocity at the next observation: mean and variance
         self._estimate = self._summarise()
+
+    def _start(self) -> State:
+        """Return the model's state before the first observation, with the prior in use."""
+        beliefs = self._beliefs
+        soils = torch.tensor(beliefs.prior_soils, dtype=torch.float64)
+        prior = (torch.from_numpy(beliefs.prior_mean), torch.from_numpy(beliefs.prior_sd), soils)
+        with running():
+            state: State = self._module.initial_with_prior(*prior, self._config.drift)
+        return state
 
     def update(self, observation: Observation) -> Update:
         """Take one observation and return the update, whose decision tells its use.
@@ -132,30 +147,31 @@ class Estimator:
         """Go on from what :meth:`save` gave, of an estimator with the same model.
 
         Raises:
-            StateFileError: the arrays are not those of a state of this model, or of another prior;
-                nothing is changed then.
+            StateFileError: the arrays are not those of a state of this model and prior, or hold
+                numbers that it cannot have; nothing is changed then.
         """
-        state = checked_state(arrays, self._state, _PUBLISHED, _GIVEN)
-        values = {
-            name.removeprefix("last."): value
-            for name, value in arrays.items()
-            if name.startswith("last.")
-        }
-        last: dict[str, Any] = {
-            name: value if value.ndim else value.item() for name, value in values.items()
-        }
-        try:
-            self._last = Observation(**last) if last else None
-        except TypeError as error:
-            raise StateFileError(
-                f"the state's last observation is another version's: {error}"
-            ) from error
-        stamp_ns, self._used, self._contradictions = arrays["counts"].tolist()
-        self._time_used_s, self._change, self._doubt, *forecast = arrays["numbers"].tolist()
-        self._forecast = (forecast[0], forecast[1])
+        start = self._start()
+        with running():
+            origin = Origin(
+                start,
+                self._module.initial(),
+                self._module.publish,
+                self._rover.axles,
+                self._rover.wheel_radius,
+                self._block,
+                self._step_s,
+            )
+            state, last, counts, numbers = judged(arrays, origin)
+        kept = self.__dict__.copy()
+        self._state, self._last = state, last
+        stamp_ns, self._used, self._contradictions = counts
         self._last_stamp = None if stamp_ns < 0 else stamp_ns
-        self._state = state
+        self._time_used_s, self._change, self._doubt = numbers[:3]
+        self._forecast = (numbers[3], numbers[4])
         self._estimate = self._summarise()
+        if reason := unsound(self._estimate, NOTHING_PREDICTED):
+            self.__dict__.update(kept)
+            raise StateFileError(f"the state gives no estimate: {reason}: {ADVICE}")
 
     def unlink(self) -> None:
         """Accept any stamp next, as after a pause of unknown length; the posterior stays."""
@@ -202,10 +218,8 @@ class Estimator:
         """Return the reason why the new state must not replace the old one; None where it may."""
         if not _finite(state, report) or report.misfit < -_ROUNDING:
             self._discard_block()
-            detail = (
-                "a number became infinite or NaN, or rounding ate the last second: the posterior is"
-                " kept, that second is left out"
-            )
+            kept = "the posterior is kept, that second is left out" + self._contradict()
+            detail = f"a number became infinite or NaN, or rounding ate the last second: {kept}"
             return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
         if not all(report.usable):
             outside = [axle for axle, usable in enumerate(report.usable) if not usable]
@@ -234,16 +248,21 @@ class Estimator:
         if report.misfit <= threshold:
             self._contradictions, self._doubt = 0, 0.0
             return None
-        self._contradictions += 1
         self._discard_block()
         self._doubt = self._change
         detail = "the last second fits no ground that the model knows, and is left out"
-        if self._contradictions >= _PATIENCE:
-            self._reopen()
-            self.reopened += 1
-            detail += f"; after {_PATIENCE} of them the prior holds again"
+        detail += self._contradict()
         self._estimate = self._summarise()
         return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
+
+    def _contradict(self) -> str:
+        """Count a second that is left out; after too many in a row, start over and return words."""
+        self._contradictions += 1
+        if self._contradictions < _PATIENCE:
+            return ""
+        self._reopen()
+        self.reopened += 1
+        return f"; after {_PATIENCE} of them the prior holds again"
 
     def _discard_block(self) -> None:
         with running():
@@ -293,15 +312,19 @@ class Estimator:
         )
 
     def _summarise(self) -> Estimate:
-        with running():
-            values = self._module.estimate(self._state).numpy()
-            sizes = self._module.effects(self._state).tolist() if self._effects else ()
+        """Return the estimate of the state, with NaN where its numbers give none."""
+        with running(), np.errstate(all="ignore"):
+            return self._summary()
+
+    def _summary(self) -> Estimate:
+        values = self._module.estimate(self._state).numpy()
+        sizes = self._module.effects(self._state).tolist() if self._effects else ()
         mean, covariance = inflated(values[0], values[1:], self._beliefs, self._doubt)
         self._condition = _condition(covariance)
         soils = tuple(min(probability, 1.0) for probability in self._state["soils"].tolist())
         estimate = summarise(mean, covariance, self._beliefs, soils)
         effects = [
-            NamedEffect(effect.name, effect.unit, mean, math.sqrt(variance))
+            NamedEffect(effect.name, effect.unit, mean, deviation(variance))
             for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
         ]
         return dataclasses.replace(estimate, effects=tuple(effects))
@@ -309,30 +332,41 @@ class Estimator:
     def _answer(
         self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None
     ) -> Update:
+        """Return the update; where a number must not be published, start over from the prior."""
         if prediction is None:
             self._forecast = (_NAN, _NAN)
+        update = self._update(stamp_ns, decision, prediction or NOTHING_PREDICTED)
+        if reason := unsound(update.estimate, update.prediction):
+            self._reopen()
+            self.reopened += 1
+            detail = f"{reason}: it is not published, and the prior holds again"
+            failure = Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
+            update = self._update(stamp_ns, failure, NOTHING_PREDICTED)
+        self._sequence += 1
+        return update
+
+    def _update(self, stamp_ns: int, decision: Decision, prediction: Prediction) -> Update:
         estimate = dataclasses.replace(
             self._estimate,
             observations_used=self._used,
             time_used_s=self._time_used_s,
             change_probability=self._change,
         )
-        update = Update(
+        return Update(
             stamp_ns=stamp_ns,
             sequence=self._sequence,
             estimate=estimate,
-            prediction=prediction or NOTHING_PREDICTED,
+            prediction=prediction,
             decision=decision,
             condition_number=self._condition,
         )
-        self._sequence += 1
-        return update
 
 
 def _condition(covariance: Floats) -> float:
     """Return the condition number of the 2 x 2 covariance scaled to unit diagonal."""
-    correlation = abs(covariance[0, 1]) / math.sqrt(covariance[0, 0] * covariance[1, 1])
-    return float((1.0 + correlation) / max(1.0 - correlation, np.finfo(np.float64).eps))
+    spread = deviation(float(covariance[0, 0]) * float(covariance[1, 1]))
+    correlation = abs(float(covariance[0, 1])) / spread if spread > 0.0 else _NAN
+    return (1.0 + correlation) / max(1.0 - correlation, float(np.finfo(np.float64).eps))
 
 
 class Report(NamedTuple):

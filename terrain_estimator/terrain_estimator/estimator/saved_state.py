@@ -7,21 +7,18 @@ plain arrays follows, which is never unpickled. A file that is cut, changed, of 
 of another model is refused before its arrays are read.
 """
 
-import contextlib
 import hashlib
 import io
 import json
-import os
-import threading
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
+
+from terrain_estimator.files.atomic import write_file
 
 VERSION = 1
 _FORMAT = "terrain_estimator state"
@@ -73,6 +70,8 @@ def unpack_state(content: bytes, model_sha256: str, where: str) -> dict[str, NDA
     try:
         return _arrays(payload)
     except Exception as error:  # zipfile, its decompressors and NumPy raise many kinds
+        if type(error) is MemoryError:  # which NumPy's own, of a wrong shape, is not
+            raise
         raise StateFileError(
             f"{where}: is no archive of plain arrays ({error}): {advice}"
         ) from error
@@ -89,47 +88,6 @@ def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
         raise ValueError(f"unpacks to {unpacked} bytes")
     with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}
-
-
-def checked_state(
-    arrays: Arrays, own: Mapping[str, Tensor], finite: Iterable[str], given: Iterable[str]
-) -> dict[str, Tensor]:
-    """Return the tensors of a saved state, with the names, types and ranks of an estimator's own.
-
-    The number of rows changes while it runs. Raises StateFileError where they differ, where one of
-    the names in ``finite`` is not, or one in ``given``, which is the prior of the configuration,
-    has other values: an estimate from one prior cannot be turned into one from another.
-    """
-    state = {
-        name: torch.from_numpy(arrays[key].copy())
-        for name in own
-        if (key := f"state.{name}") in arrays
-    }
-    for name, tensor in own.items():
-        saved = state.get(name)
-        if saved is None or (saved.dtype, saved.dim(), saved.shape[1:]) != (
-            tensor.dtype,
-            tensor.dim(),
-            tensor.shape[1:],
-        ):
-            shown = "missing" if saved is None else f"{saved.dtype} {tuple(saved.shape)}"
-            raise StateFileError(
-                f"the state's {name} is {shown}, the model's is {tensor.dtype}"
-                f" {tuple(tensor.shape)}"
-            )
-    lengths = {name: arrays[name].size if name in arrays else 0 for name in ("counts", "numbers")}
-    if lengths != {"counts": 3, "numbers": 5} or not all(
-        bool(state[name].isfinite().all()) for name in finite
-    ):
-        raise StateFileError(
-            "the state's counts or numbers are missing, or its posterior is not finite"
-        )
-    if not all(torch.equal(state[name], own[name]) for name in given):
-        raise StateFileError(
-            "the state was learnt from another prior: give prior.* and drift as they were, or start"
-            " without it"
-        )
-    return state
 
 
 def is_foreign(path: Path) -> bool:
@@ -156,30 +114,12 @@ def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
     return unpack_state(content, model_sha256, str(path))
 
 
-_WRITING: dict[Path, threading.Lock] = {}
-"""Locks by file, so that a file on a disk that hangs holds up no other.
-
-The temporary file has one name, which a crash cannot leave behind twice.
-"""
-
-
 def write_state(path: Path, content: bytes) -> None:
     """Replace a state file so that a crash leaves the old one or the new one.
 
     Raises OSError; the old one is untouched then.
     """
-    temporary = path.with_name(f".{path.name}.new")
-    with _WRITING.setdefault(temporary, threading.Lock()):
-        try:
-            with temporary.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
-            raise
+    write_file(path, content)
 
 
 def _header(line: bytes, where: str) -> dict[str, Any]:

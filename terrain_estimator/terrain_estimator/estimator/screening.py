@@ -64,6 +64,15 @@ def screen(
     return _mask(observation, wheel_radius_m, config)
 
 
+def impossible(observation: Observation, wheel_radius_m: float) -> str:
+    """Return why no configuration lets these numbers pass as they are; empty where one does."""
+    refusal = _refuse_scalars(observation)
+    if refusal is not None:
+        return refusal[1]
+    screening = _mask(observation, wheel_radius_m, CoreConfig())
+    return "" if screening.outcome is Outcome.ACCEPTED else screening.detail
+
+
 _Refusal = tuple[Outcome, str] | None
 
 

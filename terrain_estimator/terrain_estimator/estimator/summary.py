@@ -71,11 +71,19 @@ def inflated(
 
 
 def definite(covariance: Floats) -> Floats:
-    """Return ``covariance`` [2, 2] symmetric, with a correlation of MOST_CORRELATED at most."""
+    """Return ``covariance`` [2, 2] symmetric, with a correlation of MOST_CORRELATED at most.
+
+    One that is not positive definite keeps a wrong diagonal, which is never published.
+    """
     (cohesion, one), (other, friction) = covariance.tolist()
-    most = MOST_CORRELATED * math.sqrt(cohesion) * math.sqrt(friction)
+    most = MOST_CORRELATED * deviation(cohesion) * deviation(friction)
     shared = max(-most, min(0.5 * (one + other), most))
     return np.array([[cohesion, shared], [shared, friction]])
+
+
+def deviation(variance: float) -> float:
+    """Return the standard deviation; NaN where the variance is not above zero and finite."""
+    return math.sqrt(variance) if 0.0 < variance < math.inf else math.nan
 
 
 def summarise(
@@ -85,7 +93,7 @@ def summarise(
 
     ``mean`` is [2], ``covariance`` [2, 2]. The caller fills in its own counts.
     """
-    sd = np.sqrt(np.diagonal(covariance))
+    sd = np.array([deviation(variance) for variance in np.diagonal(covariance).tolist()])
     lower, upper = credible_interval(mean, sd, 0.05)
     cohesion_known, friction_known = (sd**2 <= IDENTIFIED_VARIANCE * beliefs.prior_sd**2).tolist()
     return Estimate(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.saved_state import Arrays
+from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.messaging.averaging import Averager, Rate
 from terrain_estimator.messaging.conversion import Conversion, Converter, Mark
 from terrain_estimator.messaging.messages import (
@@ -172,13 +172,20 @@ class Pipeline:
         """Return the estimator's state, without messages that wait for their partners."""
         return self._estimator.save()
 
-    def restore(self, arrays: Arrays) -> None:
-        """Continue from a saved state; after a StateFileError nothing has changed.
+    def restore(self, arrays: Arrays, where: str = "the state") -> None:
+        """Continue from a saved state of the file ``where``.
 
         The first set that follows may have any stamp, since the saved one belongs to another run
         and a clock without a battery begins again.
+
+        Raises:
+            StateFileError: it is refused, and nothing has changed; the message begins with
+                ``where``.
         """
-        self._estimator.restore(arrays)
+        try:
+            self._estimator.restore(arrays)
+        except StateFileError as error:
+            raise StateFileError(f"{where}: {error}") from error
         self._averager.reset()
         self._restored = True
 

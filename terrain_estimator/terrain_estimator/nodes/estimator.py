@@ -260,7 +260,7 @@ class EstimatorNode(ManagedNode):
         path, model = self._named_state_file.path, self._configured.meta.model_sha256
         arrays = await completed(in_thread(partial(read_state, path, model)))
         with self._pipeline_lock:
-            self._configured.restore(arrays)
+            self._configured.restore(arrays, str(path))
         return f"going on from the state in {path}"
 
     @property

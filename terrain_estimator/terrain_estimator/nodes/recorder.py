@@ -36,6 +36,8 @@ from terrain_estimator.topics import HEALTH, OPTIONAL_TOPICS
 
 QUEUE = 1000  # messages: minutes of a topic at 10 Hz, so a slow disk loses nothing
 POLL_S = 0.1
+IDENTITY_BYTES = 1 << 16
+"""Largest sum of the identities of estimators in a bag: some 200 of the usual length."""
 
 
 @dataclass(slots=True)
@@ -71,6 +73,7 @@ class RecorderNode(ManagedNode):
         self._sources: dict[str, Source] = {}
         self._adding: dict[str, Future[BagTopic]] = {}
         self._identities: set[tuple[str, ...]] = set()
+        self._identity_bytes = 0
         self._warnings: set[str] = set()
         self._waiting: list[str] = []
         self._refused: dict[str, str] = {}  # topics that cannot be recorded, and why
@@ -84,6 +87,7 @@ class RecorderNode(ManagedNode):
         self._name_topics()
         self._thread, self._log_time_ns, self.disk_failed = BagThread(self.config), 0, False
         self._sources, self._adding, self._identities, self._warnings = {}, {}, set(), set()
+        self._identity_bytes = 0
         self._waiting, self._refused = list(self._topics), {}
 
     def activate(self) -> None:
@@ -332,7 +336,7 @@ class RecorderNode(ManagedNode):
         return self._log_time_ns
 
     def _note_identity(self, bag: BagWriter, topic: str, data: bytes, kind: type[Any]) -> None:
-        """Write the model and the configuration of an estimator once to the bag's metadata."""
+        """Write the model and configuration of an estimator to the metadata, once in a bag."""
         try:
             health = deserialize_message(data, kind)
         except Exception as error:  # noqa: BLE001 - rclpy's errors have no common class
@@ -341,10 +345,20 @@ class RecorderNode(ManagedNode):
             )
             return
         identity = (topic, health.model_id, health.model_sha256, health.configuration_sha256)
-        if identity not in self._identities:
-            self._identities.add(identity)
-            names = ("topic", "model_id", "model_sha256", "configuration_sha256")
-            bag.add_metadata("terrain_estimator", dict(zip(names, identity, strict=True)))
+        if identity in self._identities:
+            return
+        size = sum(len(text.encode()) for text in identity)
+        if self._identity_bytes + size > IDENTITY_BYTES:
+            self._warn_once(
+                f"{topic}: the ids of its models and configurations are longer than"
+                f" {IDENTITY_BYTES} bytes, so that the bag's metadata lack the newest: check its"
+                " publishers"
+            )
+            return
+        self._identities.add(identity)
+        self._identity_bytes += size
+        names = ("topic", "model_id", "model_sha256", "configuration_sha256")
+        bag.add_metadata("terrain_estimator", dict(zip(names, identity, strict=True)), once=True)
 
     def _report_match(self, name: str, source: Source) -> None:
         self._waiting.remove(name)

@@ -52,6 +52,7 @@ BATCH = 500  # messages
 class Start(NamedTuple):
     """A saved state that a replay starts from."""
 
+    path: Path
     arrays: Arrays
     sha256: str  # of its file
 
@@ -59,7 +60,7 @@ class Start(NamedTuple):
     def read(cls, path: Path, model_sha256: str) -> Self:
         """Read a state file. Raises StateFileError."""
         arrays = read_state(path, model_sha256)
-        return cls(arrays, hashlib.sha256(path.read_bytes()).hexdigest())
+        return cls(path, arrays, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 @dataclass(slots=True)
@@ -190,7 +191,7 @@ def replay(
         result.slip, result.sinkage = WheelHistory(wheels), WheelHistory(wheels)
         pipeline = Pipeline(model, config)
         if start:
-            pipeline.restore(start.arrays)
+            pipeline.restore(start.arrays, str(start.path))
             result.state_sha256 = start.sha256
         origin = identity(pipeline, config) | ({"state_sha256": start.sha256} if start else {})
         _estimate(reader, pipeline, origin, names, result)

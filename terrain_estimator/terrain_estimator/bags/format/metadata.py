@@ -14,7 +14,7 @@ from rover_parameters.records import ConfigError, shortened
 from rover_parameters.yaml_files import read_yaml
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.qos import Qos
-from terrain_estimator.bags.writing.syncing import sync_folder
+from terrain_estimator.files.atomic import write_file
 
 VERSION = 9
 _WITHOUT = "delete it to read the .mcap files of the folder without it"
@@ -114,14 +114,7 @@ def information(
 
 def write_metadata(folder: Path, fields: dict[str, Any]) -> None:
     """Write metadata.yaml atomically: it is either whole or absent."""
-    text = dump({"rosbag2_bagfile_information": fields})
-    temporary = folder / f"{METADATA_FILE}.tmp"
-    with temporary.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(folder / METADATA_FILE)
-    sync_folder(folder)
+    write_file(folder / METADATA_FILE, dump({"rosbag2_bagfile_information": fields}))
 
 
 def dump(fields: dict[str, Any]) -> str:

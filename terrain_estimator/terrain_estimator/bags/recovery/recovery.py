@@ -142,8 +142,12 @@ class _Recovering:
                 self._result.notes.append(f"{path} is no MCAP file, or nothing is left of it")
                 span, stated = TimeSpan(), None
             else:
-                with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                data = mmap(file.fileno(), 0, access=ACCESS_READ)
+                try:
                     span, stated = self._copy(data, path, Copier(out))
+                finally:
+                    with suppress(BufferError):  # an error's traceback still refers to it
+                        data.close()
                 out.flush()
                 os.fsync(out.fileno())
         if not span.count:

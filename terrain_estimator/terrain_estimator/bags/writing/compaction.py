@@ -5,16 +5,13 @@
 The data is on the disk at every moment.
 """
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 from mcap.stream_reader import StreamReader
 
 from terrain_estimator.bags.writing.copying import Copier
-from terrain_estimator.bags.writing.syncing import sync_folder
-
-TEMPORARY_SUFFIX = ".compacting"
+from terrain_estimator.files.atomic import replacing
 
 
 def compact(path: Path, moved: Callable[[], None] = lambda: None) -> None:
@@ -26,18 +23,9 @@ def compact(path: Path, moved: Callable[[], None] = lambda: None) -> None:
     Raises:
         OSError: no space or no permission; the old file is then untouched.
     """
-    temporary = path.with_name(path.name + TEMPORARY_SUFFIX)
-    try:
-        with path.open("rb") as source, temporary.open("wb") as target:
-            copier = Copier(target)
-            for record in StreamReader(source).records:
-                copier.take(record)
-                moved()
-            copier.finish()
-            target.flush()
-            os.fsync(target.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    sync_folder(path.parent)
+    with path.open("rb") as source, replacing(path) as target:
+        copier = Copier(target)
+        for record in StreamReader(source).records:
+            copier.take(record)
+            moved()
+        copier.finish()

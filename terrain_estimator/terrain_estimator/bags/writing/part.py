@@ -140,7 +140,8 @@ class BagPart:
     def _close(self) -> None:
         if self._syncer:
             self._syncer.stop()
-        self._file.close()
+        with suppress(InterruptedError):  # Linux has closed the file all the same
+            self._file.close()
 
     def _schema(self, definition: Definition) -> int:
         name = definition.type_name

@@ -5,6 +5,7 @@
 import os
 import threading
 import time
+from contextlib import suppress
 from errno import ENOENT
 from pathlib import Path
 from typing import BinaryIO
@@ -57,6 +58,8 @@ class Syncer:
                 if not named:
                     sync_folder(self._folder)
                     named = True
+            except MemoryError:
+                continue  # late_s grows until an fsync succeeds
             except OSError as error:
                 self._error = error
                 return
@@ -72,4 +75,5 @@ def sync_folder(folder: Path) -> None:
     try:
         os.fsync(descriptor)
     finally:
-        os.close(descriptor)
+        with suppress(InterruptedError):  # Linux has closed it all the same
+            os.close(descriptor)

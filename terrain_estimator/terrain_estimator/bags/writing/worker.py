@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
@@ -74,7 +75,7 @@ class Worker:
         with self._changed:
             self._jobs.append(job)
             self._size += size
-            if self._thread is None:
+            if self._thread is None or not self._thread.is_alive():
                 self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
                 self._thread.start()
             self._changed.notify()
@@ -95,8 +96,10 @@ class Worker:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        while self._do_next():
-            pass
+        going_on = True
+        while going_on:
+            with suppress(MemoryError):  # between two actions: the next ones may succeed
+                going_on = self._do_next()
 
     def _do_next(self) -> bool:
         """Do one action; return False at the end.
@@ -109,8 +112,11 @@ class Worker:
             if not self._jobs:
                 return False
             job = self._jobs[0]
-        resolve = job.run()
-        self.move()
+        try:
+            resolve = job.run()
+            self.move()
+        except MemoryError as error:  # outside the action
+            resolve = partial(job.done.set_exception, error)
         with self._changed:
             self._jobs.popleft()
             self._size -= job.size

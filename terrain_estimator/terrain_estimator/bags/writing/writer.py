@@ -99,9 +99,11 @@ class BagWriter:
         self._make_folder()
         try:
             self._part = self._new_part()
-        except OSError as error:
+        except BaseException as error:
             shutil.rmtree(self.folder, ignore_errors=True)
-            raise _cannot_write(self.folder, error) from error
+            if isinstance(error, OSError):
+                raise _cannot_write(self.folder, error) from error
+            raise
 
     @property
     def path(self) -> Path:
@@ -194,10 +196,11 @@ class BagWriter:
         """Serialise and append a message made by ``types.make``."""
         self.write(topic, self.types.serialize(message), log_time_ns, publish_time_ns)
 
-    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add a metadata record, such as the hash of a model, to this file and all that follow."""
+    def add_metadata(self, name: str, values: Mapping[str, str], *, once: bool = False) -> None:
+        """Add a metadata record to this file and, unless it is there ``once``, all that follow."""
         self._part.add_metadata(name, values)
-        self._metadata.append((name, values))
+        if not once:
+            self._metadata.append((name, values))
 
     def close(self) -> None:
         """Finish the last file, write metadata.yaml and, when recording, compact.
@@ -294,8 +297,12 @@ class BagWriter:
         made = [folder for folder in (self.folder, *self.folder.parents) if not folder.exists()]
         try:
             self.folder.mkdir(parents=True)
-            for folder in made:
-                sync_folder(folder.parent)
+            try:
+                for folder in made:
+                    sync_folder(folder.parent)
+            except BaseException:
+                self.folder.rmdir()
+                raise
         except FileExistsError as error:
             msg = f"{self.folder} exists already: choose another name, bags are never overwritten"
             raise BagExistsError(msg) from error

@@ -96,6 +96,10 @@ class BagThread:
         self.abandoned = True
         self._worker.give(self.bag.abandon)
 
+    def wait(self, patience_s: float = PATIENCE_S) -> bool:
+        """Let the thread end; return whether it has within ``patience_s``."""
+        return self._worker.end(patience_s)
+
     def close(self, late: Callable[[str], object]) -> None:
         """Finish the bag.
 

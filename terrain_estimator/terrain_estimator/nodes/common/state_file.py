@@ -5,19 +5,19 @@
 import fcntl
 import itertools
 import math
-import shutil
+import os
 import threading
 import time
 import types
 from collections.abc import Callable, Generator
 from concurrent.futures import Future
 from contextlib import suppress
+from errno import ELOOP
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from terrain_estimator.bags.writing.syncing import sync_folder
 from terrain_estimator.bags.writing.worker import Worker
 from terrain_estimator.estimator.saved_state import (
     StateFileError,
@@ -25,6 +25,7 @@ from terrain_estimator.estimator.saved_state import (
     read_state,
     write_state,
 )
+from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.diagnostics import SAVING, CheckResult
 from terrain_estimator.messaging.pipeline import Pipeline
 
@@ -61,7 +62,7 @@ class StateFileWriter:
             the error where it is not.
         """
         with self._exchange:
-            if self._content is None:
+            if self._content is None or self._written.done():
                 self._written = self._worker.give(self._write)
             self._content = content
             return self._written
@@ -92,11 +93,11 @@ class StateFileWriter:
         assert content is not None
         try:
             write_state(self.path, content)
-            sync_folder(self.path.parent)
         except Exception as error:
+            reason = str(error).removeprefix(f"{self.path}: ") or type(error).__name__
             if not self._error:
-                self._report_error(f"cannot write the state to {self.path}: {error}; trying on")
-            self._error = str(error) or type(error).__name__
+                self._report_error(f"cannot write the state to {self.path}: {reason}; trying on")
+            self._error = reason
             waited_s = self._worker.behind_s
             self._failing_since_s = min(self._failing_since_s, time.monotonic() - waited_s)
             raise
@@ -104,7 +105,8 @@ class StateFileWriter:
 
     def _unlock(self) -> None:
         if self._lock:
-            self._lock.close()
+            with suppress(OSError):  # nothing was written to it
+                self._lock.close()
 
 
 def check_state_path(path: Path) -> None:
@@ -112,6 +114,11 @@ def check_state_path(path: Path) -> None:
     if not path.parent.is_dir():
         raise StateFileError(
             f"{path}: there is no folder {path.parent}: make it, or name another file by the"
+            " parameter state.file"
+        )
+    if path.is_symlink():
+        raise StateFileError(
+            f"{path} is a symbolic link, which is not followed: name the file itself by the"
             " parameter state.file"
         )
     if path.exists() and not path.is_file():
@@ -135,10 +142,17 @@ def _locked(path: Path) -> BinaryIO | None:
     Returns None where the folder takes no lock; writing the state then reports the error. Raises
     StateFileError where another writer has the lock.
     """
+    name = path.with_name(f".{path.name}.lock")
     try:
-        lock = path.with_name(f".{path.name}.lock").open("wb")
-    except OSError:
+        descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno == ELOOP:
+            raise StateFileError(
+                f"{name} is a symbolic link: remove it, or name another file by the parameter"
+                " state.file"
+            ) from error
         return None
+    lock = os.fdopen(descriptor, "rb")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
@@ -188,21 +202,30 @@ def restore(pipeline: Pipeline, path: Path, logger: RcutilsLogger) -> bool:
         Whether it was restored. A state that is refused is renamed: the node estimates without it.
     """
     try:
-        pipeline.restore(read_state(path, pipeline.meta.model_sha256))
+        pipeline.restore(read_state(path, pipeline.meta.model_sha256), str(path))
+    except MemoryError:
+        raise  # which is no fault of the state: the node stays unconfigured
     except Exception as error:  # noqa: BLE001 - whatever the file holds
-        aside = _free_name(path)
-        with suppress(OSError):
-            path.replace(aside)
-        text = f"{error}; it is put aside as {aside}, and the prior holds"
+        text = f"{error}; {_put_aside(path)}, and the prior holds"
         logger.error(text)  # noqa: TRY400 - rclpy's logger
         return False
     logger.info(f"going on from the state in {path}")  # noqa: G004
     try:
-        shutil.copyfile(path, path.with_name(path.name + LOADED))
+        write_file(path.with_name(path.name + LOADED), path.read_bytes())
     except OSError as error:
         text = f"the state that the node goes on from cannot be kept for replays: {error}"
         logger.warning(text)
     return True
+
+
+def _put_aside(path: Path) -> str:
+    """Rename a state that is refused, and return words about it."""
+    aside = _free_name(path)
+    try:
+        path.replace(aside)
+    except OSError as error:
+        return f"it cannot be put aside as {aside} ({error.strerror})"
+    return f"it is put aside as {aside}"
 
 
 def _free_name(path: Path) -> Path:
@@ -214,4 +237,4 @@ def _free_name(path: Path) -> Path:
     candidates = (
         path.with_name(path.name + ending) for ending in itertools.chain([REFUSED], numbered)
     )
-    return next(each for each in candidates if not each.exists())
+    return next(each for each in candidates if not os.path.lexists(each))

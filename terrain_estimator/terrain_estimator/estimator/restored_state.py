@@ -1,0 +1,294 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The judgement of a saved state as numbers: could an estimator of this model have left it?
+
+A sha256 shows that a state is as it was written, not that its numbers are sound. Names, types and
+shapes are compared with a state of the model at its start, and every number with its range. What
+follows from the bank of hypotheses (weights, mixture, moments, soil constants) is computed anew by
+the model and compared.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from terrain_estimator.estimator.saved_state import Arrays, StateFileError
+from terrain_estimator.estimator.screening import STRONGEST_TORQUE, impossible
+from terrain_estimator.model.bank import Bank, weigh
+from terrain_estimator.model.block import Posterior
+from terrain_estimator.model.packing import LONGEST_GAP, PackedView, view_of
+from terrain_estimator.model.state import State
+from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Observation
+
+ADVICE = "start without it, from the prior"
+FARTHEST = 100.0
+"""[prior standard deviations] Reach of the posteriors; those of hostile drives reach 6."""
+_GIVEN = ("prior_mean", "prior_sd", "random_walk", "log_soils")  # the parameters prior.* and drift
+_DERIVED = (
+    "weight",
+    "soils",
+    "strength_covariance",
+    "strength_mean",
+    "covariance",
+    "expected",
+    "expansion",
+    "constants",
+    "varied",
+    "log_weight",
+)
+"""Parts that follow from the bank; a covariance stands before the mean that it scales."""
+_BANK = frozenset({"mean", "precision", "log_weight", "weight", "age", "kind"})
+"""Parts with a row for each hypothesis."""
+_SCALED_BY = {"strength_mean": "strength_covariance", "expected": "covariance"}
+_MAY_BE_NAN = frozenset(
+    {"acceleration", "forecast", "forecast_variance", "innovation", "innovation_variance"}
+    | {"misfit", "degrees"}
+)
+_LARGEST = 1e30
+"""[SI] Larger numbers come from no observation, and their squares overflow."""
+_SMALLEST_VARIANCE = 1e-60
+_OLDEST = 1e12  # [blocks] hypotheses of the start of a drive begin at 1e9
+_PROBABILITY = (0.0, 1.0 + 1e-9)
+_RANGES = {
+    "velocity": (-1e6, 1e6),
+    "velocity_variance": (_SMALLEST_VARIANCE, _LARGEST),
+    "acceleration_variance": (0.0, _LARGEST),
+    "feature_noise": (0.0, _LARGEST),
+    "change": (0.0, _LARGEST),
+    "change_weight": _PROBABILITY,
+    "closed": _PROBABILITY,
+    "changed": _PROBABILITY,
+    "age": (0.0, _OLDEST),
+}
+_AGREEMENT = 1e-4
+"""[1] Largest difference of a derived number, where honest ones differ by 1e-8."""
+_SPUN = 1e13  # [N m] torque on the ground, where two wheel rates a nanosecond apart differ
+_COUNTS = (("stamp", -1, (2**31 - 1) * 10**9), ("used", 0, 2**53), ("contradictions", 0, 10**6))
+_NUMBERS = (
+    ("time_used", 0.0, 1e12),
+    ("change", 0.0, 1.0),
+    ("doubt", 0.0, 1.0),
+    ("forecast", -_LARGEST, _LARGEST),
+    ("forecast_variance", 0.0, _LARGEST),
+)
+"""The arrays ``counts`` and ``numbers``: name, least and largest value of each."""
+
+
+class Origin(NamedTuple):
+    """The parts of an estimator with which a state is compared."""
+
+    start: State  # at the start, with the estimator's own prior
+    default: State  # at the start, with the model's prior
+    publish: Callable[[State, Bank], State]  # the model's: the state with all that a bank implies
+    axles: int
+    wheel_radius_m: float
+    block: int  # observations in a full block
+    step_s: float
+
+
+class Restored(NamedTuple):
+    """A saved state that passed."""
+
+    state: State
+    last: Observation | None
+    counts: list[int]  # stamp [ns] or -1, used, contradictions
+    numbers: list[float]  # time used [s], change, doubt, forecast mean and variance
+
+
+def judged(arrays: Arrays, origin: Origin) -> Restored:
+    """Return a saved state.
+
+    Raises:
+        StateFileError: it is none of this model and prior; the message names the field and its
+            value.
+    """
+    state = _shaped(arrays, origin)
+    counts, numbers = _counted(arrays)
+    for name, tensor in state.items():
+        if name not in {"block", "usable"}:
+            _check_range(name, tensor, origin)
+    _check_block(state["block"], origin)
+    if not all(torch.equal(state[name], origin.start[name]) for name in _GIVEN):
+        raise StateFileError(
+            "the state was learnt from another prior: give prior.* and drift as they were, or start"
+            " without it"
+        )
+    _check_derived(state, origin.publish(state, _bank(state, origin)))
+    return Restored(state, _last(arrays, origin), counts, numbers)
+
+
+def _refused(name: str, value: object, reason: str) -> StateFileError:
+    return StateFileError(f"the state's {name} is {value}, {reason}: {ADVICE}")
+
+
+def _shaped(arrays: Arrays, origin: Origin) -> State:
+    """Return the tensors of the state, with the types and shapes of the model's."""
+    state: State = {}
+    hypotheses = int(arrays["state.age"].size) if "state.age" in arrays else 0
+    for name, own in ((name, tensor.numpy()) for name, tensor in origin.start.items()):
+        saved = arrays.get(f"state.{name}")
+        shape = own.shape
+        if name in _BANK:
+            shape = (hypotheses, *own.shape[1:])
+        elif name == "block" and saved is not None:
+            shape = (*saved.shape[:1], *own.shape[1:])
+        if saved is None or (saved.dtype, saved.shape) != (own.dtype, shape):
+            shown = "missing" if saved is None else f"torch.{saved.dtype} {saved.shape}"
+            raise StateFileError(
+                f"the state's {name} is {shown}, the model's is torch.{own.dtype} {own.shape}:"
+                f" {ADVICE}"
+            )
+        state[name] = torch.from_numpy(np.array(saved, order="C"))
+    if not 1 <= hypotheses <= len(origin.start["age"]):
+        raise _refused("age", f"of {hypotheses} hypotheses", "more than the model's, or none")
+    if len(state["block"]) >= origin.block:
+        raise _refused("block", f"of {len(state['block'])} observations", "no open block")
+    return state
+
+
+def _counted(arrays: Arrays) -> tuple[list[int], list[float]]:
+    """Return the arrays ``counts`` and ``numbers``."""
+    found: list[list[int | float]] = []
+    for key, kind, limits in (("counts", "int64", _COUNTS), ("numbers", "float64", _NUMBERS)):
+        array = arrays.get(key)
+        if array is None or (array.dtype.name, array.shape) != (kind, (len(limits),)):
+            raise StateFileError(f"the state's counts or numbers are missing: {ADVICE}")
+        values = array.tolist()
+        for value, (name, least, most) in zip(values, limits, strict=True):
+            absent = name.startswith("forecast") and math.isnan(value)
+            if not (absent or least <= value <= most):
+                raise _refused(name, f"{value:g}", f"not within {least:g} to {most:g}")
+        found.append(values)
+    counts, numbers = found
+    return [int(each) for each in counts], numbers
+
+
+def _check_range(name: str, tensor: Tensor, origin: Origin) -> None:
+    """Refuse numbers of one part that are not finite or outside their range."""
+    least, most = _RANGES.get(name, (-_LARGEST, _LARGEST))
+    if name == "kind":
+        least, most = 0, 2 * len(origin.start["soils"]) - 1
+    passes = (tensor >= least) & (tensor <= most)
+    if name in _MAY_BE_NAN:
+        passes |= torch.isnan(tensor)
+    if name in {"log_weight", "log_soils"}:
+        passes |= tensor == -math.inf  # of no weight
+    wrong = tensor[~passes]
+    if wrong.numel():
+        value = wrong[0].item()
+        reason = f"not within {least:g} to {most:g}" if math.isfinite(value) else "not finite"
+        raise _refused(name, f"{value:g}", reason)
+
+
+def _check_block(block: Tensor, origin: Origin) -> None:
+    """Refuse packed observations [n, P] that no screening lets pass."""
+    view = view_of(block, origin.axles)
+    for row in range(block.shape[0]):
+        observation = _unpacked(view, row)
+        torque = observation.torque
+        if not (np.isnan(torque) | (np.abs(torque) <= _SPUN)).all():
+            raise _refused(f"block's row {row}", f"a torque of {torque}", "too large")
+        if reason := impossible(observation, origin.wheel_radius_m):
+            raise StateFileError(f"the state's block has a row {row} with {reason}: {ADVICE}")
+        step, linked = view.step[row].item(), view.linked[row].item()
+        if not (0.0 <= step <= LONGEST_GAP * origin.step_s and linked in {0.0, 1.0}):
+            raise _refused(f"block's row {row}", f"step {step:g}, linked {linked:g}", "impossible")
+
+
+def _unpacked(view: PackedView, row: int) -> Observation:
+    """Return one row of a block as an observation, with its torques in the screening's range."""
+    values = {name: getattr(view, name)[row].numpy() for name in AXLE_FIELDS}
+    torque = values["torque"]
+    values["torque"] = np.where(
+        np.abs(torque) <= _SPUN, np.clip(torque, -STRONGEST_TORQUE, STRONGEST_TORQUE), torque
+    )
+    if not values["wheel_rate"].size:  # a model without named effects takes none
+        values["wheel_rate"] = np.full_like(torque, np.nan)
+    scalars = {name: getattr(view, name)[row].item() for name in SCALAR_FIELDS}
+    return Observation(stamp_ns=0, **values, **scalars)
+
+
+def _bank(state: State, origin: Origin) -> Bank:
+    """Return the hypotheses of a state: definite, and within reach of the prior."""
+    precision = state["precision"]
+    root = torch.diagonal(precision, dim1=1, dim2=2).sqrt()
+    asymmetry = (precision - precision.transpose(1, 2)).abs() / (
+        root.unsqueeze(1) * root.unsqueeze(2)
+    )
+    if not bool((asymmetry < _AGREEMENT).all()):
+        raise _refused("precision", "no matrix", "not symmetric with a diagonal above zero")
+    posterior = Posterior(state["mean"], precision, state["log_weight"])
+    bank = weigh(posterior, state["age"], state["kind"])
+    variance = torch.diagonal(bank.covariance, dim1=1, dim2=2)
+    if not bool((variance > 0.0).all()):
+        raise _refused("precision", "no matrix", "not positive definite")
+    reach = FARTHEST * torch.maximum(_spread(origin.start), _spread(origin.default))
+    distance = (state["mean"] - origin.start["mean"].mean(0)).abs()
+    for name, own, values in (
+        ("mean", state["mean"], distance),
+        ("precision", torch.diagonal(precision, dim1=1, dim2=2), variance.sqrt()),
+    ):
+        outside = values > reach
+        if bool(outside.any()):
+            parameter = outside.any(0).nonzero()[0].item()
+            raise _refused(
+                f"{name} of parameter {parameter}",
+                f"{own[outside][0].item():g}",
+                f"more than {FARTHEST:g} standard deviations of the prior away",
+            )
+    return bank
+
+
+def _spread(start: State) -> Tensor:
+    """Return the prior standard deviations [D] of a state at its start: its widest hypothesis's."""
+    return torch.diagonal(start["precision"], dim1=1, dim2=2).amin(0).rsqrt()
+
+
+def _check_derived(state: State, derived: State) -> None:
+    """Refuse a part that does not follow from the bank."""
+    for name in _DERIVED:
+        saved, right = state[name], derived[name]
+        if name.endswith("covariance"):
+            deviation = right.diagonal().sqrt()
+            scale = deviation.unsqueeze(1) * deviation
+        elif name in _SCALED_BY:
+            scale = right.abs() + derived[_SCALED_BY[name]].diagonal().sqrt()
+        else:
+            scale = right.abs() + 1.0
+        agrees = (saved == right) | ((saved - right).abs() <= _AGREEMENT * scale)
+        if not bool(agrees.all()):
+            values = f"{saved[~agrees][0].item():g}"
+            raise _refused(name, values, f"but its hypotheses give {right[~agrees][0].item():g}")
+
+
+def _last(arrays: Arrays, origin: Origin) -> Observation | None:
+    """Return the last observation that entered, if any."""
+    values = {
+        name.removeprefix("last."): array
+        for name, array in arrays.items()
+        if name.startswith("last.")
+    }
+    if not values:
+        return None
+    for name, array in values.items():
+        shape, kind = ((origin.axles,), "f") if name in AXLE_FIELDS else ((), "f")
+        kind = "i" if name == "stamp_ns" else kind
+        if (array.shape, array.dtype.kind) != (shape, kind):
+            raise _refused(f"last {name}", f"{array.dtype} {array.shape}", "another version's")
+    try:
+        observation = Observation(
+            **{name: value if value.ndim else value.item() for name, value in values.items()}
+        )
+    except TypeError as error:
+        raise StateFileError(
+            f"the state's last observation is another version's: {error}: {ADVICE}"
+        ) from error
+    if reason := impossible(observation, origin.wheel_radius_m):
+        raise StateFileError(f"the state's last observation has {reason}: {ADVICE}")
+    if not 0 <= observation.stamp_ns <= _COUNTS[0][2]:
+        raise _refused("last stamp", observation.stamp_ns, "no time")
+    return observation

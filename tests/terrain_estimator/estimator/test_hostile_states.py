@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A saved state is judged as numbers, and nothing unsound is ever published, whatever the state.
+
+`make faults` runs thousands of hostile states; 60 and 40 run here.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from rover_parameters.parameters import configure
+from rover_parameters.records import ConfigError
+from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.estimator.saved_state import StateFileError
+from terrain_estimator.estimator.soundness import unsound
+from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.observation import Observation
+from terrain_estimator.outcome import Outcome
+from tests.faults.states import Saved, refused_honest, run
+from tests.terrain_estimator.drives import drive_observations
+
+SEED = 20
+HOSTILE, HONEST = 60, 40
+
+
+@pytest.fixture(scope="module")
+def model() -> LoadedModel:
+    return load_model()
+
+
+@pytest.fixture(scope="module")
+def drive(model: LoadedModel) -> list[Observation]:
+    return drive_observations(model.rover, model.metadata.soils[0], 4.0, seed=2)
+
+
+@pytest.fixture(scope="module")
+def saved(model: LoadedModel, drive: list[Observation]) -> Saved:
+    estimator = Estimator(model, CoreConfig())
+    for observation in drive[:25]:
+        estimator.update(observation)
+    return estimator.save()
+
+
+def test_hostile_states_are_refused_or_harmless(model: LoadedModel) -> None:
+    """With 60 states, a share of harmful ones above 4.9 % is found with 95 % probability."""
+    result = run(model, HOSTILE, SEED)
+    assert result.wrong == []
+    assert result.refused.total() > 0.8 * HOSTILE
+
+
+@pytest.mark.parametrize("seed", [SEED, SEED + 1])
+def test_every_state_of_a_hostile_drive_is_taken(model: LoadedModel, seed: int) -> None:
+    assert refused_honest(model, seed, HONEST // 2) == []
+
+
+def full(value: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda array: np.full_like(array, value)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("state.strength_covariance", full(0.0), r"strength_covariance is 0, but its hypotheses"),
+        ("state.covariance", full(1e308), r"covariance is 1e\+308, not within -1e\+30 to 1e\+30"),
+        ("state.covariance", full(5e-324), r"covariance is 4.94066e-324, but its hypotheses give"),
+        ("state.constants", full(np.nan), "constants is nan, not finite"),
+        ("state.weight", lambda array: 2.0 * array, "weight is .*, but its hypotheses give"),
+        ("state.precision", lambda array: -array, "precision is no matrix, not symmetric"),
+        ("state.mean", lambda array: array + 1e4, "mean of parameter 0 is .* more than 100"),
+        ("state.soils", lambda array: array[:1], r"soils is torch.float64 \(1,\), the model's"),
+        ("state.log_weight", lambda array: array[:1], "log_weight is torch.float64"),
+        ("state.kind", lambda array: array + 99, "kind is .*, not within 0 to 5"),
+        ("state.velocity", lambda array: array.astype(">f8"), r"velocity is torch.>f8 \(\)"),
+        ("state.block", lambda array: 1e6 * array, "block has a row 0 with"),
+        ("counts", lambda array: array - 2**62, "stamp is .*, not within -1"),
+        ("numbers", full(np.nan), "time_used is nan, not within"),
+        ("last.slip", full(np.inf), "last observation has axle 0: slip is inf"),
+        ("last.slip", lambda array: array[:1], r"last slip is float64 \(1,\), another version's"),
+    ],
+)
+def test_a_refusal_names_the_field_and_its_value(
+    model: LoadedModel,
+    saved: Saved,
+    name: str,
+    change: Callable[[np.ndarray], np.ndarray],
+    words: str,
+) -> None:
+    estimator = Estimator(model, CoreConfig())
+    before = {key: value.tobytes() for key, value in estimator.save().items()}
+    with pytest.raises(StateFileError, match=f"the state's {words}.*: start without it, from"):
+        estimator.restore(saved | {name: change(saved[name])})
+    assert {key: value.tobytes() for key, value in estimator.save().items()} == before
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, -1.0, 5e-324, 1e308])
+@pytest.mark.parametrize("part", ["strength_mean", "strength_covariance", "precision", "velocity"])
+def test_whatever_is_in_the_state_nothing_unsound_is_published(
+    model: LoadedModel, drive: list[Observation], part: str, value: float
+) -> None:
+    """The state is spoilt behind the judgement, which is therefore not what helps."""
+    estimator = Estimator(model, CoreConfig())
+    for observation in drive[:15]:
+        estimator.update(observation)
+    estimator._state[part] = torch.full_like(estimator._state[part], value)
+    if part.startswith("strength"):
+        estimator._estimate = estimator._summarise()
+    updates = [estimator.update(observation) for observation in drive[15:40]]
+    assert [unsound(each.estimate, each.prediction) for each in updates] == [""] * len(updates)
+    if part == "strength_covariance":
+        first = updates[0]
+        assert first.decision.outcome is Outcome.NUMERICAL_FAILURE
+        assert "it is not published, and the prior holds again" in first.decision.detail
+        assert estimator.reopened == 1
+
+
+def test_an_unsound_number_is_named(model: LoadedModel, drive: list[Observation]) -> None:
+    update = Estimator(model, CoreConfig()).update(drive[0])
+    estimate, prediction = update.estimate, update.prediction
+    wrong = dataclasses.replace
+    for spoilt, words in (
+        (wrong(estimate, mean=np.array([np.nan, 1.0])), "mean is nan, 1"),
+        (wrong(estimate, covariance=np.array([[1.0, 1.0], [1.0, 1.0]])), "not symmetric and pos"),
+        (wrong(estimate, covariance=np.array([[1.0, 0.1], [0.2, 1.0]])), "not symmetric and pos"),
+        (wrong(estimate, change_probability=1.5), "a probability is outside 0 to 1"),
+    ):
+        assert words in unsound(spoilt, prediction)
+    negative = dataclasses.replace(prediction, valid=True, velocity=0.0, variance=-1.0)
+    assert unsound(estimate, negative) == "velocity_variance is -1"
+
+
+def test_a_prior_without_a_sound_estimate_is_refused(model: LoadedModel) -> None:
+    values = {"prior.cohesion_mean": 1e-200, "prior.cohesion_sd": 1e-200}
+    with pytest.raises(ConfigError, match=r"parameters prior\.\*: the prior's "):
+        Estimator(model, configure(CoreConfig, values))
