@@ -88,5 +88,5 @@ def test_an_interrupted_replay_leaves_nothing_that_is_in_the_way_of_the_next(
         patched.setattr(BagWriter, "write", interrupt)
         assert replay.main([str(bag), "--out", str(tmp_path / "out")]) == INTERRUPTED
     assert "Traceback" not in capsys.readouterr().err
-    assert list((tmp_path / "out").iterdir()) == []
+    assert not (tmp_path / "out").exists()
     assert replay.main([str(bag), "--out", str(tmp_path / "out")]) == 0
