@@ -10,7 +10,7 @@ the model and compared.
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -279,10 +279,11 @@ def _last(arrays: Arrays, origin: Origin) -> Observation | None:
         kind = "i" if name == "stamp_ns" else kind
         if (array.shape, array.dtype.kind) != (shape, kind):
             raise _refused(f"last {name}", f"{array.dtype} {array.shape}", "another version's")
+    fields: dict[str, Any] = {
+        name: value if value.ndim else value.item() for name, value in values.items()
+    }
     try:
-        observation = Observation(
-            **{name: value if value.ndim else value.item() for name, value in values.items()}
-        )
+        observation = Observation(**fields)
     except TypeError as error:
         raise StateFileError(
             f"the state's last observation is another version's: {error}: {ADVICE}"
