@@ -26,7 +26,7 @@ from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.plausibility import Plausibility
 from terrain_estimator.importing.samples import CsvError, read_samples
 from terrain_estimator.importing.units import factor
-from terrain_estimator.messaging.averaging import Pace, RateCounts, RateWindow
+from terrain_estimator.messaging.averaging import RateCounts, RateWindow, Treatment
 from terramechanics.vehicle.rover import Rover, load_rover
 
 WRONG = 2
@@ -93,7 +93,7 @@ def _checked(data: Path, mapping: Mapping, rover: Rover) -> list[str]:
     for fault in plausibility.faults():
         raise CsvError(f"{data}: {fault}")
     found = counts.found()
-    if found and all(rate.pace is Pace.REFUSE for rate, _ in found):
+    if found and all(rate.treatment is Treatment.REFUSE for rate, _ in found):
         raise CsvError(f"{data}: column {mapping.time.column!r}: the rows come at {found[0][0]}")
     return [f"{count} rows at {rate}" for rate, count in found]
 

@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
         rover_of(model, config.rover)
         Beliefs.of(model.metadata, config.core)
         start = Start.read(options.state, model.sha256) if options.state else None
-        output = _Output(options)
+        output = _ReplayFiles(options)
     except (ModelFileError, ConfigError, TopicError, StateFileError, OSError) as error:
         return _refuse(str(error))
     return _replay_all(options, model, config, names, start, output)
@@ -114,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-class _Output:
+class _ReplayFiles:
     """The places of all results, checked before any work; raises ConfigError or OutputError."""
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -152,7 +152,7 @@ def _replay_all(
     config: EstimatorConfig,
     names: dict[str, str],
     start: Start | None,
-    output: _Output,
+    output: _ReplayFiles,
 ) -> int:
     """Replay one bag after the other, each from the same start.
 
@@ -181,7 +181,7 @@ def _replay_all(
 
 
 def _tell(
-    output: _Output, replays: list[Replay], model: LoadedModel, config: EstimatorConfig
+    output: _ReplayFiles, replays: list[Replay], model: LoadedModel, config: EstimatorConfig
 ) -> bool:
     """Write summary and report; return whether that succeeded."""
     try:

@@ -14,7 +14,7 @@ from scipy.special import chdtri
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.restored_state import ADVICE, Origin, judged
+from terrain_estimator.estimator.restored_state import ADVICE, EstimatorParts, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, screen
 from terrain_estimator.estimator.soundness import unsound
@@ -152,7 +152,7 @@ class Estimator:
         """
         start = self._start()
         with running():
-            origin = Origin(
+            parts = EstimatorParts(
                 start,
                 self._module.initial(),
                 self._module.publish,
@@ -161,7 +161,7 @@ class Estimator:
                 self._block,
                 self._step_s,
             )
-            state, last, counts, numbers = judged(arrays, origin)
+            state, last, counts, numbers = judged(arrays, parts)
         kept = self.__dict__.copy()
         self._state, self._last = state, last
         stamp_ns, self._used, self._contradictions = counts

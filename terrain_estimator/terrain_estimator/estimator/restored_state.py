@@ -78,7 +78,7 @@ _NUMBERS = (
 """The arrays ``counts`` and ``numbers``: name, least and largest value of each."""
 
 
-class Origin(NamedTuple):
+class EstimatorParts(NamedTuple):
     """The parts of an estimator with which a state is compared."""
 
     start: State  # at the start, with the estimator's own prior
@@ -99,37 +99,37 @@ class Restored(NamedTuple):
     numbers: list[float]  # time used [s], change, doubt, forecast mean and variance
 
 
-def judged(arrays: Arrays, origin: Origin) -> Restored:
+def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
     """Return a saved state.
 
     Raises:
         StateFileError: it is none of this model and prior; the message names the field and its
             value.
     """
-    state = _shaped(arrays, origin)
+    state = _shaped(arrays, parts)
     counts, numbers = _counted(arrays)
     for name, tensor in state.items():
         if name not in {"block", "usable"}:
-            _check_range(name, tensor, origin)
-    _check_block(state["block"], origin)
-    if not all(torch.equal(state[name], origin.start[name]) for name in _GIVEN):
+            _check_range(name, tensor, parts)
+    _check_block(state["block"], parts)
+    if not all(torch.equal(state[name], parts.start[name]) for name in _GIVEN):
         raise StateFileError(
             "the state was learnt from another prior: give prior.* and drift as they were, or start"
             " without it"
         )
-    _check_derived(state, origin.publish(state, _bank(state, origin)))
-    return Restored(state, _last(arrays, origin), counts, numbers)
+    _check_derived(state, parts.publish(state, _bank(state, parts)))
+    return Restored(state, _last(arrays, parts), counts, numbers)
 
 
 def _refused(name: str, value: object, reason: str) -> StateFileError:
     return StateFileError(f"the state's {name} is {value}, {reason}: {ADVICE}")
 
 
-def _shaped(arrays: Arrays, origin: Origin) -> State:
+def _shaped(arrays: Arrays, parts: EstimatorParts) -> State:
     """Return the tensors of the state, with the types and shapes of the model's."""
     state: State = {}
     hypotheses = int(arrays["state.age"].size) if "state.age" in arrays else 0
-    for name, own in ((name, tensor.numpy()) for name, tensor in origin.start.items()):
+    for name, own in ((name, tensor.numpy()) for name, tensor in parts.start.items()):
         saved = arrays.get(f"state.{name}")
         shape = own.shape
         if name in _BANK:
@@ -143,9 +143,9 @@ def _shaped(arrays: Arrays, origin: Origin) -> State:
                 f" {ADVICE}"
             )
         state[name] = torch.from_numpy(np.array(saved, order="C"))
-    if not 1 <= hypotheses <= len(origin.start["age"]):
+    if not 1 <= hypotheses <= len(parts.start["age"]):
         raise _refused("age", f"of {hypotheses} hypotheses", "more than the model's, or none")
-    if len(state["block"]) >= origin.block:
+    if len(state["block"]) >= parts.block:
         raise _refused("block", f"of {len(state['block'])} observations", "no open block")
     return state
 
@@ -167,11 +167,11 @@ def _counted(arrays: Arrays) -> tuple[list[int], list[float]]:
     return [int(each) for each in counts], numbers
 
 
-def _check_range(name: str, tensor: Tensor, origin: Origin) -> None:
+def _check_range(name: str, tensor: Tensor, parts: EstimatorParts) -> None:
     """Refuse numbers of one part that are not finite or outside their range."""
     least, most = _RANGES.get(name, (-_LARGEST, _LARGEST))
     if name == "kind":
-        least, most = 0, 2 * len(origin.start["soils"]) - 1
+        least, most = 0, 2 * len(parts.start["soils"]) - 1
     passes = (tensor >= least) & (tensor <= most)
     if name in _MAY_BE_NAN:
         passes |= torch.isnan(tensor)
@@ -184,18 +184,18 @@ def _check_range(name: str, tensor: Tensor, origin: Origin) -> None:
         raise _refused(name, f"{value:g}", reason)
 
 
-def _check_block(block: Tensor, origin: Origin) -> None:
+def _check_block(block: Tensor, parts: EstimatorParts) -> None:
     """Refuse packed observations [n, P] that no screening lets pass."""
-    view = view_of(block, origin.axles)
+    view = view_of(block, parts.axles)
     for row in range(block.shape[0]):
         observation = _unpacked(view, row)
         torque = observation.torque
         if not (np.isnan(torque) | (np.abs(torque) <= _SPUN)).all():
             raise _refused(f"block's row {row}", f"a torque of {torque}", "too large")
-        if reason := impossible(observation, origin.wheel_radius_m):
+        if reason := impossible(observation, parts.wheel_radius_m):
             raise StateFileError(f"the state's block has a row {row} with {reason}: {ADVICE}")
         step, linked = view.step[row].item(), view.linked[row].item()
-        if not (0.0 <= step <= LONGEST_GAP * origin.step_s and linked in {0.0, 1.0}):
+        if not (0.0 <= step <= LONGEST_GAP * parts.step_s and linked in {0.0, 1.0}):
             raise _refused(f"block's row {row}", f"step {step:g}, linked {linked:g}", "impossible")
 
 
@@ -212,7 +212,7 @@ def _unpacked(view: PackedView, row: int) -> Observation:
     return Observation(stamp_ns=0, **values, **scalars)
 
 
-def _bank(state: State, origin: Origin) -> Bank:
+def _bank(state: State, parts: EstimatorParts) -> Bank:
     """Return the hypotheses of a state: definite, and within reach of the prior."""
     precision = state["precision"]
     root = torch.diagonal(precision, dim1=1, dim2=2).sqrt()
@@ -226,8 +226,8 @@ def _bank(state: State, origin: Origin) -> Bank:
     variance = torch.diagonal(bank.covariance, dim1=1, dim2=2)
     if not bool((variance > 0.0).all()):
         raise _refused("precision", "no matrix", "not positive definite")
-    reach = FARTHEST * torch.maximum(_spread(origin.start), _spread(origin.default))
-    distance = (state["mean"] - origin.start["mean"].mean(0)).abs()
+    reach = FARTHEST * torch.maximum(_spread(parts.start), _spread(parts.default))
+    distance = (state["mean"] - parts.start["mean"].mean(0)).abs()
     for name, own, values in (
         ("mean", state["mean"], distance),
         ("precision", torch.diagonal(precision, dim1=1, dim2=2), variance.sqrt()),
@@ -265,7 +265,7 @@ def _check_derived(state: State, derived: State) -> None:
             raise _refused(name, values, f"but its hypotheses give {right[~agrees][0].item():g}")
 
 
-def _last(arrays: Arrays, origin: Origin) -> Observation | None:
+def _last(arrays: Arrays, parts: EstimatorParts) -> Observation | None:
     """Return the last observation that entered, if any."""
     values = {
         name.removeprefix("last."): array
@@ -275,7 +275,7 @@ def _last(arrays: Arrays, origin: Origin) -> Observation | None:
     if not values:
         return None
     for name, array in values.items():
-        shape, kind = ((origin.axles,), "f") if name in AXLE_FIELDS else ((), "f")
+        shape, kind = ((parts.axles,), "f") if name in AXLE_FIELDS else ((), "f")
         kind = "i" if name == "stamp_ns" else kind
         if (array.shape, array.dtype.kind) != (shape, kind):
             raise _refused(f"last {name}", f"{array.dtype} {array.shape}", "another version's")
@@ -288,7 +288,7 @@ def _last(arrays: Arrays, origin: Origin) -> Observation | None:
         raise StateFileError(
             f"the state's last observation is another version's: {error}: {ADVICE}"
         ) from error
-    if reason := impossible(observation, origin.wheel_radius_m):
+    if reason := impossible(observation, parts.wheel_radius_m):
         raise StateFileError(f"the state's last observation has {reason}: {ADVICE}")
     if not 0 <= observation.stamp_ns <= _COUNTS[0][2]:
         raise _refused("last stamp", observation.stamp_ns, "no time")

@@ -46,7 +46,7 @@ _GAP = 2.5  # [medians] a longer interval is a gap and no part of the rate
 _DEVIATIONS = {name for name in (*AXLE_FIELDS, *SCALAR_FIELDS) if name.endswith("_sd")}
 
 
-class Pace(IntEnum):
+class Treatment(IntEnum):
     """Treatment of the readings, by their rate."""
 
     PASS = 0
@@ -59,7 +59,7 @@ class Rate:
     """Rate of the readings, and what is done about it."""
 
     hz: float  # NaN until enough readings have come
-    pace: Pace
+    treatment: Treatment
 
     @property
     def is_normal(self) -> bool:
@@ -76,12 +76,12 @@ class Rate:
         if math.isnan(self.hz):
             return "rate unknown"
         found = f"{self.rounded:g} Hz"
-        if self.pace is Pace.REFUSE:
+        if self.treatment is Treatment.REFUSE:
             return (
                 f"{found}, but {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz are needed: record faster, or"
                 " thin the readings out"
             )
-        if self.pace is Pace.AVERAGE:
+        if self.treatment is Treatment.AVERAGE:
             return f"{found}, averaged to 10 Hz, with errors taken as independent"
         return found
 
@@ -91,30 +91,30 @@ class RateCounts:
 
     def __init__(self) -> None:
         """Start without a reading."""
-        self._counts: Counter[tuple[Pace, int]] = Counter()  # bounded by the rates in whole Hz
+        self._counts: Counter[tuple[Treatment, int]] = Counter()  # bounded by the rates in whole Hz
         self._unknown = 0  # readings before the first rate was known
 
     def add(self, rate: Rate) -> None:
         """Count a reading at a rate; the readings before the first known rate belong to it."""
         self._unknown += 1
         if not math.isnan(rate.hz):
-            self._counts[rate.pace, min(round(rate.hz), _HIGHEST_HZ)] += self._unknown
+            self._counts[rate.treatment, min(round(rate.hz), _HIGHEST_HZ)] += self._unknown
             self._unknown = 0
 
     def found(self) -> list[tuple[Rate, int]]:
         """Return the most frequent rate of each treatment, with all readings treated so."""
         result = []
-        for pace in Pace:
-            own = {hz: count for (each, hz), count in self._counts.items() if each is pace}
+        for treatment in Treatment:
+            own = {hz: count for (each, hz), count in self._counts.items() if each is treatment}
             if own:
                 common = max(own, key=lambda hz: own[hz])
-                result.append((Rate(float(common), pace), sum(own.values())))
+                result.append((Rate(float(common), treatment), sum(own.values())))
         return result
 
     def lines(self) -> list[str]:
         """Return what was found in words; nothing where all readings came at about 10 Hz."""
         found = self.found()
-        if len(found) == 1 and found[0][0].pace is Pace.PASS and found[0][0].is_normal:
+        if len(found) == 1 and found[0][0].treatment is Treatment.PASS and found[0][0].is_normal:
             return []
         return [f"{count} readings at {rate}" for rate, count in found]
 
@@ -128,7 +128,7 @@ class RateWindow:
         self._last_ns: int | None = None
         self.interval_ns = float(STEP_NS)
         """Mean interval [ns] without gaps; that of the model where there is none."""
-        self.pace = Pace.PASS
+        self.treatment = Treatment.PASS
 
     def add(self, stamp_ns: int) -> None:
         """Add a stamp that is after the last one, and judge the rate anew."""
@@ -140,7 +140,7 @@ class RateWindow:
         # a mean of neighbouring intervals hardly depends on jitter, which cancels in their sum
         self.interval_ns = statistics.fmean(each for each in self._intervals if each <= longest)
         if self.is_known:
-            self.pace = self._judged()
+            self.treatment = self._judged()
 
     @property
     def is_known(self) -> bool:
@@ -150,16 +150,16 @@ class RateWindow:
     @property
     def rate(self) -> Rate:
         """Rate of the last readings."""
-        return Rate(1e9 / self.interval_ns if self.is_known else math.nan, self.pace)
+        return Rate(1e9 / self.interval_ns if self.is_known else math.nan, self.treatment)
 
-    def _judged(self) -> Pace:
+    def _judged(self) -> Treatment:
         # lost messages make long intervals: data are slow only where every interval is long
         if min(self._intervals) * SLOWEST_HZ > MARGIN * 1e9:
-            return Pace.REFUSE
+            return Treatment.REFUSE
         if self.interval_ns * FASTEST_HZ * MARGIN < 1e9:
-            return Pace.REFUSE
-        limit_ns = _NORMAL_NS if self.pace is Pace.AVERAGE else FAST_NS
-        return Pace.AVERAGE if self.interval_ns < limit_ns else Pace.PASS
+            return Treatment.REFUSE
+        limit_ns = _NORMAL_NS if self.treatment is Treatment.AVERAGE else FAST_NS
+        return Treatment.AVERAGE if self.interval_ns < limit_ns else Treatment.PASS
 
 
 class Averager:
@@ -216,11 +216,13 @@ class Averager:
     def _decide(self) -> list[Conversion]:
         """Treat the readings that waited; fast ones, and those to refuse, withdraw the first."""
         self._decided = True
-        pace, first = self._window.pace, self._first
+        treatment, first = self._window.treatment, self._first
         readings = self._pass()
-        if pace is Pace.AVERAGE and first is not None:
+        if treatment is Treatment.AVERAGE and first is not None:
             readings = [first, *readings]
-        self._withdraws = pace is Pace.REFUSE or (pace is Pace.AVERAGE and first is not None)
+        self._withdraws = treatment is Treatment.REFUSE or (
+            treatment is Treatment.AVERAGE and first is not None
+        )
         return self._treated(readings)
 
     def _marked(self, taken: list[Conversion]) -> list[Conversion]:
@@ -230,12 +232,12 @@ class Averager:
         return taken
 
     def _treated(self, readings: list[Conversion]) -> list[Conversion]:
-        pace = self._window.pace
-        if pace is Pace.AVERAGE:
+        treatment = self._window.treatment
+        if treatment is Treatment.AVERAGE:
             return [each for reading in readings for each in self._averaged(reading)]
         left, self._waiting = self._waiting, []  # of a step that began at a higher rate
         taken = [self._mean(left)] if left else []
-        if pace is Pace.PASS:
+        if treatment is Treatment.PASS:
             return [*taken, *readings]
         detail = f"rate: {self._window.rate}"
         return taken + [

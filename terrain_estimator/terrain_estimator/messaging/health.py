@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from terrain_estimator.messaging.averaging import Pace, Rate
+from terrain_estimator.messaging.averaging import Rate, Treatment
 from terrain_estimator.messaging.diagnostics import (
     CONDITION,
     FAILURES,
@@ -68,7 +68,7 @@ class Health:
     findings: tuple[CheckResult, ...]  # of which the level is the worst
 
 
-class Refusals:
+class RefusalCounts:
     """Refused observations by their reason, with the newest detail of each."""
 
     def __init__(self) -> None:
@@ -117,7 +117,7 @@ class HealthMonitor:
 
     def _start_period(self) -> None:
         self._recent: Counter[Outcome] = Counter()
-        self._refusals = Refusals()
+        self._refusals = RefusalCounts()
         self._latencies: list[float] = []
         self._innovations: list[float] = []
 
@@ -242,7 +242,7 @@ class HealthMonitor:
 
 def _judge_rate(rate: Rate | None) -> Iterator[CheckResult]:
     if rate is not None:
-        yield RATE.judge(rate.pace is Pace.REFUSE, text=f"rate: {rate}")
+        yield RATE.judge(rate.treatment is Treatment.REFUSE, text=f"rate: {rate}")
 
 
 def normalized_innovation(update: Update) -> float:

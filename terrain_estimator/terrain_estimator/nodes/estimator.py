@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from rover_parameters.command_line import run
 from terrain_estimator.config.estimator import EstimatorNodeConfig
 from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state
-from terrain_estimator.messaging.averaging import Pace, Rate
+from terrain_estimator.messaging.averaging import Rate, Treatment
 from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
 from terrain_estimator.messaging.health import HealthMonitor
 from terrain_estimator.messaging.messages import health_message
@@ -71,7 +71,7 @@ class EstimatorNode(ManagedNode):
         self._input_subscriptions: list[Subscription] = []
         self._active_timers: list[Timer] = []
         self._judged: tuple[CheckResult, ...] = ()
-        self._pace: Pace | None = None  # the last one that was logged
+        self._treatment: Treatment | None = None  # the last one that was logged
         # guards the pipeline: an executor with threads runs services beside the other callbacks
         self._pipeline_lock = threading.Lock()
         # other callbacks run while a service waits for the disk
@@ -231,11 +231,11 @@ class EstimatorNode(ManagedNode):
 
     def _log_rate(self, rate: Rate) -> None:
         """Log the rate of the readings when their treatment changes."""
-        if math.isnan(rate.hz) or rate.pace is self._pace:
+        if math.isnan(rate.hz) or rate.treatment is self._treatment:
             return
-        changed, self._pace = self._pace is not None, rate.pace
+        changed, self._treatment = self._treatment is not None, rate.treatment
         if changed or not rate.is_normal:
-            log = self.get_logger().warning if rate.pace else self.get_logger().info
+            log = self.get_logger().warning if rate.treatment else self.get_logger().info
             log(f"readings come at {rate}")
 
     def _autosave(self) -> None:

@@ -33,7 +33,7 @@ from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.estimator.saved_state import Arrays, read_state
 from terrain_estimator.messaging.averaging import RateCounts
 from terrain_estimator.messaging.conversion import Conversion
-from terrain_estimator.messaging.health import Refusals
+from terrain_estimator.messaging.health import RefusalCounts
 from terrain_estimator.messaging.history import RunHistory, WheelHistory
 from terrain_estimator.messaging.messages import status_of
 from terrain_estimator.messaging.pairing import Counters, MessageSet
@@ -87,7 +87,7 @@ class Replay:
     slip: WheelHistory = field(default_factory=WheelHistory)
     sinkage: WheelHistory = field(default_factory=WheelHistory)
     rates: RateCounts = field(default_factory=RateCounts)
-    refusals: Refusals = field(default_factory=Refusals)
+    refusals: RefusalCounts = field(default_factory=RefusalCounts)
     # by topic, empty where identical to live; None where not compared
     differences: dict[str, str] | None = None
 

@@ -70,7 +70,7 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
         "lost": dict(sorted((+replay.sequences.lost).items())),
         "late": dict(sorted((+replay.sequences.late).items())),
         "rates": [
-            {"hz": rate.hz, "treatment": rate.pace.name, "readings": count}
+            {"hz": rate.hz, "treatment": rate.treatment.name, "readings": count}
             for rate, count in replay.rates.found()
         ],
         "status": replay.status,

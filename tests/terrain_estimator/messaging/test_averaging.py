@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from studies.observations import observations_of
 from terrain_estimator.config.estimator import CoreConfig, EstimatorConfig
-from terrain_estimator.messaging.averaging import Averager, Pace, RateCounts, averaged
+from terrain_estimator.messaging.averaging import Averager, RateCounts, Treatment, averaged
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import load_model
@@ -234,4 +234,4 @@ def test_the_counts_name_what_was_found() -> None:
     assert counts.lines() == [
         "300 readings at 50 Hz, averaged to 10 Hz, with errors taken as independent"
     ]
-    assert pipeline.rate.pace is Pace.AVERAGE
+    assert pipeline.rate.treatment is Treatment.AVERAGE
