@@ -27,8 +27,8 @@ rename, close and mkdir, counted from 1. Every n to 200 is run, then 50 that are
 `MemoryError` is raised at the n-th call of a function of ours instead. After each run:
 
 - what was written before is whole: messages, the earlier state, the damaged bag, earlier results;
-- there is at most one line for each file (the state file has a copy for replays), and one where the
-  exit code is not 0;
+- there is at most one line for each result (a state has a copy for replays; a replay has estimates
+  and a summary), and one where the exit code is not 0;
 - the process goes on, or ends with a documented code.
 
 | program | fault | calls | runs | exit codes | not so |

@@ -243,5 +243,5 @@ SCENARIOS = {
     "recorder": Scenario(nothing, nothing, record, check_recording, frozenset({0, 1, 2})),
     "state file": Scenario(nothing, begin_state, keep_state, check_state, frozenset({0, 2}), 2),
     "recover_bag": Scenario(prepare_damaged, nothing, recover, check_recovered, frozenset({0, 2})),
-    "replay": Scenario(prepare_replay, begin_replay, estimate, check_replay, frozenset({0, 2})),
+    "replay": Scenario(prepare_replay, begin_replay, estimate, check_replay, frozenset({0, 2}), 2),
 }
