@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from rover_parameters.regular_file import open_regular
 from terrain_estimator.files.atomic import write_file
 
 VERSION = 1
@@ -95,7 +96,7 @@ def is_foreign(path: Path) -> bool:
 
     One that was begins as one, or is empty or all zeros, as a power cut may leave it.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         found = file.read(len(_BEGINNING))
     return found != _BEGINNING and any(found)
 
@@ -103,7 +104,7 @@ def is_foreign(path: Path) -> bool:
 def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
     """Read the arrays of a state file. Raises StateFileError."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(_LARGEST_FILE + 1)
     except OSError as error:
         raise StateFileError(f"{path}: cannot be read: {error.strerror}") from error

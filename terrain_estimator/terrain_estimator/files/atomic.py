@@ -5,6 +5,7 @@
 import io
 import os
 import secrets
+import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -84,6 +85,18 @@ def unforeseeable(name: str) -> str:
     ending = f".{secrets.token_hex(8)}{UNFINISHED}"
     start = name.encode()[: _LONGEST_NAME - len(ending) - 1].decode(errors="ignore")
     return f".{start}{ending}"
+
+
+def discard(folder: Path) -> None:
+    """Remove a folder that this process made, with all in it, as far as the disk lets it.
+
+    Where closing a folder fails, shutil closes it again and stops; the second try removes the rest.
+    """
+    for _ in range(2):
+        with suppress(OSError):
+            shutil.rmtree(folder, ignore_errors=True)
+        if not os.path.lexists(folder):
+            return
 
 
 def is_refusal_of(error: OSError, path: Path) -> bool:

@@ -6,7 +6,6 @@ import fcntl
 import hashlib
 import json
 import os
-import shutil
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -16,6 +15,7 @@ from terrain_estimator.files.atomic import (
     UNFINISHED,
     OutputError,
     cannot_write,
+    discard,
     is_refusal_of,
     sync_entries,
     unforeseeable,
@@ -77,7 +77,7 @@ class ResultFolder:
                 raise cannot_write(self.path, error) from error
             raise
         finally:
-            shutil.rmtree(new, ignore_errors=True)
+            discard(new)
             _remove_empty(made)
 
     def _take_over(self, new: Path, names: tuple[str, ...]) -> None:
@@ -172,7 +172,7 @@ def adding(folder: Path, *names: str) -> Iterator[Path]:
             raise cannot_write(Path(folder, *names[:1]), error) from error
         raise
     finally:
-        shutil.rmtree(new, ignore_errors=True)
+        discard(new)
         _remove_empty(made)
 
 

@@ -7,6 +7,8 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from rover_parameters.regular_file import open_regular
+
 PACKAGES = ("terrain_estimator", "torch", "numpy", "scipy", "rosbags", "mcap")
 
 
@@ -23,7 +25,7 @@ def bag_sha256(bag: Path) -> str:
     digest = hashlib.sha256()
     try:
         for path in paths:
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 while block := file.read(1 << 20):
                     digest.update(block)
     except OSError as error:

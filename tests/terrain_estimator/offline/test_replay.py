@@ -444,7 +444,7 @@ def test_parameters_change_the_estimate_and_are_part_of_its_origin_and_of_the_re
 def test_a_report_or_a_summary_that_cannot_be_written_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    output = replay._Output(replay._parser().parse_args(["x", "--out", str(tmp_path / "out")]))
+    output = replay._ReplayFiles(replay._parser().parse_args(["x", "--out", str(tmp_path / "out")]))
     output.report = tmp_path / "file/report.html"
     (tmp_path / "file").touch()
     assert not replay._tell(output, [], load_model(), EstimatorConfig())

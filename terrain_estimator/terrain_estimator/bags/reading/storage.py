@@ -12,6 +12,7 @@ from typing import Protocol
 import zstandard
 from mcap.records import Channel, Metadata, Schema
 
+from rover_parameters.regular_file import open_regular
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.metadata import TimeSpan
 from terrain_estimator.bags.reading import sqlite_file
@@ -98,7 +99,7 @@ def _open_plain(path: Path) -> StorageFile:
 
 def _head(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return file.read(len(sqlite_file.MAGIC))
     except OSError as error:
         raise BagError(f"cannot read {path}: {error.strerror}") from error
@@ -113,7 +114,7 @@ def _unpack(path: Path, target: Path) -> None:
     limit = min(max(_LEAST, _HIGHEST_RATIO * packed), shutil.disk_usage(target.parent).free)
     size = 0
     try:
-        with path.open("rb") as file, target.open("xb") as out:
+        with open_regular(path) as file, target.open("xb") as out:
             claimed = zstandard.frame_content_size(file.read(18))  # longest header of a frame
             file.seek(0)
             decompressor = zstandard.ZstdDecompressor(max_window_size=_LONGEST_WINDOW)

@@ -3,7 +3,6 @@
 """Make a whole bag from what is left of a damaged one, and account for what is lost."""
 
 import os
-import shutil
 import struct
 from collections import Counter
 from contextlib import suppress
@@ -33,6 +32,7 @@ from terrain_estimator.bags.reading.reader import numbered_files
 from terrain_estimator.bags.reading.records import MAGIC, Record, parse
 from terrain_estimator.bags.recovery.salvage import Damage, parsed, salvage
 from terrain_estimator.bags.writing.copying import Copier
+from terrain_estimator.files.atomic import discard
 
 
 @dataclass(slots=True)
@@ -82,7 +82,7 @@ def recover(source: Path, target: Path) -> Recovery:
         _Recovering(source, target, result).run(files)
     finally:
         if not result.span.count:
-            shutil.rmtree(target, ignore_errors=True)
+            discard(target)
     return result
 
 
@@ -90,7 +90,7 @@ def _refuse_databases(source: Path) -> None:
     """Refuse a bag of storage sqlite3: SQLite recovers its own files."""
     paths = source.glob("*.db3") if source.is_dir() else [source]
     for path in paths:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             if path.suffix == ".db3" or file.read(len(sqlite_file.MAGIC)) == sqlite_file.MAGIC:
                 raise BagError(
                     f"{path}: only MCAP files are recovered here; for a database call `sqlite3"

@@ -7,7 +7,6 @@ A bag is a folder ``NAME/`` with ``NAME_0.mcap`` and ``metadata.yaml``.
 
 import math
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -26,6 +25,7 @@ from terrain_estimator.bags.writing.compaction import compact
 from terrain_estimator.bags.writing.part import BagPart, BagTopic
 from terrain_estimator.bags.writing.syncing import sync_folder
 from terrain_estimator.bags.writing.worker import Worker
+from terrain_estimator.files.atomic import discard
 
 UNSETTLED = 100
 """Finished files that may wait for the disk.
@@ -100,7 +100,7 @@ class BagWriter:
         try:
             self._part = self._new_part()
         except BaseException as error:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            discard(self.folder)
             if isinstance(error, OSError):
                 raise _cannot_write(self.folder, error) from error
             raise
@@ -239,7 +239,7 @@ class BagWriter:
     def discard(self) -> None:
         """Delete the bag with all that was written; never raises."""
         self.abandon()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        discard(self.folder)
 
     def __enter__(self) -> Self:
         """Return the writer itself."""
