@@ -44,7 +44,8 @@ class Driver(Node):
         silent = (self.steady.now() - self.received).nanoseconds > SILENCE_S * 1e9
         command = Twist()
         command.linear.x = (0.0 if silent else self.allowed) if self.obey else self.wanted
-        self.output.publish(command)
+        if self.context.ok():  # a signal may have ended it since the timer fired
+            self.output.publish(command)
 
 
 rclpy.init()

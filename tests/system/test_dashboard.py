@@ -288,7 +288,8 @@ def test_it_comes_back_by_itself_after_a_restart_and_says_when_its_port_is_taken
         assert connection.get_attribute("data-state") == "live"
         assert all("ERR_CONNECTION_REFUSED" in text for text in it.said), it.said
     again.wait_for_output(
-        "no data on odom since the start: /odom has a publisher, which says nothing"
+        "no data on wheel_slip since the start: /wheel_slip has a publisher, which says nothing:"
+        " check it; likewise wheel_sinkage, odom"
     )
     assert "no data on terrain_estimate since the start" not in again.output
     assert again.terminate(60.0) == 0

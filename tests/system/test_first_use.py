@@ -43,7 +43,8 @@ def test_the_commands_of_a_page_run_twice_in_a_row(
     place, text = tmp_path / "clone", commands(*BLOCKS[which])
     (place / "bags").mkdir(parents=True)
     (place / "bags/sample").symlink_to(ROOT / "bags/sample")
-    (place / "ros2_ws").symlink_to(ROOT / "ros2_ws")
+    for name in ("ros2_ws", ".venv"):
+        (place / name).symlink_to(ROOT / name)
     for before, after in () if WHOLE else SHORTER.items():
         text = text.replace(before, after)
     # as in a terminal: jobs have numbers and take SIGINT

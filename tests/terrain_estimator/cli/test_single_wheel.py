@@ -491,7 +491,7 @@ def test_measured_tables_are_read_and_replicates_are_one_setting() -> None:
 def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_than_the_smooth_model(
     tmp_path: Path,
 ) -> None:
-    soil, wheel = tmp_path / "soil.yaml", tmp_path / "wheel.yaml"
+    soil, wheel, out = (tmp_path / name for name in ("soil.yaml", "wheel.yaml", "out"))
     constants = {
         "n": 1.46,
         "k_c": 0.0,
@@ -521,10 +521,9 @@ def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_th
         "slip_sinkage,rate_dependence,grousers",
     ]
     assert (
-        main([*tables, "--wheel", str(wheel), "--soil", str(soil), *asked, "--out", str(tmp_path)])
-        == 0
+        main([*tables, "--wheel", str(wheel), "--soil", str(soil), *asked, "--out", str(out)]) == 0
     )
-    finding = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
+    finding = json.loads((out / "finding.json").read_text(encoding="utf-8"))
     assert finding["verdict"] != "named"
     assert finding["gap"]["proven"] is None
     assert finding["parameters"]["after"] is None
