@@ -60,7 +60,7 @@ def type_hash(type_name: str, text: str) -> str:
     try:
         store.register(parse(type_name, text))
         return store.hash_rihs01(type_name)
-    except BagError:
+    except (BagError, MemoryError):
         raise
     except Exception as error:  # what rosbags raises depends on what is wrong
         raise BagError(
@@ -83,6 +83,8 @@ def parse(type_name: str, text: str) -> Typesdict:
     check_text(type_name, text)
     try:
         types = get_types_from_msg(text, type_name)
+    except MemoryError:
+        raise
     except Exception as error:
         reason = shortened(" ".join(str(error).split()))
         raise BagError(
