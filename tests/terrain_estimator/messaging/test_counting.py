@@ -306,3 +306,12 @@ def test_an_input_without_a_message_is_told_with_its_age() -> None:
     assert {entry.topic: entry.age_s for entry in report.inputs}["odom"] == 2.34
     silent = HealthMonitor().report(counters(), {})
     assert "no data on odom since the start" in silent.summary
+
+
+def test_a_wheel_of_one_span_alone_keeps_its_sum() -> None:
+    first, later = WheelSpan(), WheelSpan()
+    first.add(1, [("left", 0.5)])
+    later.add(2, [("right", 0.25)])
+    both = first + later
+    assert both.sums == {"left": 0.5, "right": 0.25}
+    assert (both.stamp_ns, both.count) == (2, 2)

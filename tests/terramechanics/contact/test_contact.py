@@ -220,3 +220,15 @@ def test_scripted_and_plain_forces_are_the_same_numbers() -> None:
     sinkage = torch.full_like(slip, 0.02)
     arguments = (slip, sinkage, soil.constants(), 0.13, 0.16, quadrature())
     assert torch.equal(torch.jit.script(wheel_forces)(*arguments), wheel_forces(*arguments))
+
+
+def test_linear_stresses_of_many_wheels_are_those_of_each() -> None:
+    soil = load_soil("loose_sand")
+    slip, sinkage = (
+        torch.tensor([0.1, 0.3, 0.5]).double(),
+        torch.tensor([0.01, 0.02, 0.03]).double(),
+    )
+    together = wheel_forces_linear_stress(slip, sinkage, soil.constants(), 0.4, 0.1)
+    for index in range(3):
+        alone = wheel_forces_linear_stress(slip[index], sinkage[index], soil.constants(), 0.4, 0.1)
+        torch.testing.assert_close(together[index], alone, rtol=1e-12, atol=0.0)

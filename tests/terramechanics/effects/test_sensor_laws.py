@@ -7,6 +7,7 @@ import torch
 
 from terramechanics.effects import EFFECTS, describe
 from terramechanics.effects.law import Readings
+from terramechanics.effects.sensing import Latency
 from terramechanics.vehicle.rover import load_rover
 
 MARS = load_rover("mars_rover")
@@ -52,3 +53,17 @@ def test_an_unevenly_worn_rover_has_the_size_at_its_middle_axle() -> None:
     error = torch.tensor([0.08, 0.1, 0.12], dtype=torch.float64)
     expected = (true.slip + error) / (1.0 + error)
     torch.testing.assert_close(law.reported(true, values).slip, expected)
+
+
+def test_late_readings_are_moved_on_by_their_rates_down_to_the_shallowest() -> None:
+    """A reading [s] old; a sinkage never falls below a fifth of what was read."""
+    wheels = torch.tensor([[0.1, 0.2, 0.3]], dtype=torch.float64)
+    readings = Readings(
+        wheels, 0.0 * wheels, 0.1 * wheels, wheels, wheels[:, :1], wheels,
+        slip_rate=0.5 * wheels, sinkage_rate=torch.tensor([[0.01, -0.01, -1.0]]).double(),
+    )  # fmt: skip
+    found = Latency(load_rover("mars_rover")).corrected(readings, torch.tensor([[0.2]]).double())
+    torch.testing.assert_close(found.slip, 1.1 * wheels)
+    torch.testing.assert_close(
+        found.sinkage, torch.tensor([[0.012, 0.018, 0.006]], dtype=torch.float64)
+    )

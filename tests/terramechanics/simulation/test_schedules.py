@@ -53,6 +53,14 @@ def test_s1_is_two_sines_of_every_axle_about_a_cruise_speed() -> None:
     assert not torch.equal(expected[:, 0], expected[:, 1])
 
 
+def test_phases_have_nothing_in_common_with_frequencies() -> None:
+    """Of 2 * 200 * 3 pairs: below 4 / sqrt(1200)."""
+    drive = schedule("S1")
+    assert isinstance(drive, SineRates)
+    pair = torch.stack([drive.frequency.flatten(), drive.phase.flatten()])
+    assert abs(float(torch.corrcoef(pair)[0, 1])) < 4.0 / math.sqrt(1200)
+
+
 def test_the_papers_rover_drives_faster() -> None:
     speeds = schedule("S1", load_rover("paper_rover")).start_velocity
     assert 0.2 <= float(speeds.min()) < 0.22
