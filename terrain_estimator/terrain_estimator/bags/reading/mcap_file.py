@@ -35,6 +35,7 @@ from terrain_estimator.bags.reading.records import (
     Record,
     StoredMessage,
     Unpacker,
+    first_record,
     message_of,
     messages_in,
     parse,
@@ -129,7 +130,7 @@ class McapFile:
                 kind = f"cut after {len(head)} bytes, before its first record: copy it again"
             msg = f"{self.path} is {kind}"
             raise BagError(msg)
-        first = next(scan(self._file, len(MAGIC), self._end), None)
+        first = first_record(self._file, len(MAGIC), self._end)
         if first is None or not first.whole:
             msg = (
                 f"{self.path} is cut within its header after {self._end} bytes: it holds no"
@@ -206,7 +207,7 @@ class McapFile:
         return True
 
     def _read_metadata(self, index: MetadataIndex) -> None:
-        record = next(scan(self._file, index.offset, index.offset + index.length), None)
+        record = first_record(self._file, index.offset, index.offset + index.length)
         if record is not None and record.whole and record.opcode == Opcode.METADATA:
             self.metadata.append(parse(Metadata, record.payload))
 
@@ -262,13 +263,8 @@ class McapFile:
             if not chunk.message_index_offsets or not wanted.isdisjoint(chunk.message_index_offsets)
         ]
         for index, chunk in enumerate(relevant):
-            record = next(
-                scan(
-                    self._file,
-                    chunk.chunk_start_offset,
-                    chunk.chunk_start_offset + chunk.chunk_length,
-                ),
-                None,
+            record = first_record(
+                self._file, chunk.chunk_start_offset, chunk.chunk_start_offset + chunk.chunk_length
             )
             if record is None or record.opcode != Opcode.CHUNK or not record.whole:
                 msg = (

@@ -68,17 +68,29 @@ def scan(file: BinaryIO, start: int, end: int) -> Iterator[Record]:
 
     Stops at opcode 0 too: after a power cut a file may end in zeros.
     """
-    offset = start
-    while offset + HEAD.size <= end:
-        file.seek(offset)  # every time: several scans may share the file
-        opcode, length = HEAD.unpack(file.read(HEAD.size))
-        if opcode == 0:
-            return
-        room = end - offset - HEAD.size
-        whole = length <= min(room, LARGEST_RECORD)
-        useful = length if whole else min(room, LARGEST_RECORD) if opcode == Opcode.CHUNK else 0
-        yield Record(opcode, file.read(useful), offset, whole)
-        offset += HEAD.size + length
+    while found := _record_at(file, start, end):
+        record, start = found
+        yield record
+
+
+def first_record(file: BinaryIO, start: int, end: int) -> Record | None:
+    """Return the first record between two offsets, which may not be whole; None without one."""
+    found = _record_at(file, start, end)
+    return found[0] if found else None
+
+
+def _record_at(file: BinaryIO, offset: int, end: int) -> tuple[Record, int] | None:
+    """Return a record and the offset behind it."""
+    if offset + HEAD.size > end:
+        return None
+    file.seek(offset)  # every time: several scans may share the file
+    opcode, length = HEAD.unpack(file.read(HEAD.size))
+    if opcode == 0:
+        return None
+    room = end - offset - HEAD.size
+    whole = length <= min(room, LARGEST_RECORD)
+    useful = length if whole else min(room, LARGEST_RECORD) if opcode == Opcode.CHUNK else 0
+    return Record(opcode, file.read(useful), offset, whole), offset + HEAD.size + length
 
 
 def parse(kind: Parsed[T_co], payload: bytes) -> T_co:
