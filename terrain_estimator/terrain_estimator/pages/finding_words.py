@@ -83,7 +83,9 @@ def _none(finding: Mapping[str, Any]) -> tuple[str, Markup]:
     chances = finding["probabilities"]
     sure = probability(chances["none"])
     if chances["none"] < _LIKELY:
-        others = sorted(set(chances) - {"none"}, key=lambda name: -chances[name])
+        others = sorted(
+            (name for name in chances if name != "none"), key=lambda name: -chances[name]
+        )
         listed = Markup("; ").join(
             Markup("{} {}").format(name, probability(chances[name]))
             for name in others
