@@ -12,8 +12,10 @@ import sys
 from typing import Any, Protocol
 
 import rclpy
-import yaml
 from rclpy.node import Node
+
+from rover_parameters.records import ConfigError
+from rover_parameters.yaml_files import parse_yaml
 
 APPEAR_S = 10.0
 """Discovery takes a second, and longer on a busy machine."""
@@ -50,8 +52,8 @@ def main() -> int:
     )
     try:
         kind = service_class(options.type)
-        request = filled(kind.Request(), yaml.safe_load(options.values), "the request")
-    except (CallError, yaml.YAMLError) as error:
+        request = filled(kind.Request(), parse_yaml(options.values), "the request")
+    except (CallError, ConfigError) as error:
         return refuse(2, error)
     rclpy.init()
     try:

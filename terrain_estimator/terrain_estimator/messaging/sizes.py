@@ -21,9 +21,8 @@ FIXED_PART = 1000
 """[B] of a message besides its texts and arrays."""
 _DEEPEST = 5  # parts within parts, as odom.pose.pose.position
 _LONGEST_NAME = 100  # characters of a frame that are kept
-
-
 _PARTS: dict[type, tuple[Callable[[Message], Any], ...]] = {}
+"""Readers of the texts, lists and arrays of each class, found with its first message."""
 
 
 def message_bytes(message: Message) -> int:
