@@ -6,8 +6,6 @@ import errno
 import math
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -23,85 +21,11 @@ from terrain_estimator.cli.csv_to_bag import main
 from terrain_estimator.console.interrupting import INTERRUPTED
 from terrain_estimator.importing.samples import MeasuredValue, slip_from_max_normalised
 from terrain_estimator.messaging.conversion import nose_up_pitch
+from tests.terrain_estimator.cli.csv_files import HEADER, ROVER, ROWS, mapping, messages, run
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 
 ARABIC = "\u0660.\u0663"  # 0.3, which Python's float takes
-HEADER = "t,v,p,a,s1,s2,z1,z2,w1,w2,q1,q2"
-ROVER = {
-    "name": "tricycle",
-    "mass": 3.0,
-    "gravity": 9.81,
-    "wheel_radius": 0.017,
-    "wheel_width": 0.02,
-    "wheel_inertia": 0.0,
-    "axle_x": [0.2, 0.0, -0.2],
-    "centre_of_mass_x": 0.0,
-    "centre_of_mass_height": 0.1,
-    "bogie_pivot_x": -0.1,
-    "bogie_pivot_height": 0.1,
-    "cruise_speed": [0.05, 0.15],
-    "sinkage_noise_floor": 0.0005,
-    "wheels": [
-        {"name": name, "axle": axle, "side": "left"}
-        for axle, name in enumerate(("front", "middle", "rear"))
-    ],
-}
-"""The middle wheel is not measured: the mapping leaves it out."""
-ROWS = ["0.5,100,2,0.1,10,-20,12,11,60,60,5,6", "0.6,101,2,0.1,20,30,,10,60,30,7,8"]
-
-
-def mapping(**changes: Any) -> dict[str, Any]:
-    """Return a mapping of two wheels; a change to None removes a key."""
-    whole: dict[str, Any] = {
-        "time": {"column": "t"},
-        "slip_definition": "max_normalised",
-        "wheels": [
-            {"name": "front", "slip": "s1", "sinkage": "z1", "wheel_rate": "w1", "torque": "q1"},
-            {"name": "rear", "slip": "s2", "sinkage": "z2", "wheel_rate": "w2", "torque": "q2"},
-        ],
-        "slip": {"unit": "%", "noise": {"relative": 0.05, "absolute": 1.0}},
-        "sinkage": {"unit": "mm", "noise": {"relative": 0.1, "absolute": 0.5}},
-        "constant_contact_angle": {"value": 1.0, "unit": "deg", "noise": {"absolute": 0.5}},
-        "wheel_rate": {"unit": "rpm"},
-        "torque": {"unit": "N cm", "noise": {"relative": 0.03, "absolute": 10.0}},
-        "velocity": {"column": "v", "unit": "mm/s", "noise": {"absolute": 2.0}},
-        "pitch": {
-            "column": "p",
-            "unit": "deg",
-            "positive": "nose_down",
-            "noise": {"absolute": 0.5},
-        },
-        "acceleration": {"column": "a", "unit": "g", "noise": {"absolute": 0.01}},
-    }
-    return {key: value for key, value in {**whole, **changes}.items() if value is not None}
-
-
-def run(
-    folder: Path, content: dict[str, Any], lines: list[str] | None = None, rover: str = ""
-) -> int:
-    """Run csv_to_bag on files in a folder; the bag is folder/bag."""
-    (folder / "rover.yaml").write_text(yaml.safe_dump(ROVER), encoding="utf-8")
-    (folder / "map.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
-    (folder / "data.csv").write_text(
-        "\n".join([HEADER, *ROWS] if lines is None else lines), encoding="utf-8"
-    )
-    return main(
-        [
-            str(folder / "data.csv"),
-            "--mapping",
-            str(folder / "map.yaml"),
-            "--out",
-            str(folder / "bag"),
-            "--rover",
-            rover or str(folder / "rover.yaml"),
-        ]
-    )
-
-
-def messages(folder: Path, topic: str) -> list[Any]:
-    with BagReader(folder) as reader:
-        return [reader.decode(message) for message in reader.messages([topic])]
 
 
 def test_every_signal_arrives_in_si_units(tmp_path: Path) -> None:
@@ -427,121 +351,3 @@ def test_a_bag_that_is_not_written_to_its_end_is_taken_back(
         assert run(tmp_path, mapping()) == INTERRUPTED
         assert capsys.readouterr().err == "csv_to_bag: interrupted\n"
     assert {path.name for path in tmp_path.iterdir()} == {"map.yaml", "data.csv", "rover.yaml"}
-
-
-def rows(count: int, rate_hz: float = 10.0, **columns: float) -> list[str]:
-    """Return a file of equal rows at a rate, in the units of the mapping."""
-    row = {"v": 100.0, "p": 2.0, "a": 0.1, "s1": 10, "s2": -20, "z1": 12, "z2": 11}
-    row |= {"w1": 62, "w2": 45, "q1": 5, "q2": 6} | columns
-    values = ",".join(f"{row[name]:g}" for name in HEADER.split(",")[1:])
-    return [HEADER, *(f"{1 + step / rate_hz:.6f},{values}" for step in range(count))]
-
-
-@pytest.mark.parametrize(
-    ("changes", "columns", "words"),
-    [
-        (
-            {"slip": {"unit": "1", "noise": {"absolute": 0.01}}, "slip_definition": None},
-            {},
-            "slip is 10 in the median, above 1, that of a wheel that spins on the spot: set",
-        ),
-        (
-            {"slip_definition": None},
-            {"s1": 0.1, "s2": -0.2},
-            "slip: the velocity and the wheel rates give",
-        ),
-        (
-            {"sinkage": {"unit": "m", "noise": {"absolute": 0.01}}},
-            {},
-            "sinkage is 12 m in the median, above the wheel radius 0.017 m: set sinkage.unit: mm",
-        ),
-        (
-            {"velocity": {"column": "v", "unit": "m/s", "noise": {"absolute": 2.0}}},
-            {"v": 0.36},
-            "times that of the wheels, r w (1 - slip) with r = 0.017 m: set velocity.unit: km/h",
-        ),
-        (
-            {"wheel_rate": {"unit": "rad/s"}},
-            {},
-            "or wheel_rate.unit: rpm in the mapping, or give the right rover",
-        ),
-        ({}, {"w1": 372, "w2": 270}, "set wheel_rate.unit: deg/s in the mapping"),
-        ({}, {"w1": -62, "w2": -45}, "velocity and wheel_rate have opposite signs"),
-        (
-            {
-                "pitch": {
-                    "column": "p",
-                    "unit": "rad",
-                    "positive": "nose_up",
-                    "noise": {"absolute": 0.5},
-                }
-            },
-            {},
-            "column 'p': pitch is 2 rad in the median, steeper than a wall: set pitch.unit: deg",
-        ),
-        ({}, {"a": 9.8}, "column 'a': acceleration is 9.8 g in the median, above three times"),
-        (
-            {"torque": {"unit": "N m", "noise": {"absolute": 1}}},
-            {},
-            "column 'q1': torque is 5 N m in the median",
-        ),
-    ],
-)
-def test_impossible_values_name_column_value_and_the_unit_that_fits(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    changes: dict[str, Any],
-    columns: dict[str, float],
-    words: str,
-) -> None:
-    assert run(tmp_path, mapping(), rows(20)) == 0, capsys.readouterr().err
-    (tmp_path / "bag").rename(tmp_path / "plain")
-    assert run(tmp_path, mapping(**changes), rows(20, **columns)) == 2
-    assert words in (error := capsys.readouterr().err), error
-    assert not (tmp_path / "bag").exists()
-
-
-def test_a_single_impossible_value_is_left_to_the_estimator(tmp_path: Path) -> None:
-    lines = rows(20)
-    lines[7] = lines[7].replace(",12,", ",12000,")
-    assert run(tmp_path, mapping(), lines) == 0
-
-
-def test_decimal_commas_and_words_for_missing_values(tmp_path: Path) -> None:
-    lines = [line.replace(",", ";").replace(".", ",") for line in [HEADER, *ROWS]]
-    lines[2] = lines[2].replace(";;", ";n/a;")
-    assert run(tmp_path, mapping(delimiter=";", decimal=",", missing=["n/a", "-"]), lines) == 0
-    first, second = messages(tmp_path / "bag", "/wheel_sinkage")
-    assert first.sinkage[0] == 0.012
-    assert math.isnan(second.sinkage[0])
-    assert messages(tmp_path / "bag", "/imu")[0].linear_acceleration.x == pytest.approx(0.980665)
-
-
-def test_the_rate_is_found_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(tmp_path, mapping(), rows(100, 50.0)) == 0
-    assert "100 rows at 50 Hz, averaged to 10 Hz" in capsys.readouterr().out
-    (tmp_path / "bag").rename(tmp_path / "fast")
-    assert run(tmp_path, mapping(), rows(20)) == 0
-    assert "20 rows at 10 Hz\n" in capsys.readouterr().out
-    assert run(tmp_path, mapping(), rows(20, 2.0)) == 2
-    assert "column 't': the rows come at 2 Hz, but 5 to 200 Hz" in capsys.readouterr().err
-
-
-def test_a_wheel_without_columns_is_not_measured_and_an_axle_without_any_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path, mapping()) == 0
-    assert "slip: no column for middle: without a whole axle every" in capsys.readouterr().out
-
-
-def test_a_reader_who_wants_one_line_gets_it(tmp_path: Path) -> None:
-    assert run(tmp_path, mapping(), rows(20)) == 0
-    (tmp_path / "bag").rename(tmp_path / "other")
-    command = (
-        f"set -o pipefail; {sys.executable} -m terrain_estimator.cli.csv_to_bag {tmp_path}/data.csv"
-        f" --mapping {tmp_path}/map.yaml --rover {tmp_path}/rover.yaml --out {tmp_path}/bag"
-        " | (exec 0<&-)"
-    )
-    result = subprocess.run(["bash", "-c", command], check=False, capture_output=True, text=True)
-    assert (result.returncode, result.stderr) == (0, "")
-    assert (tmp_path / "bag" / "metadata.yaml").exists()
