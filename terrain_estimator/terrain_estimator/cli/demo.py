@@ -80,6 +80,7 @@ def run(what: DriveSettings, folder: Path) -> int:
     )
     with renewing(ResultFolder(folder), "replay", PICTURE, SUMMARY) as (new, logs):
         recording = drive(what, new, logs, lambda line: print(line, flush=True))
+        print(f"replay, in {folder}:", flush=True)
         replayed = _replay(new)
         draw(
             read_curves(recording.bag),
