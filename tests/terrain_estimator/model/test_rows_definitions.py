@@ -18,7 +18,7 @@ from terrain_estimator.model.packing import (
     packed_size,
     view_of,
 )
-from terrain_estimator.model.physics_with_effects import nominal_of
+from terrain_estimator.model.physics_with_effects import nominal_of, with_changes
 from terrain_estimator.model.prior import UNCERTAIN, uncertain_constants
 from terrain_estimator.model.rows import (
     MOMENT_VARIANCE,
@@ -363,3 +363,38 @@ def test_physics_without_effects_has_no_sizes_of_effects() -> None:
     none = torch.zeros(0, dtype=torch.float64)
     physics = nominal_of(physics_alone(ROVER, SOIL, exact=True).physics)
     assert physics.effect_sizes(none, none).shape == (0, 2)
+
+
+def test_changes_by_an_effect_are_derivatives_and_carry_its_target_in_the_constant() -> None:
+    """Rows that are linear in two values of effects, over two observations."""
+    draw = torch.Generator().manual_seed(3)
+    shapes = {"features": (2, 5, 3), "noise": (2, 5, 4, 3), "target": (2, 5)}
+    base = {name: torch.randn(shape, generator=draw).double() for name, shape in shapes.items()}
+    slopes = {
+        name: torch.randn((2, *shape), generator=draw).double() for name, shape in shapes.items()
+    }
+    used = torch.ones(2, 5, dtype=torch.float64)
+    used_moved = torch.ones(2, 2, 5, dtype=torch.float64)
+    used_moved[1, 0, 3] = 0.0  # the second value takes one row out of its range
+    moved = {name: (base[name] + 1e-3 * slopes[name]).flatten(0, 1) for name in shapes}
+    variance = torch.ones_like(used)
+    rows = Rows(
+        base["features"].unsqueeze(0), base["noise"].unsqueeze(0), base["target"], variance, used
+    )
+    varied = Rows(
+        moved["features"].unsqueeze(0),
+        moved["noise"].unsqueeze(0),
+        moved["target"],
+        variance.repeat(2, 1),
+        used_moved.flatten(0, 1),
+    )
+    found = with_changes(rows, varied)
+    features, noise = slopes["features"].clone(), slopes["noise"].clone()
+    features[..., 2] -= slopes["target"]
+    features[1, 0, 3], noise[1, 0, 3] = 0.0, 0.0
+    assert torch.allclose(found.features[1:], features, atol=1e-9)
+    assert torch.allclose(found.noise[1:], noise, atol=1e-9)
+    assert torch.equal(found.features[0], base["features"])
+    assert torch.equal(found.noise[0], base["noise"])
+    assert torch.equal(found.target, base["target"])
+    assert torch.equal(found.used, used)

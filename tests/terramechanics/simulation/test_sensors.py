@@ -13,6 +13,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from rover_parameters.records import ConfigError, build
 from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.sensors import (
     Measurement,
@@ -113,6 +114,13 @@ def test_the_accelerometer_reads_specific_force_with_one_bias_a_drive() -> None:
     expected = math.sqrt(0.02**2 + 0.02**2 / 30.0)
     assert float(offsets.std()) == pytest.approx(expected, rel=4.5 / math.sqrt(400.0))
     assert float(result.acceleration_sd[0, 0]) == pytest.approx(0.02 * math.sqrt(2.0))
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Noise)])
+def test_no_part_of_the_noise_may_be_negative(name: str) -> None:
+    assert getattr(build(Noise, {name: 0.0}, "noise"), name) == 0.0
+    with pytest.raises(ConfigError, match=f"noise: {name}: -1e-06 is outside its range"):
+        build(Noise, {name: -1e-6}, "noise")
 
 
 def test_without_noise_the_truth_is_measured_and_deviations_stay_positive() -> None:
