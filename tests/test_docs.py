@@ -335,12 +335,13 @@ def test_links_lead_from_the_repository_to_the_site() -> None:
     copied: list[str] = []
     text = (
         "[a](../README.md#two-commands) ![b](images/cost.png)"
-        " [c](../layouts/foxglove.json) [d](../tests)"
+        " [c](../terrain_estimator/layouts/foxglove.json) [d](../tests)"
     )
     assert lead(text, "api.md", copied.append) == (
-        "[a](index.md#two-commands) ![b](images/cost.png) [c](files/layouts/foxglove.json) d"
+        "[a](index.md#two-commands) ![b](images/cost.png)"
+        " [c](files/terrain_estimator/layouts/foxglove.json) d"
     )
-    assert copied == ["layouts/foxglove.json"]
+    assert copied == ["terrain_estimator/layouts/foxglove.json"]
     assert lead("[a](docs/method.md) [b](gone.md)", "index.md", copied.append) == (
         "[a](method.md) [b](gone.md)"
     )

@@ -12,12 +12,14 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from ament_index_python import get_package_share_directory
 
 from terrain_estimator.bags import Types
 from terrain_estimator.messaging.map_track import POINT
 from terramechanics.vehicle.rover import load_rover
 
 ROOT = Path(__file__).parents[1]
+LAYOUTS = ROOT / "terrain_estimator/layouts"
 WHEELS = len(load_rover("mars_rover").wheels)
 TYPES = Types()
 NUMBER = (bool, int, float)
@@ -36,9 +38,7 @@ def topics() -> dict[str, str]:
 
 @cache
 def foxglove() -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(
-        (ROOT / "layouts/foxglove.json").read_text(encoding="utf-8")
-    )
+    content: dict[str, Any] = json.loads((LAYOUTS / "foxglove.json").read_text(encoding="utf-8"))
     return content
 
 
@@ -124,7 +124,7 @@ def test_every_panel_has_its_place_and_is_of_a_kind_that_the_viewers_have() -> N
 def test_every_curve_of_plotjuggler_is_a_number_of_a_message() -> None:
     curves = [
         str(curve.get("name"))
-        for curve in ET.parse(ROOT / "layouts/plotjuggler.xml").getroot().iter("curve")
+        for curve in ET.parse(LAYOUTS / "plotjuggler.xml").getroot().iter("curve")
     ]
     assert len(curves) > 30
     for curve in curves:
@@ -148,3 +148,10 @@ def test_every_curve_of_plotjuggler_is_a_number_of_a_message() -> None:
 def test_the_check_finds_what_does_not_exist(topic: str, fields: list[str]) -> None:
     with pytest.raises((KeyError, AttributeError, AssertionError)):
         value_at(topic, fields)
+
+
+def test_an_installed_workspace_has_the_layouts() -> None:
+    installed = Path(get_package_share_directory("terrain_estimator")) / "layouts"
+    ours = sorted(path.name for path in LAYOUTS.iterdir())
+    assert ours == sorted(path.name for path in installed.iterdir())
+    assert all((installed / name).read_bytes() == (LAYOUTS / name).read_bytes() for name in ours)
