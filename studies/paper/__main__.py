@@ -18,16 +18,19 @@ import torch
 from docs.provenance import measured
 from rover_parameters.records import ConfigError
 from studies.command import refuse, study_parser
-from studies.paper.cases import QUICK, Size
+from studies.paper.cases import QUICK, SOILS, Size
 from studies.paper.experiment import CellResult, run
 from studies.paper.figures import draw_all
 from studies.paper.plants import PaperPlant
 from studies.paper.published import ESTIMATES, TRADE_OFF
-from studies.paper.tables import tables
+from studies.paper.random_inputs import SEEDS, SeedScores, compare_all
+from studies.paper.tables import random_inputs_tables, tables
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.files.atomic import write_file
+
+DRIVES, RANDOM_INPUTS = "drives", "random_inputs"
 
 
 @interruptible
@@ -44,9 +47,13 @@ def main(argv: list[str] | None = None) -> int:
     started_s = time.monotonic()
     try:
         args.out.mkdir(parents=True, exist_ok=True)
-        with ProgressReport("paper") as report:
-            results = run(size, args.jobs, report.at)
-        paths = _write(results, size, time.monotonic() - started_s, args.out)
+        paths: list[Path] = []
+        if args.only != RANDOM_INPUTS:
+            with ProgressReport("paper") as report:
+                results = run(size, args.jobs, report.at)
+            paths += _write(results, size, time.monotonic() - started_s, args.out)
+        if args.only != DRIVES:
+            paths += _write_random_inputs(_compared(size, args), size, args)
     except (ConfigError, OSError, ValueError) as error:
         return refuse("paper", error)
     sys.stdout.write("".join(f"{path}\n" for path in paths))
@@ -65,6 +72,12 @@ def _parser() -> argparse.ArgumentParser:
         default=Size().trainings,
         help="of every model, from different seeds",
     )
+    parser.add_argument(
+        "--only",
+        choices=(DRIVES, RANDOM_INPUTS),
+        default="",
+        help="leave out the training on random inputs, or everything else",
+    )
     parser.add_argument("--jobs", type=COUNT, default=2, help="processes")
     parser.add_argument(
         "--quick",
@@ -72,6 +85,28 @@ def _parser() -> argparse.ArgumentParser:
         help="run through everything in seconds; the numbers mean nothing",
     )
     return parser
+
+
+def _compared(size: Size, args: argparse.Namespace) -> list[SeedScores]:
+    results: list[SeedScores] = []
+    seeds = 2 if args.quick else SEEDS
+    with ProgressReport("paper") as report:
+        for each in compare_all(size, args.jobs, seeds):
+            results.append(each)
+            report.at(len(results) / (seeds * len(SOILS)), "training on random inputs")
+    return results
+
+
+def _write_random_inputs(
+    results: list[SeedScores], size: Size, args: argparse.Namespace
+) -> list[Path]:
+    """Write the comparison on random inputs; return its paths."""
+    content = {"size": dataclasses.asdict(size), "seeds": [dataclasses.asdict(r) for r in results]}
+    arguments = f"--only {args.only}" * bool(args.only)
+    paths = [args.out / "random_inputs.json", args.out / "random_inputs.md"]
+    write_file(paths[0], json.dumps(content, indent=1) + "\n")
+    write_file(paths[1], f"{measured('paper', arguments)}\n\n{random_inputs_tables(results)}")
+    return paths
 
 
 def _write(results: list[CellResult], size: Size, seconds: float, folder: Path) -> list[Path]:

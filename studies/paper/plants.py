@@ -209,7 +209,7 @@ def closed_form_motion(
     load = authors_loads(rover.weight, torque / rover.wheel_radius)
     slip, sinkage = _compromise(rover, torque.flatten(1), load.flatten(1), constants, strength)
     shape = (batch, steps, rover.axles)
-    forces = _forces(rover, slip, sinkage, constants, strength).view(*shape, 3)
+    forces = closed_form_wheels(rover, slip, sinkage, constants, strength).view(*shape, 3)
     change = TIME_STEP / rover.mass * forces[..., 1].sum(-1)
     velocity = torch.cat([torch.zeros(batch, 1, dtype=torch.float64), change.cumsum(1)], 1)
     inside = in_range(slip, sinkage, constants.unsqueeze(1), rover.wheel_radius).all(1)
@@ -227,7 +227,7 @@ _MOTIONS: dict[
 }
 
 
-def _forces(
+def closed_form_wheels(
     rover: Rover, slip: Tensor, sinkage: Tensor, constants: Tensor, strength: Tensor
 ) -> Tensor:
     """Return N, T [N] and M [N m] [batch, n, 3] of wheels [batch, n]."""
@@ -267,7 +267,7 @@ def _compromise(
     target = torch.stack([load, torque / rover.wheel_radius, torque], -1)
 
     def miss(u: Tensor) -> Tensor:
-        return _forces(rover, u[..., 0], u[..., 1].exp(), constants, strength) - target
+        return closed_form_wheels(rover, u[..., 0], u[..., 1].exp(), constants, strength) - target
 
     slip = torch.full_like(torque, 0.02)
     depth = _carrying_sinkage(rover, slip, constants, strength, load).log()
@@ -309,6 +309,6 @@ def _carrying_sinkage(
     low, high = (torch.full_like(slip, end) for end in DEPTHS)
     for _ in range(12):  # a start, no solution
         middle = 0.5 * (low + high)
-        carried = _forces(rover, slip, middle.exp(), constants, strength)[..., 0] > load
+        carried = closed_form_wheels(rover, slip, middle.exp(), constants, strength)[..., 0] > load
         low, high = torch.where(carried, low, middle), torch.where(carried, middle, high)
     return (0.5 * (low + high)).exp()

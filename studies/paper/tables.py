@@ -4,6 +4,7 @@
 
 from studies.paper.experiment import CellResult
 from studies.paper.published import ESTIMATES, TRADE_OFF
+from studies.paper.random_inputs import SeedScores, mean_and_error
 from studies.paper.scores import Scores
 
 
@@ -122,3 +123,43 @@ def _trade_off(result: CellResult) -> str:
             f"{velocity:g} / {parameters:g}",
         ])  # fmt: skip
     return _table(head, rows)
+
+
+def random_inputs_tables(results: list[SeedScores]) -> str:
+    """Return a table for each soil: means over seeds, with standard errors."""
+    parts = []
+    for soil in dict.fromkeys(each.soil for each in results):
+        own = [each.methods for each in results if each.soil == soil]
+        title = f"### Trained on random inputs, closed form plant, {soil.replace('_', ' ')}"
+        parts += [f"{title}, {len(own)} seeds", _random_inputs_table(own), ""]
+    return "\n".join(parts)
+
+
+def _random_inputs_table(seeds: list[dict[str, Scores]]) -> str:
+    head = ["method", "c %, mean", "tan phi %, mean", "covered %, c / tan phi"]
+    rows = []
+    for name in seeds[0]:
+        cells = [
+            "{:.3g} +- {:.2g}".format(
+                *mean_and_error(
+                    [_real(each[name], f"{quantity}_mean_error_percent") for each in seeds]
+                )
+            )
+            for quantity in ("cohesion", "tan_phi")
+        ]
+        shares = [each[name].get("coverage") for each in seeds]
+        known = [share for share in shares if isinstance(share, list)]
+        covered = (
+            [mean_and_error([100.0 * share[k] for share in known])[0] for k in range(2)]
+            if known
+            else []
+        )
+        rows.append([name, *cells, " / ".join(f"{share:.0f}" for share in covered) or "-"])
+    return _table(head, rows)
+
+
+def _real(scores: Scores, name: str) -> float:
+    value = scores[name]
+    if not isinstance(value, float):
+        raise TypeError(f"{name}: {value!r} is not a number")
+    return value
