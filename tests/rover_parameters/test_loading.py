@@ -171,3 +171,14 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="not valid YAML"):
         load_soil(path)
+
+
+@pytest.mark.parametrize("key", ["mass", "gravity", "wheel_radius", "wheel_width"])
+def test_a_small_rover_on_a_small_body_is_a_rover_and_one_of_nothing_is_not(
+    key: str, tmp_path: Path
+) -> None:
+    """Every positive value counts: gravity on a small moon is below 1 m/s^2."""
+    small = 0.9 if key == "gravity" else 1e-3
+    assert getattr(load_rover(str(written(tmp_path, MARS, **{key: small}))), key) == small
+    with pytest.raises(ConfigError, match=f"{key}: 0 is outside its range: .* above 0"):
+        load_rover(str(written(tmp_path, MARS, **{key: 0.0})))

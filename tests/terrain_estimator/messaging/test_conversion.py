@@ -435,6 +435,15 @@ def test_the_pitch_is_nose_up_for_any_heading() -> None:
         assert nose_up_pitch(turned) == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_rover_on_its_nose_has_a_pitch_though_rounding_takes_the_sine_beyond_one(
+    way: float,
+) -> None:
+    x, w = 0.6810861359424861, -0.19005703203757887
+    upright = OFFLINE("geometry_msgs/msg/Quaternion", x=x, y=way * w, z=-way * x, w=w)
+    assert nose_up_pitch(upright) == pytest.approx(-way * math.pi / 2.0)
+
+
 @pytest.mark.parametrize("w", [0.0, 0.5, 10.0, math.nan, math.inf])
 def test_a_quaternion_that_is_no_orientation_gives_no_pitch(w: float) -> None:
     assert math.isnan(nose_up_pitch(OFFLINE("geometry_msgs/msg/Quaternion", w=w)))

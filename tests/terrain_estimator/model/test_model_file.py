@@ -13,9 +13,11 @@ import pytest
 import torch
 from torch import Tensor
 
+from rover_parameters.records import ConfigError, build
 from terrain_estimator.model.model_file import (
     DEFAULT_MODEL,
     MODELS,
+    AddedEffect,
     ModelFileError,
     fingerprint,
     load_model,
@@ -75,6 +77,13 @@ def test_a_shipped_model_is_small_and_says_what_it_is_for(name: str) -> None:
         model.module.physics.constants,
         torch.stack([soil.constants() for soil in model.metadata.soils]),
     )
+
+
+def test_the_prior_deviation_of_an_effect_is_above_zero() -> None:
+    effect = {"name": "drive_drag", "unit": "N m", "mean": 0.0}
+    assert build(AddedEffect, effect | {"sd": 1e-3}, "effect").sd == 1e-3
+    with pytest.raises(ConfigError, match="effect: sd: 0 is outside its range"):
+        build(AddedEffect, effect | {"sd": 0.0}, "effect")
 
 
 def test_a_model_runs_in_an_interpreter_with_torch_alone(tmp_path: Path) -> None:

@@ -123,6 +123,22 @@ def test_no_part_of_the_noise_may_be_negative(name: str) -> None:
         build(Noise, {name: -1e-6}, "noise")
 
 
+def test_hardly_correlated_noise_is_the_independent_one() -> None:
+    rover, sample = load_rover("mars_rover"), truth()
+    drive = Sample(
+        **{
+            item.name: getattr(sample, item.name)[:40].unsqueeze(0)
+            for item in dataclasses.fields(Sample)
+        }
+    )
+    alone, together = (
+        measure_drive(rover, drive, Noise(), torch.Generator().manual_seed(5), correlation)
+        for correlation in (0.0, 1e-9)
+    )
+    torch.testing.assert_close(together.slip, alone.slip, atol=1e-9, rtol=0.0)
+    torch.testing.assert_close(together.velocity, alone.velocity, atol=1e-9, rtol=0.0)
+
+
 def test_without_noise_the_truth_is_measured_and_deviations_stay_positive() -> None:
     rover = load_rover("mars_rover")
     sample = truth()

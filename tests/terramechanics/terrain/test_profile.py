@@ -79,6 +79,16 @@ def test_dense_samples_of_hills_are_the_hills() -> None:
     torch.testing.assert_close(near[0], height - start, atol=1e-4, rtol=0.0)
 
 
+def test_before_the_first_and_behind_the_last_sample_the_slope_stays() -> None:
+    profile, ends = sampled(), torch.tensor([0.0, 4.0], dtype=torch.float64).expand(BATCH, -1)
+    outside = torch.tensor([[-0.2, 4.1]], dtype=torch.float64).expand(BATCH, -1)
+    height, slope, _ = profile.shape(ends)
+    far, same, curvature = profile.shape(outside)
+    torch.testing.assert_close(same, slope)
+    torch.testing.assert_close(far, height + slope * (outside - ends))
+    assert not curvature.any()
+
+
 def test_a_ramp_ends_at_its_grade_and_a_step_at_its_rise() -> None:
     far = torch.tensor([[50.0]], dtype=torch.float64)
     assert float(Ramp(0.1).shape(far)[1]) == pytest.approx(math.tan(0.1))
