@@ -16,6 +16,7 @@ from rich.table import Table
 
 from rover_parameters.parameters import effective
 from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.estimator.intake import FEWEST
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import LoadedModel
@@ -189,8 +190,8 @@ def remarks(replay: Replay) -> list[str]:
     if replay.estimates and not replay.learnt:
         reason = replay.refusals.words() or Outcome.STANDSTILL.advice
         lines.append(f"{replay.name}: NO ESTIMATE, no observation was used: {reason}")
-    refused = settled.seconds_refused
-    if refused > SUSPICIOUS_SHARE * settled.seconds and not replay.disagreements:
+    refused, judged = settled.seconds_refused, settled.seconds >= FEWEST
+    if judged and refused > SUSPICIOUS_SHARE * settled.seconds and not replay.disagreements:
         lines.append(
             f"{replay.name}: {refused} of {settled.seconds} seconds of driving were refused: check"
             " that the model (--model) is for this rover and soil"
