@@ -25,7 +25,7 @@ from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.planner import Planner, Reason
 from terrain_estimator.planning.table import TractionTable
-from terrain_estimator.update import Estimate
+from terrain_estimator.update import Update
 from terramechanics.contact.sinkage import drawbar_capability
 from terramechanics.effects import make_effect
 from terramechanics.simulation.plant import Plant
@@ -158,14 +158,16 @@ def _effects(rover: Rover, count: int, generator: torch.Generator) -> tuple[list
     )
 
 
-def belief_of(estimate: Estimate) -> Belief:
-    """Return the belief that the planner gets from an estimate."""
+def belief_of(update: Update) -> Belief:
+    """Return the belief that the planner gets from an update."""
+    estimate = update.estimate
     return Belief(
         estimate.mean,
         estimate.covariance,
         estimate.soil_probability,
         all(estimate.identified),
         estimate.change_probability,
+        bool(update.disagreements),
     )
 
 
@@ -173,7 +175,7 @@ def estimates_of(model: LoadedModel, observations: list[Observation]) -> Iterato
     """Yield the belief after each observation."""
     estimator = Estimator(model, CoreConfig())
     for observation in observations:
-        yield belief_of(estimator.update(observation).estimate)
+        yield belief_of(estimator.update(observation))
 
 
 def judge(

@@ -81,7 +81,7 @@ def _one(
     for k, observation in enumerate(observations):
         update = estimator.update(observation)
         estimate = update.estimate
-        refused += not update.decision.outcome.used
+        refused += 0 if update.decision.outcome.used else 1 + update.decision.settled
         predicted[:, k] = update.prediction.innovation, update.prediction.innovation_variance
     inside = (estimate.lower_95 <= truth) & (truth <= estimate.upper_95)
     values = (

@@ -28,7 +28,7 @@ class Outcome(IntEnum):
 
     @property
     def used(self) -> bool:
-        """Return whether the observation entered the posterior."""
+        """Return whether the observation was accepted, to enter the posterior with its second."""
         return self in (Outcome.ACCEPTED, Outcome.ACCEPTED_PARTIALLY)
 
 
@@ -57,7 +57,8 @@ _ADVICE = {
         "two observations carry the same stamp: check for two publishers on one topic"
     ),
     Outcome.GATED: (
-        "the observation contradicts the posterior: the ground changed, or a sensor failed"
+        "no ground that the model knows explains it: the model or the rover file is not of this"
+        " rover, the ground changed, or a sensor failed"
     ),
     Outcome.NUMERICAL_FAILURE: "reset the estimator; if the failure recurs, report the recording",
 }

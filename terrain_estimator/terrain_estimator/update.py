@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from terrain_estimator.observation import Floats
 from terrain_estimator.outcome import Outcome
@@ -17,6 +18,21 @@ class NamedEffect:
     unit: str
     mean: float
     sd: float
+
+
+class Seconds(NamedTuple):
+    """Closed seconds of driving: all that are judged, and those that entered the posterior."""
+
+    judged: int
+    taken: int
+
+
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """One reason why the model does not fit this rover or ground."""
+
+    finding: str  # in words, the model first
+    advice: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +49,10 @@ class Estimate:
     soils: tuple[str, ...]  # those of the model
     soil_probability: tuple[float, ...]  # [1] of each soil
     effects: tuple[NamedEffect, ...]
-    observations_used: int
+    observations_used: int  # of the seconds that entered the posterior
+    observations_waiting: int  # of the open second
     time_used_s: float
+    seconds: Seconds  # the last ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +73,12 @@ NOTHING_PREDICTED = Prediction(False, *[math.nan] * 6)  # noqa: FBT003 - its fir
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Treatment of the observation, and the reason."""
+    """Treatment of the observation, and the reason.
+
+    An accepted observation waits until its second ends, and then enters the posterior with it or is
+    left out with it. The observation that ends a second settles those that waited: they share its
+    fate.
+    """
 
     outcome: Outcome
     rows_used: tuple[str, ...]
@@ -63,11 +86,15 @@ class Decision:
     threshold: float
     degrees_of_freedom: int
     detail: str = ""  # field and value for which the observation was refused
+    settled: int = 0  # accepted observations, with this one where it is one of them
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """All results for one observation."""
+    """All results for one observation.
+
+    With a disagreement the estimate is the prior's, and the prediction that the velocity stays.
+    """
 
     stamp_ns: int
     sequence: int
@@ -75,4 +102,5 @@ class Update:
     prediction: Prediction
     decision: Decision
     condition_number: float
+    disagreements: tuple[Disagreement, ...] = ()
     warnings: tuple[str, ...] = field(default=())

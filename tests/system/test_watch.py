@@ -18,7 +18,7 @@ from std_msgs.msg import Header
 
 from msg_defs.msg import TerrainEstimate, TractionAdvice, WheelSinkage, WheelSlip
 from rover_parameters.records import ConfigError
-from terrain_estimator.nodes.watch import Watch, advised
+from terrain_estimator.nodes.watch import Watch, advised, live_line
 from tests.system.listening import Listener
 from tests.system.processes import Starter
 from tests.system.waiting import wait_until
@@ -93,6 +93,16 @@ def test_a_stop_is_printed_at_once_with_its_way_out_and_stays_on_every_line(
         TractionAdvice(known=True, speed_limit=0.0815, status_text="")
     )
     listener.spin_until(lambda: printed("the stop is withdrawn"), "the end of it is printed")
+
+
+def test_a_line_names_the_seconds_taken_and_no_estimate_of_a_model_that_does_not_fit() -> None:
+    last = {topic: kind(header=Header(stamp=Time(sec=61))) for topic, kind in KINDS.items()}
+    last["terrain_estimate"].seconds_judged, last["terrain_estimate"].seconds_taken = 20, 2
+    assert "tan phi" in live_line(last)
+    assert " | 2 of 20 s taken | " in live_line(last)
+    last["terrain_estimate"].status = TerrainEstimate.DISAGREES
+    assert live_line(last).startswith("1:01.0 | DISAGREES: the model does not fit | slip")
+    assert "tan phi" not in live_line(last)
 
 
 def test_old_advice_has_its_age_and_an_old_limit_is_none() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
+from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Seconds, Update
 
 START_NS, STEP_NS = 50_000_000_000, 100_000_000
 
@@ -15,7 +15,10 @@ START_NS, STEP_NS = 50_000_000_000, 100_000_000
 def update(
     number: int, outcome: Outcome = Outcome.ACCEPTED, change: float = 0.0, innovation: float = 0.01
 ) -> Update:
-    """The answer to observation ``number``; c and tan phi get surer with it."""
+    """The answer to observation ``number``, a second of its own.
+
+    c and tan phi get surer with it.
+    """
     sd = np.array([2000.0, 0.2]) / math.sqrt(number + 1.0)
     mean = np.array([900.0 + number, 0.6])
     nan = math.nan
@@ -31,7 +34,9 @@ def update(
         soil_probability=(0.75, 0.25),
         effects=(NamedEffect("drive_drag", "N m s/rad", 0.2, 0.01),),
         observations_used=number + 1,
+        observations_waiting=0,
         time_used_s=0.1 * number,
+        seconds=Seconds(0, 0),
     )
     predicted = Prediction(
         outcome.used,
@@ -47,6 +52,6 @@ def update(
         number,
         estimate,
         predicted,
-        Decision(outcome, (), nan, nan, 0),
+        Decision(outcome, (), nan, nan, 0, settled=int(outcome.used)),
         2.0,
     )

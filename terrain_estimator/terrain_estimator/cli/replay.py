@@ -3,7 +3,7 @@
 """replay BAG...: estimate from recordings without ROS, by the same code as the live node.
 
 Exit codes: 0 done; 1 the comparison with the live estimates found a difference; 2 wrong arguments,
-parameters, model or bag; 3 a bag gave no estimate.
+parameters, model or bag; 3 a bag gave no estimate: nothing was used, or the model does not fit.
 """
 
 import argparse
@@ -177,7 +177,7 @@ def _replay_all(
         return WRONG
     if any(each.differences and any(each.differences.values()) for each in replays):
         return DIFFERENT
-    return NOTHING if any(not each.learnt for each in replays) else 0
+    return 0 if all(each.gave_estimate for each in replays) else NOTHING
 
 
 def _tell(

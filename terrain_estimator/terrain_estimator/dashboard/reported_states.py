@@ -12,6 +12,7 @@ from terrain_estimator.outcome import Outcome
 LIKELY = 0.5
 """[1] Probability from which a change of the ground is an event."""
 _LEVELS = {"OK": "ok", "WARN": "warn"}
+_STATUS_LEVELS = {Status.DEGRADED.name: "warn", Status.DISAGREES.name: "error"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,10 @@ def _of_estimate(values: Values) -> Iterator[LaneState]:
         text = f"{values['outcome']}: {values['advice']}"
         yield LaneState("outcome", values["outcome"], "warn", text)
     else:
-        yield LaneState("outcome", "", "ok", "observations are used again")
-        level = "warn" if values["status"] == Status.DEGRADED.name else "ok"
+        yield LaneState("outcome", "", "ok", "observations are accepted again")
+    disagrees = values["status"] == Status.DISAGREES.name
+    if disagrees or not refused:  # a single refusal is no status of the estimate
+        level = _STATUS_LEVELS.get(values["status"], "ok")
         yield LaneState("status", values["status"], level, values["status_text"])
     probability = values["change_probability"] or 0.0
     if probability > LIKELY:

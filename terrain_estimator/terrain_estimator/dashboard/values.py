@@ -56,6 +56,8 @@ def _estimate(message: Message) -> Values:
         "sequence": message.sequence,
         "observations_used": message.observations_used,
         "time_used": finite(message.time_used),
+        "seconds_judged": message.seconds_judged,
+        "seconds_taken": message.seconds_taken,
         "model": message.model_id[:_WORDS],
     }
 
@@ -115,6 +117,8 @@ def _health(message: Message) -> Values:
         "summary": message.summary[:_WORDS],
         "accepted": message.accepted,
         "rejected": message.rejected,
+        "seconds_taken": message.seconds_taken,
+        "seconds_refused": message.seconds_refused,
         "outcomes": {name: count for name, count in counts.items() if count},
         "inputs": [
             {

@@ -14,7 +14,9 @@ from scipy.special import chdtri
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.restored_state import ADVICE, EstimatorParts, judged
+from terrain_estimator.estimator.intake import Intake, misfit
+from terrain_estimator.estimator.persistence import Persistence
+from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, screen
 from terrain_estimator.estimator.soundness import unsound
@@ -27,6 +29,7 @@ from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import (
     NOTHING_PREDICTED,
     Decision,
+    Disagreement,
     Estimate,
     NamedEffect,
     Prediction,
@@ -65,6 +68,7 @@ class Estimator:
         self._sequence = 0
         self.reopened = 0  # times that the prior came back by itself
         self.reset()
+        self._prior = self._estimate
         if reason := unsound(self._estimate, NOTHING_PREDICTED):
             raise ConfigError(
                 f"parameters prior.*: the prior's {reason}: give means and deviations of soils, in"
@@ -73,15 +77,16 @@ class Estimator:
 
     def reset(self) -> None:
         """Forget everything but the sequence number."""
+        self._intake = Intake()
+        self._persistence = Persistence()
         self._reopen()
         self._last_stamp: int | None = None  # the last one that came
 
     def _reopen(self) -> None:
-        """Start over from the prior."""
+        """Start over from the prior; how well the model fitted is kept."""
         self._state = self._start()
-        self._last: Observation | None = None  # the last one that entered
-        self._used = 0
-        self._time_used_s = 0.0
+        self._last: Observation | None = None  # the last one that was accepted
+        self._intake = Intake(self._intake.window)
         self._contradictions = 0
         self._change = 0.0  # probability that the ground changed, as of the last closed block
         self._doubt = 0.0  # probability that the ground is one that no block fitted yet
@@ -129,18 +134,33 @@ class Estimator:
     def save(self) -> dict[str, NDArray[Any]]:
         """Return all that the next update depends on, as arrays, but for the sequence number."""
         last = {} if self._last is None else dataclasses.asdict(self._last)
+        intake, moving = self._intake, self._persistence
         return {
             **{f"state.{name}": value.numpy() for name, value in self._state.items()},
             **{f"last.{name}": np.asarray(value) for name, value in last.items()},
             "counts": np.array(
                 [
                     -1 if self._last_stamp is None else self._last_stamp,
-                    self._used,
+                    intake.used,
+                    intake.waiting,
                     self._contradictions,
+                    -1 if moving.stamp_ns is None else moving.stamp_ns,
                 ],
                 dtype=np.int64,
             ),
-            "numbers": np.array([self._time_used_s, self._change, self._doubt, *self._forecast]),
+            "numbers": np.array(
+                [
+                    intake.time_used_s,
+                    intake.time_waiting_s,
+                    self._change,
+                    self._doubt,
+                    *self._forecast,
+                    moving.velocity,
+                    moving.square,
+                    moving.weight,
+                ]
+            ),
+            "window": np.array(intake.window, dtype=np.int64),
         }
 
     def restore(self, arrays: Arrays) -> None:
@@ -161,21 +181,27 @@ class Estimator:
                 self._block,
                 self._step_s,
             )
-            state, last, counts, numbers = judged(arrays, parts)
+            state, last, counts = judged(arrays, parts)
         kept = self.__dict__.copy()
         self._state, self._last = state, last
-        stamp_ns, self._used, self._contradictions = counts
-        self._last_stamp = None if stamp_ns < 0 else stamp_ns
-        self._time_used_s, self._change, self._doubt = numbers[:3]
-        self._forecast = (numbers[3], numbers[4])
+        self._count(counts)
         self._estimate = self._summarise()
         if reason := unsound(self._estimate, NOTHING_PREDICTED):
             self.__dict__.update(kept)
             raise StateFileError(f"the state gives no estimate: {reason}: {ADVICE}")
 
+    def _count(self, counts: Counts) -> None:
+        """Go on from the counts and numbers of a saved state."""
+        self._last_stamp = counts.stamp_ns
+        self._contradictions = counts.contradictions
+        self._change, self._doubt = counts.change, counts.doubt
+        self._forecast, self._persistence = counts.forecast, counts.persistence
+        self._intake = counts.intake
+
     def unlink(self) -> None:
         """Accept any stamp next, as after a pause of unknown length; the posterior stays."""
         self._last = self._last_stamp = None
+        self._persistence = self._persistence._replace(stamp_ns=None)
         self._forecast = (_NAN, _NAN)
 
     def _without_unused(self, observation: Observation) -> Observation:
@@ -190,7 +216,41 @@ class Estimator:
             return observation
         return dataclasses.replace(observation, **changes)  # type: ignore[arg-type]
 
+    @property
+    def _disagreements(self) -> tuple[Disagreement, ...]:
+        """Reasons why the model does not fit, each of which withholds the estimate."""
+        return misfit(self._intake.seconds)
+
     def _learn(self, screening: Screening) -> Update:
+        """Answer an observation that passed the screening, by the model where it fits."""
+        observation = screening.observation
+        moving, persisted = self._persistence, bool(self._disagreements)
+        awaited = moving.is_one_step(observation.stamp_ns, self._step_s)
+        before, variance = self._forecast if awaited else (_NAN, _NAN)
+        # the variance of a velocity that stays has the measurement's noise in it
+        variance += 0.0 if persisted else observation.velocity_sd**2
+        self._persistence = moving.observed(
+            observation.stamp_ns, observation.velocity, self._step_s
+        )
+        decision, forecast = self._advance(screening)
+        if self._disagreements:
+            forecast = Forecast(*self._persistence.forecast(), noise=0.0)
+        if forecast is None:
+            return self._answer(observation.stamp_ns, decision)
+        self._forecast = (forecast.velocity, forecast.variance)
+        prediction = Prediction(
+            valid=math.isfinite(forecast.velocity),
+            horizon_s=self._step_s,
+            velocity=forecast.velocity,
+            variance=forecast.variance + forecast.noise,
+            measured=observation.velocity,
+            innovation=observation.velocity - before,
+            innovation_variance=variance,
+        )
+        return self._answer(observation.stamp_ns, decision, prediction)
+
+    def _advance(self, screening: Screening) -> "tuple[Decision, Forecast | None]":
+        """Take an observation into the open second, or refuse it, with the model's forecast."""
         observation = screening.observation
         step_s, linked = link(observation.stamp_ns, self._last, self._step_s)
         torque = ground_torque(
@@ -204,23 +264,21 @@ class Estimator:
             self._refuse_block(report) if report.closed else None
         )
         if refusal is not None:
-            return self._answer(observation.stamp_ns, refusal)
-        self._keep(observation, state)
-        if report.closed or self._used == 1:
+            return refusal, None
+        settled = self._keep(observation, state, report)
+        if report.closed or not linked:
             self._estimate = self._summarise()
-        awaited = linked and round(step_s / self._step_s) == 1  # the forecast is for one step
-        prediction = self._predict(observation, report, awaited=awaited)
-        return self._answer(
-            observation.stamp_ns, self._accepted(screening, torque, report), prediction
-        )
+        # no acceleration is known right after a gap
+        forecast = Forecast(report.velocity, report.variance, observation.velocity_sd**2)
+        return self._accepted(screening, torque, report, settled), forecast
 
     def _refuse(self, observation: Observation, state: State, report: "Report") -> Decision | None:
         """Return the reason why the new state must not replace the old one; None where it may."""
         if not _finite(state, report) or report.misfit < -_ROUNDING:
-            self._discard_block()
+            settled = self._discard_block()
             kept = "the posterior is kept, that second is left out" + self._contradict()
             detail = f"a number became infinite or NaN, or rounding ate the last second: {kept}"
-            return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
+            return Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail, settled)
         if not all(report.usable):
             outside = [axle for axle, usable in enumerate(report.usable) if not usable]
             needed = ", or have no wheel rate, which this model needs" if self._effects else ""
@@ -248,12 +306,12 @@ class Estimator:
         if report.misfit <= threshold:
             self._contradictions, self._doubt = 0, 0.0
             return None
-        self._discard_block()
+        settled = self._discard_block()
         self._doubt = self._change
-        detail = "the last second fits no ground that the model knows, and is left out"
-        detail += self._contradict()
+        detail = "the last second fits no ground that the model knows, and is left out: this"
+        detail += f" observation and {settled} before it{self._contradict()}"
         self._estimate = self._summarise()
-        return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail)
+        return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail, settled)
 
     def _contradict(self) -> str:
         """Count a second that is left out; after too many in a row, start over and return words."""
@@ -264,20 +322,27 @@ class Estimator:
         self.reopened += 1
         return f"; after {_PATIENCE} of them the prior holds again"
 
-    def _discard_block(self) -> None:
+    def _discard_block(self) -> int:
+        """Leave out the open second; return its observations."""
         with running():
             self._state = self._module.discard(self._state)
         self._last = None
+        return self._intake.refuse()
 
-    def _keep(self, observation: Observation, state: State) -> None:
+    def _keep(self, observation: Observation, state: State, report: "Report") -> int:
+        """Go on from the new state; return the observations that entered the posterior with it."""
+        passed_s = 0.0
         if self._last is not None:
-            self._time_used_s += min(
-                (observation.stamp_ns - self._last.stamp_ns) * 1e-9, LONGEST_GAP * self._step_s
-            )
+            passed_s = (observation.stamp_ns - self._last.stamp_ns) * 1e-9
         self._state, self._last = state, observation
-        self._used += 1
+        after_gap = report.closed and report.waiting > 0  # which ended the second before
+        settled = self._intake.take() if after_gap else 0
+        self._intake.wait(min(passed_s, LONGEST_GAP * self._step_s))
+        return self._intake.take() if report.closed and not after_gap else settled
 
-    def _accepted(self, screening: Screening, torque: Floats, report: "Report") -> Decision:
+    def _accepted(
+        self, screening: Screening, torque: Floats, report: "Report", settled: int
+    ) -> Decision:
         distance, observation = report.distance, screening.observation
         # less what turns the wheel, which is unknown without its rate
         measured = np.isfinite(torque).tolist()
@@ -296,19 +361,7 @@ class Estimator:
             threshold,
             0 if math.isnan(distance) else 1,
             screening.detail,
-        )
-
-    def _predict(self, observation: Observation, report: "Report", *, awaited: bool) -> Prediction:
-        before, variance_before = self._forecast if awaited else (_NAN, _NAN)
-        velocity, variance = self._forecast = report.velocity, report.variance
-        return Prediction(
-            valid=math.isfinite(velocity),  # no acceleration is known right after a gap
-            horizon_s=self._step_s,
-            velocity=velocity,
-            variance=variance + observation.velocity_sd**2,
-            measured=observation.velocity,
-            innovation=observation.velocity - before,
-            innovation_variance=variance_before + observation.velocity_sd**2,
+            settled,
         )
 
     def _summarise(self) -> Estimate:
@@ -337,20 +390,24 @@ class Estimator:
             self._forecast = (_NAN, _NAN)
         update = self._update(stamp_ns, decision, prediction or NOTHING_PREDICTED)
         if reason := unsound(update.estimate, update.prediction):
+            settled = max(self._intake.refuse(), decision.settled)
             self._reopen()
             self.reopened += 1
             detail = f"{reason}: it is not published, and the prior holds again"
-            failure = Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail)
+            failure = Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail, settled)
             update = self._update(stamp_ns, failure, NOTHING_PREDICTED)
         self._sequence += 1
         return update
 
     def _update(self, stamp_ns: int, decision: Decision, prediction: Prediction) -> Update:
+        intake, disagreements = self._intake, self._disagreements
         estimate = dataclasses.replace(
-            self._estimate,
-            observations_used=self._used,
-            time_used_s=self._time_used_s,
-            change_probability=self._change,
+            self._prior if disagreements else self._estimate,
+            observations_used=intake.used,
+            observations_waiting=intake.waiting,
+            time_used_s=intake.time_used_s,
+            seconds=intake.seconds,
+            change_probability=0.0 if disagreements else self._change,
         )
         return Update(
             stamp_ns=stamp_ns,
@@ -359,6 +416,7 @@ class Estimator:
             prediction=prediction,
             decision=decision,
             condition_number=self._condition,
+            disagreements=disagreements,
         )
 
 
@@ -367,6 +425,14 @@ def _condition(covariance: Floats) -> float:
     spread = deviation(float(covariance[0, 0]) * float(covariance[1, 1]))
     correlation = abs(float(covariance[0, 1])) / spread if spread > 0.0 else _NAN
     return (1.0 + correlation) / max(1.0 - correlation, float(np.finfo(np.float64).eps))
+
+
+class Forecast(NamedTuple):
+    """The velocity one step ahead; NaN where nothing is known of it."""
+
+    velocity: float  # [m/s]
+    variance: float  # [m^2/s^2]
+    noise: float  # [m^2/s^2] of the measurement to come, where the variance is without it
 
 
 class Report(NamedTuple):
@@ -381,6 +447,7 @@ class Report(NamedTuple):
     closed: bool  # whether this observation closed a block
     changed: float  # [1] probability that the ground changed within the last blocks
     usable: list[bool]  # axles
+    waiting: int  # observations in the open block
 
     @classmethod
     def of(cls, state: State) -> "Report":
@@ -395,6 +462,7 @@ class Report(NamedTuple):
             closed=state["closed"].item() > 0.0,
             changed=state["changed"].item(),
             usable=state["usable"].tolist(),
+            waiting=len(state["block"]),
         )
 
     @property

@@ -16,8 +16,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from terrain_estimator.estimator.intake import WINDOW, Intake
+from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
-from terrain_estimator.estimator.screening import STRONGEST_TORQUE, impossible
+from terrain_estimator.estimator.screening import FASTEST, STRONGEST_TORQUE, impossible
 from terrain_estimator.model.bank import Bank, weigh
 from terrain_estimator.model.block import Posterior
 from terrain_estimator.model.packing import LONGEST_GAP, PackedView, view_of
@@ -67,13 +69,24 @@ _RANGES = {
 _AGREEMENT = 1e-4
 """[1] Largest difference of a derived number, where honest ones differ by 1e-8."""
 _SPUN = 1e13  # [N m] torque on the ground, where two wheel rates a nanosecond apart differ
-_COUNTS = (("stamp", -1, (2**31 - 1) * 10**9), ("used", 0, 2**53), ("contradictions", 0, 10**6))
+_LATEST = (2**31 - 1) * 10**9
+_COUNTS = (
+    ("stamp", -1, _LATEST),
+    ("used", 0, 2**53),
+    ("waiting", 0, 2**53),
+    ("contradictions", 0, 10**6),
+    ("moving_stamp", -1, _LATEST),
+)
 _NUMBERS = (
     ("time_used", 0.0, 1e12),
+    ("time_waiting", 0.0, 1e12),
     ("change", 0.0, 1.0),
     ("doubt", 0.0, 1.0),
     ("forecast", -_LARGEST, _LARGEST),
     ("forecast_variance", 0.0, _LARGEST),
+    ("moving_velocity", -FASTEST, FASTEST),
+    ("moving_square", 0.0, 4.0 * FASTEST**2),
+    ("moving_weight", 0.0, 1.0),
 )
 """The arrays ``counts`` and ``numbers``: name, least and largest value of each."""
 
@@ -90,13 +103,24 @@ class EstimatorParts(NamedTuple):
     step_s: float
 
 
+class Counts(NamedTuple):
+    """What an estimator keeps beside the model's state."""
+
+    stamp_ns: int | None  # of the last observation that came
+    contradictions: int
+    change: float
+    doubt: float
+    forecast: tuple[float, float]  # velocity [m/s] and variance
+    persistence: Persistence
+    intake: Intake
+
+
 class Restored(NamedTuple):
     """A saved state that passed."""
 
     state: State
     last: Observation | None
-    counts: list[int]  # stamp [ns] or -1, used, contradictions
-    numbers: list[float]  # time used [s], change, doubt, forecast mean and variance
+    counts: Counts
 
 
 def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
@@ -107,7 +131,10 @@ def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
             value.
     """
     state = _shaped(arrays, parts)
-    counts, numbers = _counted(arrays)
+    counts = _counted(arrays)
+    if counts.intake.waiting != len(state["block"]):
+        reason = f"but the open block has {len(state['block'])} observations"
+        raise _refused("waiting", counts.intake.waiting, reason)
     for name, tensor in state.items():
         if name not in {"block", "usable"}:
             _check_range(name, tensor, parts)
@@ -118,7 +145,7 @@ def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
             " without it"
         )
     _check_derived(state, parts.publish(state, _bank(state, parts)))
-    return Restored(state, _last(arrays, parts), counts, numbers)
+    return Restored(state, _last(arrays, parts), counts)
 
 
 def _refused(name: str, value: object, reason: str) -> StateFileError:
@@ -150,9 +177,9 @@ def _shaped(arrays: Arrays, parts: EstimatorParts) -> State:
     return state
 
 
-def _counted(arrays: Arrays) -> tuple[list[int], list[float]]:
-    """Return the arrays ``counts`` and ``numbers``."""
-    found: list[list[int | float]] = []
+def _counted(arrays: Arrays) -> Counts:
+    """Return the arrays ``counts``, ``numbers`` and ``window``."""
+    found: list[float] = []
     for key, kind, limits in (("counts", "int64", _COUNTS), ("numbers", "float64", _NUMBERS)):
         array = arrays.get(key)
         if array is None or (array.dtype.name, array.shape) != (kind, (len(limits),)):
@@ -162,9 +189,29 @@ def _counted(arrays: Arrays) -> tuple[list[int], list[float]]:
             absent = name.startswith("forecast") and math.isnan(value)
             if not (absent or least <= value <= most):
                 raise _refused(name, f"{value:g}", f"not within {least:g} to {most:g}")
-        found.append(values)
-    counts, numbers = found
-    return [int(each) for each in counts], numbers
+        found += values
+    stamp_ns, used, waiting, contradictions, moving_ns = map(int, found[: len(_COUNTS)])
+    used_s, waiting_s, change, doubt, velocity, variance, *moving = found[len(_COUNTS) :]
+    intake = Intake(_window(arrays))
+    intake.used, intake.waiting = used, waiting
+    intake.time_used_s, intake.time_waiting_s = used_s, waiting_s
+    persistence = Persistence(_stamp(moving_ns), *moving)
+    forecast = (velocity, variance)
+    return Counts(_stamp(stamp_ns), contradictions, change, doubt, forecast, persistence, intake)
+
+
+def _stamp(stamp_ns: int) -> int | None:
+    return None if stamp_ns < 0 else stamp_ns
+
+
+def _window(arrays: Arrays) -> list[bool]:
+    """Return the array ``window``: 1 for each of the last closed seconds that was taken, else 0."""
+    array = arrays.get("window")
+    if array is None or array.dtype.name != "int64" or array.ndim != 1 or array.size > WINDOW:
+        raise StateFileError(f"the state's window is missing or has another shape: {ADVICE}")
+    if not np.isin(array, (0, 1)).all():
+        raise _refused("window", array.tolist(), "not of zeros and ones")
+    return [each == 1 for each in array.tolist()]
 
 
 def _check_range(name: str, tensor: Tensor, parts: EstimatorParts) -> None:
@@ -290,6 +337,6 @@ def _last(arrays: Arrays, parts: EstimatorParts) -> Observation | None:
         ) from error
     if reason := impossible(observation, parts.wheel_radius_m):
         raise StateFileError(f"the state's last observation has {reason}: {ADVICE}")
-    if not 0 <= observation.stamp_ns <= _COUNTS[0][2]:
+    if not 0 <= observation.stamp_ns <= _LATEST:
         raise _refused("last stamp", observation.stamp_ns, "no time")
     return observation

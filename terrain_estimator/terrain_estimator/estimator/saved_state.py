@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rover_parameters.regular_file import open_regular
 from terrain_estimator.files.atomic import write_file
 
-VERSION = 1
+VERSION = 2
 _FORMAT = "terrain_estimator state"
 _BEGINNING = json.dumps({"format": _FORMAT}).removesuffix("}").encode()
 _LARGEST_FILE = 16 << 20

@@ -13,7 +13,7 @@ from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.intervals import credible_interval
 from terrain_estimator.model.model_file import Metadata
 from terrain_estimator.observation import Floats
-from terrain_estimator.update import Estimate
+from terrain_estimator.update import Estimate, Seconds
 
 IDENTIFIED_VARIANCE = 0.1
 """[1] Largest share of the prior variance that the data leave of an identified parameter."""
@@ -108,5 +108,7 @@ def summarise(
         soil_probability=soil_probability,
         effects=(),
         observations_used=0,
+        observations_waiting=0,
         time_used_s=0.0,
+        seconds=Seconds(0, 0),
     )

@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
+from terrain_estimator.estimator.intake import ADVICE, LEAST_TAKEN
+
 
 class Level(IntEnum):
     """Level of health.
@@ -134,6 +136,14 @@ RATE = Check(
 REFUSED = Check(
     "refused", "share of observations refused since the last report", "1", "", 0.0, 0.99
 )
+MODEL = Check(
+    "model",
+    "share of the last seconds of driving, at most 60, that the model left out; unknown before 10",
+    "1",
+    ADVICE,
+    0.1,
+    1.0 - LEAST_TAKEN,
+)
 NUMERICS = Check(
     "numerics",
     "observations since the last report that failed numerically",
@@ -208,6 +218,7 @@ CHECKS = (
     LOSSES,
     RATE,
     REFUSED,
+    MODEL,
     NUMERICS,
     FAILURES,
     INNOVATION,

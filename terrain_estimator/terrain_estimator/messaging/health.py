@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from terrain_estimator.estimator.intake import FEWEST
 from terrain_estimator.messaging.averaging import Rate, Treatment
 from terrain_estimator.messaging.diagnostics import (
     CONDITION,
@@ -18,6 +19,7 @@ from terrain_estimator.messaging.diagnostics import (
     INNOVATION,
     LATENCY,
     LOSSES,
+    MODEL,
     NUMERICS,
     OPTIONAL,
     RATE,
@@ -28,6 +30,7 @@ from terrain_estimator.messaging.diagnostics import (
     worst,
 )
 from terrain_estimator.messaging.pairing import Counters
+from terrain_estimator.messaging.settled import SettledOutcomes
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import REQUIRED_INPUTS
 from terrain_estimator.update import Decision, Update
@@ -58,6 +61,8 @@ class Health:
     summary: str
     accepted: int
     rejected: int
+    seconds_taken: int
+    seconds_refused: int
     outcomes: Mapping[Outcome, int]
     inputs: tuple[InputHealth, ...]
     normalized_innovation_squared: float  # mean over the last period, per degree of freedom
@@ -77,10 +82,13 @@ class RefusalCounts:
         self._details: dict[Outcome, str] = {}
 
     def add(self, decision: Decision) -> None:
-        """Count one decision where it is a refusal; a rover that stands is none."""
+        """Count one decision where it is a refusal, with the observations that it leaves out.
+
+        A rover that stands is none.
+        """
         outcome = decision.outcome
         if not outcome.used and outcome is not Outcome.STANDSTILL:
-            self._counts[outcome] += 1
+            self._counts[outcome] += 1 + decision.settled
             self._details[outcome] = decision.detail
 
     def total(self) -> int:
@@ -106,7 +114,8 @@ class HealthMonitor:
         ``reported_failures`` carries over the failures that were reported before a node was
         configured again.
         """
-        self.outcomes: Counter[Outcome] = Counter()
+        self._settled = SettledOutcomes()
+        self._last: Update | None = None
         self.resets = 0
         # callbacks that raised, in total and up to the last report
         self.failures = self.reported_failures = reported_failures
@@ -123,8 +132,8 @@ class HealthMonitor:
 
     def observe(self, update: Update, latency_s: float) -> None:
         """Count one update, which took ``latency_s`` of wall time."""
-        self.outcomes[update.decision.outcome] += 1
-        self._recent[update.decision.outcome] += 1
+        self._last = update
+        self._recent += self._settled.add(update)
         self._refusals.add(update.decision)
         self._latencies.append(latency_s)
         self._condition_number = update.condition_number
@@ -156,14 +165,16 @@ class HealthMonitor:
             *self._judge_updates(),
         )
         level, summary = worst(findings)
-        accepted = sum(count for outcome, count in self.outcomes.items() if outcome.used)
+        settled = self._settled
         health = Health(
             sequence=self._sequence,
             level=level,
             summary=summary or self._doing(),
-            accepted=accepted,
-            rejected=self.outcomes.total() - accepted,
-            outcomes=dict(self.outcomes),
+            accepted=settled.used,
+            rejected=settled.refused,
+            seconds_taken=settled.seconds_taken,
+            seconds_refused=settled.seconds_refused,
+            outcomes=dict(settled.outcomes),
             inputs=inputs,
             normalized_innovation_squared=(
                 statistics.fmean(self._innovations) if self._innovations else math.nan
@@ -183,7 +194,7 @@ class HealthMonitor:
     def _doing(self) -> str:
         if self._recent[Outcome.STANDSTILL]:
             return "standing still"
-        return "estimating" if self._recent else "waiting for complete observations"
+        return "estimating" if self._latencies else "waiting for complete observations"
 
     def _judge_inputs(self, inputs: tuple[InputHealth, ...]) -> Iterator[CheckResult]:
         incomplete = any(self._unpaired(entry) for entry in inputs if entry.topic == REFERENCE)
@@ -225,6 +236,7 @@ class HealthMonitor:
     def _judge_updates(self) -> Iterator[CheckResult]:
         share = self._refusals.total() / self._recent.total() if self._recent else 0.0
         yield REFUSED.judge(share, text=f"refused: {self._refusals.words() or 'none'}")
+        yield self._judge_model()
         yield NUMERICS.judge(
             self._recent[Outcome.NUMERICAL_FAILURE],
             text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE",
@@ -238,6 +250,16 @@ class HealthMonitor:
         )
         yield CONDITION.judge(self._condition_number)
         yield LATENCY.judge(max(self._latencies, default=math.nan))
+
+    def _judge_model(self) -> CheckResult:
+        """Judge the last seconds of driving, as the status of the last estimate does."""
+        if self._last is None:
+            return MODEL.judge(math.nan, text="no second of driving yet")
+        judged, taken = self._last.estimate.seconds
+        share = 1.0 - taken / judged if judged >= FEWEST else math.nan
+        findings = [each.finding for each in self._last.disagreements]
+        words = f"{taken} of the last {judged} seconds of driving were taken"
+        return MODEL.judge(share, text="; ".join(findings) or words)
 
 
 def _judge_rate(rate: Rate | None) -> Iterator[CheckResult]:

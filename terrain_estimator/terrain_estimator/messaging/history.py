@@ -10,6 +10,7 @@ from typing import Generic, Protocol, Self, TypeVar
 
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.health import normalized_innovation
+from terrain_estimator.messaging.settled import SettledOutcomes
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Estimate, Update
 
@@ -57,24 +58,29 @@ class Errors:
 
 @dataclass(slots=True)
 class UpdateSpan:
-    """Consecutive observations: the estimate after the last of them, sums over all others."""
+    """Consecutive observations: the estimate after the last of them, sums over all others.
+
+    Observations are counted by their outcome in the span in which their second ends.
+    """
 
     stamp_ns: int
     estimate: Estimate
+    count: int = 0  # observations
     change_probability: float = math.nan  # the largest
     errors: Errors = field(default_factory=Errors)
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     nis_sum: float = 0.0  # [1] normalised innovations squared
     nis_count: int = 0
 
-    def add(self, update: Update) -> None:
-        """Add one more observation."""
+    def add(self, update: Update, settled: Counter[Outcome]) -> None:
+        """Add one more observation, and the outcomes that it settles."""
+        self.count += 1
         self.stamp_ns, self.estimate = update.stamp_ns, update.estimate
         self.change_probability = _larger(
             self.change_probability, update.estimate.change_probability
         )
         self.errors.add(update.prediction.innovation, update.prediction.innovation_variance)
-        self.outcomes[update.decision.outcome] += 1
+        self.outcomes += settled
         nis = normalized_innovation(update)
         if math.isfinite(nis):
             self.nis_sum += nis
@@ -84,17 +90,13 @@ class UpdateSpan:
         return UpdateSpan(
             later.stamp_ns,
             later.estimate,
+            self.count + later.count,
             _larger(self.change_probability, later.change_probability),
             self.errors + later.errors,
             self.outcomes + later.outcomes,
             self.nis_sum + later.nis_sum,
             self.nis_count + later.nis_count,
         )
-
-    @property
-    def count(self) -> int:
-        """Number of observations."""
-        return self.outcomes.total()
 
     @property
     def nis(self) -> float:
@@ -143,11 +145,18 @@ class RunHistory(Spans[UpdateSpan]):
 
     first_ns = 0
 
+    def __init__(self, capacity: int = 400) -> None:
+        """Start without an update; ``capacity`` must be even."""
+        super().__init__(capacity)
+        self.settled = SettledOutcomes()
+
     def add(self, update: Update) -> None:
         """Add the next update."""
         if not self.spans:
             self.first_ns = update.stamp_ns
-        self.room(lambda: UpdateSpan(update.stamp_ns, update.estimate)).add(update)
+        self.room(lambda: UpdateSpan(update.stamp_ns, update.estimate)).add(
+            update, self.settled.add(update)
+        )
 
 
 @dataclass(slots=True)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.topics import Make, Message, stamp_ns
 
 POINT = np.dtype(
@@ -55,15 +56,16 @@ class MapTrack:
     def add(self, estimate: Message, odometry: Message) -> bool:
         """Add an estimate at the rover's position; return whether the points changed.
 
-        Values that are not finite add no point, nor does an estimate without observations: it is
-        the prior, and holds no information about the place.
+        Values that are not finite add no point, nor does an estimate without observations or of a
+        model that does not fit: it is the prior, and holds no information about the place.
         """
         now = stamp_ns(estimate)
         anew = bool(self._points) and now < self._latest_ns
         if anew:
             self._begin()
         self._latest_ns = now
-        return (estimate.observations_used > 0 and self._append(estimate, odometry)) or anew
+        learnt = estimate.observations_used > 0 and estimate.status != Status.DISAGREES
+        return (learnt and self._append(estimate, odometry)) or anew
 
     def _append(self, estimate: Message, odometry: Message) -> bool:
         place = odometry.pose.pose.position

@@ -27,6 +27,7 @@ class Status(IntEnum):
     IDENTIFIED = 2
     STANDING_STILL = 3
     DEGRADED = 4
+    DISAGREES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,8 @@ class Meta:
 def status_of(update: Update, rows: tuple[str, ...]) -> Status:
     """Return the status after one observation; ``rows`` are all that the model can use."""
     decision, estimate = update.decision, update.estimate
+    if update.disagreements:
+        return Status.DISAGREES
     if decision.outcome is Outcome.STANDSTILL:
         return Status.STANDING_STILL
     if not decision.outcome.used or set(rows) - set(decision.rows_used):
@@ -58,7 +61,10 @@ def status_text(
     """Describe the status: what is not identified, what is missing, and why."""
     decision, estimate = update.decision, update.estimate
     parts = [status.name.lower().replace("_", " ")]
-    if not all(estimate.identified):
+    if update.disagreements:
+        parts += [f"{each.finding}; {each.advice}" for each in update.disagreements]
+        parts.append("c and tan phi are the prior's")
+    elif not all(estimate.identified):
         open_names = [
             name
             for name, known in zip(("cohesion", "tan phi"), estimate.identified, strict=True)
@@ -116,7 +122,10 @@ def estimate_message(
         status_text=status_text(update, status, meta.rows, notes),
         rows=list(update.decision.rows_used),
         observations_used=estimate.observations_used,
+        observations_waiting=estimate.observations_waiting,
         time_used=estimate.time_used_s,
+        seconds_judged=estimate.seconds.judged,
+        seconds_taken=estimate.seconds.taken,
         decision=_decision_message(update.decision, make),
     )
 
@@ -180,6 +189,8 @@ def health_message(health: Health, make: Make, meta: Meta, header: Message) -> M
         configuration_sha256=meta.configuration_sha256,
         accepted=health.accepted,
         rejected=health.rejected,
+        seconds_taken=health.seconds_taken,
+        seconds_refused=health.seconds_refused,
         outcome=[outcome.name for outcome in Outcome],
         outcome_count=[health.outcomes.get(outcome, 0) for outcome in Outcome],
         input_topic=[entry.topic for entry in inputs],
@@ -202,6 +213,7 @@ def _decision_message(decision: Decision, make: Make) -> Message:
         outcome=int(decision.outcome),
         outcome_name=decision.outcome.name,
         advice=decision.outcome.advice,
+        settled=decision.settled,
         rows_used=list(decision.rows_used),
         mahalanobis_squared=decision.mahalanobis_squared,
         threshold=decision.threshold,

@@ -23,6 +23,7 @@ from terrain_estimator.console.times import clock, duration
 from terrain_estimator.files.atomic import OutputError
 from terrain_estimator.files.results import check_new, write_new
 from terrain_estimator.messaging.arrival_rates import timing
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.nodes.common.declare import declare
 from terrain_estimator.nodes.common.inactivity import InactivityMonitor
 from terrain_estimator.nodes.common.message_types import message_class
@@ -177,16 +178,33 @@ class Watch(Node):
 
 
 def live_line(last: dict[str, Message]) -> str:
-    """Format time, both parameters with 95 % intervals and truth, mean slip and sinkage."""
-    estimate, truth = last["terrain_estimate"], last.get(TRUTH)
-    cohesion = (estimate.cohesion, estimate.cohesion_lower_95, estimate.cohesion_upper_95)
-    tan_phi = (estimate.tan_phi, estimate.tan_phi_lower_95, estimate.tan_phi_upper_95)
+    """Format time, both parameters with 95 % intervals and truth, mean slip and sinkage.
+
+    The parameters are left out where the model does not fit: they are the prior's then.
+    """
+    estimate = last["terrain_estimate"]
     slip, sinkage = (
         _mean(last[topic], name)
         for topic, name in (("wheel_slip", "slip"), ("wheel_sinkage", "sinkage"))
     )
+    disagrees = estimate.status == Status.DISAGREES
     parts = [
         clock(stamp_ns(estimate) * 1e-9),
+        *(["DISAGREES: the model does not fit"] if disagrees else _strength(last)),
+        f"slip {slip:5.2f}",
+        f"sinkage {sinkage * 1e3:5.1f} mm",
+        f"{estimate.seconds_taken} of {estimate.seconds_judged} s taken",
+        estimate.decision.outcome_name.lower(),
+    ]
+    return " | ".join(parts)
+
+
+def _strength(last: dict[str, Message]) -> list[str]:
+    """Format c and tan phi with their intervals, and the truth where it is known."""
+    estimate, truth = last["terrain_estimate"], last.get(TRUTH)
+    cohesion = (estimate.cohesion, estimate.cohesion_lower_95, estimate.cohesion_upper_95)
+    tan_phi = (estimate.tan_phi, estimate.tan_phi_lower_95, estimate.tan_phi_upper_95)
+    return [
         (
             f"c {_interval(cohesion, 1e-3, '.2f')}"
             f" kPa{'' if truth is None else f', truth {truth.cohesion * 1e-3:.2f}'}"
@@ -195,11 +213,7 @@ def live_line(last: dict[str, Message]) -> str:
             f"tan phi {_interval(tan_phi, 1.0, '.3f')}"
             f"{'' if truth is None else f', truth {truth.tan_phi:.3f}'}"
         ),
-        f"slip {slip:5.2f}",
-        f"sinkage {sinkage * 1e3:5.1f} mm",
-        estimate.decision.outcome_name.lower(),
     ]
-    return " | ".join(parts)
 
 
 def advised(advice: Message, silent_s: float) -> str:

@@ -27,7 +27,7 @@ from terrain_estimator.bags import RawMessage
 from terrain_estimator.messaging.conversion import Conversion, Mark
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
-from terrain_estimator.update import Decision, Estimate, Prediction, Update
+from terrain_estimator.update import Decision, Disagreement, Estimate, Prediction, Update
 
 Converted: TypeAlias = list[tuple[RawMessage, Conversion]]
 """A batch of sets, each with the message that completed it."""
@@ -70,7 +70,9 @@ def answering(pipeline: Pipeline) -> Iterator[Answering]:
         process.join()
 
 
-def _by_call(record: Update | Estimate | Prediction | Decision) -> tuple[type, tuple[object, ...]]:
+def _by_call(
+    record: Update | Estimate | Prediction | Decision | Disagreement,
+) -> tuple[type, tuple[object, ...]]:
     """Return the call that rebuilds a record.
 
     The standard library's way for a dataclass with slots takes three times as long.
@@ -81,7 +83,7 @@ def _by_call(record: Update | Estimate | Prediction | Decision) -> tuple[type, t
 
 _VALUES = {
     kind: operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
-    for kind in (Update, Estimate, Prediction, Decision)
+    for kind in (Update, Estimate, Prediction, Decision, Disagreement)
 }
 for _kind in _VALUES:
     ForkingPickler.register(_kind, _by_call)

@@ -8,7 +8,6 @@ import itertools
 import json
 import math
 import time
-from collections import Counter
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,11 +38,12 @@ from terrain_estimator.messaging.messages import status_of
 from terrain_estimator.messaging.pairing import Counters, MessageSet
 from terrain_estimator.messaging.pipeline import Answer, Pipeline, rover_of
 from terrain_estimator.messaging.sequence_numbers import Sequences
+from terrain_estimator.messaging.settled import SettledOutcomes
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.offline.estimation_process import Answered, Converted, answering
 from terrain_estimator.offline.topic_mapping import check_inputs
-from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
+from terrain_estimator.update import Disagreement
 
 TRUTH = "ground_truth/terrain"
 BATCH = 500  # messages
@@ -74,7 +74,7 @@ class Replay:
     missing_s: float | None = 0.0  # at the end of an unfinished bag; None where it is unknown
     notes: list[str] = field(default_factory=list)
     wall_s: float = 0.0  # of reading, estimating and writing, without loading anything
-    outcomes: Counter[Outcome] = field(default_factory=Counter)
+    estimates: int = 0
     inputs: dict[str, Counters] = field(default_factory=dict)
     # of msg_defs messages apart from the inputs, by topic of the bag
     sequences: Sequences = field(default_factory=Sequences)
@@ -102,14 +102,24 @@ class Replay:
         self.sinkage.add(complete.stamp_ns, sinkage.wheel, sinkage.sinkage)
 
     @property
-    def estimates(self) -> int:
-        """Number of estimates."""
-        return self.outcomes.total()
+    def settled(self) -> SettledOutcomes:
+        """Observations and seconds by what became of them."""
+        return self.history.settled
 
     @property
     def learnt(self) -> bool:
         """Return whether an observation was used; otherwise the last estimate is the prior."""
-        return any(outcome.used for outcome in self.outcomes)
+        return self.settled.used > 0
+
+    @property
+    def disagreements(self) -> tuple[Disagreement, ...]:
+        """Reasons why the model does not fit at the end, for which the prior is published."""
+        return self.last.update.disagreements if self.last else ()
+
+    @property
+    def gave_estimate(self) -> bool:
+        """Return whether the last estimate is one: something was learnt, by a model that fits."""
+        return self.learnt and not self.disagreements
 
     @property
     def truth(self) -> Message | None:
@@ -322,7 +332,7 @@ def _counted(
 def _keep(answers: Answered, output: _Output, result: Replay) -> None:
     output.write(answers)
     for _, answer in answers:
-        result.outcomes[answer.update.decision.outcome] += 1
+        result.estimates += 1
         result.refusals.add(answer.update.decision)
         result.history.add(answer.update)
     if answers:

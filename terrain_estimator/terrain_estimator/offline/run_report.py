@@ -35,6 +35,7 @@ def _run(replay: Replay, model: LoadedModel) -> ReplayedRun:
         status_text=(
             status_text(last.update, Status[replay.status], model.rows, last.notes) if last else ""
         ),
+        disagreements=[each.finding for each in replay.disagreements],
         remarks=remarks(replay),
         history=replay.history,
         slip=replay.slip,

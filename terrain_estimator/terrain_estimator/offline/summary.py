@@ -16,6 +16,7 @@ from rich.table import Table
 
 from rover_parameters.parameters import effective
 from terrain_estimator.config.estimator import EstimatorConfig
+from terrain_estimator.estimator.intake import FEWEST
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.pipeline import configuration_sha256
 from terrain_estimator.model.model_file import LoadedModel
@@ -31,6 +32,7 @@ _HEAD = (
     "bag",
     "time",
     "esti|mates",
+    "seconds~taken",
     "re|fused",
     "c in kPa~(95 %)",
     "tan phi~(95 %)",
@@ -39,7 +41,7 @@ _HEAD = (
 )
 """Head of the table; "|" and "~" mark where a word or a line may be broken."""
 SUSPICIOUS_SHARE = 0.1
-"""[1] Share of GATED observations from which the model, not the ground, is suspected."""
+"""[1] Share of refused seconds from which the model, not the ground, is suspected."""
 
 
 def summary(
@@ -56,6 +58,7 @@ def summary(
 
 
 def _run_summary(replay: Replay) -> dict[str, Any]:
+    settled = replay.settled
     return {
         "bag": str(replay.bag),
         "estimates_bag": str(replay.estimates_bag),
@@ -63,7 +66,11 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
         "missing_s": replay.missing_s,
         "notes": replay.notes,
         "estimates": replay.estimates,
-        "outcomes": {outcome.name: count for outcome, count in sorted(replay.outcomes.items())},
+        "used": settled.used,
+        "outcomes": {outcome.name: count for outcome, count in sorted(settled.outcomes.items())},
+        "waiting": replay.last.update.estimate.observations_waiting if replay.last else 0,
+        "seconds_taken": settled.seconds_taken,
+        "seconds_refused": settled.seconds_refused,
         "inputs": {
             topic: dataclasses.asdict(counters) for topic, counters in replay.inputs.items()
         },
@@ -74,6 +81,7 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
             for rate, count in replay.rates.found()
         ],
         "status": replay.status,
+        "disagreements": [each.finding for each in replay.disagreements],
         "estimate": estimate_summary(replay),
         "wall_s": replay.wall_s,
         "times_real_time": finite(replay.times_real_time),
@@ -87,9 +95,9 @@ def _run_summary(replay: Replay) -> dict[str, Any]:
 def estimate_summary(replay: Replay) -> dict[str, Any]:
     """Return the last estimate with the truth, where the bag has it.
 
-    It is empty where nothing was learnt: a prior is no estimate.
+    It is empty where nothing was learnt or the model does not fit: a prior is no estimate.
     """
-    if replay.last is None or not replay.learnt:
+    if replay.last is None or not replay.gave_estimate:
         return {}
     estimate, truth = replay.last.update.estimate, replay.truth
     result = {}
@@ -131,13 +139,14 @@ def print_table(replays: Sequence[Replay]) -> None:
         for column in table.columns[1:]:
             column.no_wrap = True
     for each in replays:
-        refused = sum(count for outcome, count in each.outcomes.items() if not outcome.used)
+        settled = each.settled
         values = estimate_summary(each)
         table.add_row(
             each.name,
             f"{each.span_s:.1f} s",
             str(each.estimates),
-            str(refused),
+            f"{settled.seconds_taken} of {settled.seconds}",
+            str(settled.refused),
             _interval(values.get("cohesion_pa"), 1e-3, narrow=narrow),
             _interval(values.get("tan_phi"), 1.0, narrow=narrow),
             each.status,
@@ -165,22 +174,27 @@ def _interval(value: dict[str, Any] | None, scale: float, *, narrow: bool) -> st
 
 def remarks(replay: Replay) -> list[str]:
     """Return remarks on a run for the user, one for each line."""
-    lines = list(replay.notes)
+    lines, settled = list(replay.notes), replay.settled
     if replay.missing_s:
         lines.append(f"{replay.bag}: the last {replay.missing_s:.1f} s are missing")
     lines += [f"{replay.name}: {line}" for line in replay.rates.lines()]
     lines += [
         f"{replay.name}: {count} x {outcome.name}: {outcome.advice}"
-        for outcome, count in sorted(replay.outcomes.items())
+        for outcome, count in sorted(settled.outcomes.items())
         if outcome.advice
+    ]
+    lines += [
+        f"{replay.name}: NO ESTIMATE, {each.finding}: {each.advice}"
+        for each in replay.disagreements
     ]
     if replay.estimates and not replay.learnt:
         reason = replay.refusals.words() or Outcome.STANDSTILL.advice
         lines.append(f"{replay.name}: NO ESTIMATE, no observation was used: {reason}")
-    if (gated := replay.outcomes[Outcome.GATED]) > SUSPICIOUS_SHARE * replay.estimates:
+    refused, judged = settled.seconds_refused, settled.seconds >= FEWEST
+    if judged and refused > SUSPICIOUS_SHARE * settled.seconds and not replay.disagreements:
         lines.append(
-            f"{replay.name}: {gated / replay.estimates:.0%} are GATED: check that the model"
-            " (--model) is for this rover and soil"
+            f"{replay.name}: {refused} of {settled.seconds} seconds of driving were refused: check"
+            " that the model (--model) is for this rover and soil"
         )
     for topic, counters in replay.inputs.items():
         troubles = {

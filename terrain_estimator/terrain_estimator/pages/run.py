@@ -36,6 +36,7 @@ _QUANTITIES = (
 )
 """Title, axis, unit, and factor to that unit, in the order of an estimate."""
 _SHORT = ("c", "tan phi")
+_PRIOR = "There is no estimate: at the end c and tan phi are the prior's."
 _PAIR_COLOURS = (AFTER, BEFORE, INK)
 
 
@@ -59,6 +60,7 @@ class ReplayedRun:
     span_s: float
     status: str
     status_text: str
+    disagreements: Sequence[str]  # why the model does not fit at the end
     remarks: Sequence[str]
     history: RunHistory
     slip: WheelHistory  # [1]
@@ -103,15 +105,16 @@ def _shown(key: str, run: ReplayedRun) -> dict[str, Any]:
         }
     last, truths = spans[-1], _truths(run)
     whole = sum(spans[1:], start=spans[0])
-    sign, headline = _headline(last.estimate)
+    settled = run.history.settled
+    sign, headline = _headline(last.estimate, run.disagreements)
     return told | {
         "sign": sign,
         "headline": headline,
-        "sentence": _sentence(last.estimate, truths[-1]),
+        "sentence": _PRIOR if run.disagreements else _sentence(last.estimate, truths[-1]),
         "pictures": _strengths(key, run, truths),
-        "estimates": _estimates(last.estimate, truths[-1]),
-        "soils": _soils(last.estimate),
-        "effects": last.estimate.effects,
+        "estimates": None if run.disagreements else _estimates(last.estimate, truths[-1]),
+        "soils": None if run.disagreements else _soils(last.estimate),
+        "effects": () if run.disagreements else last.estimate.effects,
         "wheels": [
             _wheels(f"{key}-slip", "Slip of the wheels", run, run.slip, "slip [1]", 1.0),
             _wheels(
@@ -124,12 +127,17 @@ def _shown(key: str, run: ReplayedRun) -> dict[str, Any]:
         "marked": len(run.truths) > 1,
         "when": _when(key, run),
         "outcomes": _outcomes(whole),
-        "used": sum(count for outcome, count in whole.outcomes.items() if outcome.used),
-        "total": whole.outcomes.total(),
+        "used": settled.used,
+        "total": whole.count,
+        "taken": settled.seconds_taken,
+        "seconds": settled.seconds,
     }
 
 
-def _headline(estimate: Estimate) -> tuple[str, str]:
+def _headline(estimate: Estimate, disagreements: Sequence[str]) -> tuple[str, str]:
+    if disagreements:
+        finding = "; ".join(disagreements)
+        return "✕", f"{finding[:1].upper()}{finding[1:]}"
     known = [
         name for name, identified in zip(_SHORT, estimate.identified, strict=True) if identified
     ]
@@ -353,12 +361,14 @@ def _change(key: str, run: ReplayedRun) -> Picture:
     )
 
 
-def _when(key: str, run: ReplayedRun) -> Picture:
+def _when(key: str, run: ReplayedRun) -> Picture | None:
+    """Draw when the outcomes occurred; None where no second has ended yet."""
     happened = sorted({outcome for span in run.history.spans for outcome in span.outcomes})
     counts = {
         outcome.name: [span.outcomes[outcome] for span in run.history.spans] for outcome in happened
     }
-    return occurrences(f"{key}-outcomes", "Outcomes of the observations", _times(run), counts)
+    title = "Outcomes of the observations"
+    return occurrences(f"{key}-outcomes", title, _times(run), counts) if happened else None
 
 
 def _outcomes(whole: UpdateSpan) -> list[dict[str, Any]]:

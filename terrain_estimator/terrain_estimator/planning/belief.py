@@ -27,6 +27,7 @@ class Belief:
     soil_probability: tuple[float, ...]
     identified: bool
     change_probability: float
+    disagrees: bool = False  # whether the model does not fit: the moments are then the prior's
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.planner import Advice, Reason
 from terrain_estimator.topics import ADVICE, Make, Message
@@ -18,6 +19,11 @@ _WORDS = {
     Reason.SLIP: "stop: the wheels slip too much",
     Reason.SINKAGE: "stop: the wheels have sunk in too deep",
 }
+_UNKNOWN = {
+    False: "c and tan phi are not identified",
+    True: "the model of the estimate does not fit this rover or ground",
+}
+"""Why the margins are unknown, by whether the estimate disagrees."""
 _CREEP = "creep: no measurement while driving within the last seconds"
 
 
@@ -49,6 +55,7 @@ def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
         soil_probability=tuple(probability),
         identified=bool(message.cohesion_identified and message.tan_phi_identified),
         change_probability=float(message.change_probability),
+        disagrees=message.status == Status.DISAGREES,
     )
 
 
@@ -92,7 +99,7 @@ def advice_message(advice: Advice, make: Make, sequence: int, estimate: Message)
 
 def _status_text(advice: Advice, effects: Sequence[str]) -> str:
     """Describe the advice, and what it leaves out; ``effects`` are those of the estimate."""
-    parts = [] if advice.known else ["margins unknown: c and tan phi are not identified"]
+    parts = [] if advice.known else [f"margins unknown: {_UNKNOWN[advice.disagrees]}"]
     parts.append(_WORDS[advice.reason] if advice.stop or advice.moving else _CREEP)
     if advice.moving and advice.front_lacks:
         parts.append(f"front wheels not judged: no {advice.front_lacks}")

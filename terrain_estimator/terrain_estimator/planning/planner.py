@@ -40,6 +40,7 @@ class Advice:
     """Advice for one instant."""
 
     known: bool  # whether the margins are known: c and tan phi are identified
+    disagrees: bool  # whether the estimate's model does not fit, which judges nothing then
     moving: bool  # whether wheels turned within the window; else only the slope is measured
     margins: Margins  # of the ground under the rover
     # [1] of being stuck with all wheels on the front wheels' ground; NaN: not measured
@@ -132,7 +133,7 @@ class Planner:
         if self._belief is None or reading is None:
             return None
         here = draw(self._belief.mean, self._belief.covariance, self._belief.soil_probability)
-        known = self._belief.identified
+        known = self._belief.identified and not self._belief.disagrees
         doubts = (self._config.slip_limit, self._config.pull_deviation)
         needed = self._table.rover.weight * math.sin(reading.pitch)
         under = (
@@ -144,10 +145,11 @@ class Planner:
             self._reason = self._judge(under.stall_probability, front, slip, sinkage)
         return Advice(
             known=known,
+            disagrees=self._belief.disagrees,
             moving=reading.moving,
             margins=under,
             front_stall_probability=front,
-            front_lacks=reading.front_lacks,
+            front_lacks="model that fits" if self._belief.disagrees else reading.front_lacks,
             slope=reading.pitch,
             rim_speed=reading.rim_speed,
             slip=slip,
@@ -164,7 +166,7 @@ class Planner:
 
     def _front(self, here: Samples, reading: FrontReading) -> float:
         """Return the probability of being stuck if all wheels were where the front ones are."""
-        if reading.front_lacks or self._belief is None:
+        if reading.front_lacks or self._belief is None or self._belief.disagrees:
             return math.nan
         changed = max(self._belief.change_probability, NEW_GROUND)
         prior = here.or_else(self._elsewhere, min(changed, 1.0 - NEW_GROUND))

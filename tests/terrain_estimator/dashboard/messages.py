@@ -59,6 +59,8 @@ def estimate(make: Make, step: int, **fields: Any) -> Any:
         "rows": [],
         "observations_used": step,
         "time_used": 0.1 * step,
+        "seconds_judged": min(step // 10, 60),
+        "seconds_taken": min(step // 10, 60),
         "decision": decision,
     }
     return make(ESTIMATE, **values | fields)
@@ -86,6 +88,8 @@ def health(make: Make, step: int, level: int = 0, summary: str = "estimating") -
         configuration_sha256="",
         accepted=step,
         rejected=7,
+        seconds_taken=step // 10,
+        seconds_refused=0,
         outcome=["ACCEPTED", "GATED", "DUPLICATE"],
         outcome_count=[step, 7, 0],
         input_topic=["wheel_slip"],

@@ -15,6 +15,7 @@ from terrain_estimator.bags import Types
 from terrain_estimator.config.dashboard import ShownConfig
 from terrain_estimator.dashboard.model import Cursor, LiveModel
 from terrain_estimator.dashboard.values import MOST
+from terrain_estimator.messaging.messages import Status
 from tests.terrain_estimator.dashboard.messages import (
     WHEELS,
     advice,
@@ -186,8 +187,24 @@ def test_the_journal_says_what_happened_in_words() -> None:
         ("warn", "GATED: the ground changed, or a sensor failed"),
         ("error", "health: no odom"),
         ("error", "planner: the wheels slip"),
-        ("ok", "observations are used again"),
+        ("ok", "observations are accepted again"),
     ]
+
+
+def test_a_model_that_does_not_fit_is_an_event_whatever_the_observation_was() -> None:
+    model = LiveModel("one", ShownConfig())
+    drive(model, range(15))
+    text = "disagrees; the model does not fit this rover or ground: 2 of the last 20 seconds"
+    for step in range(15, 40):
+        message = estimate(make, step) if step % 10 else refused(make, step)
+        message.status, message.status_text = int(Status.DISAGREES), text
+        message.seconds_judged, message.seconds_taken = 20, 2
+        model.take("terrain_estimate", message, 0.1 * step)
+    answer = all_of(model)
+    now = answer["now"]["terrain_estimate"]
+    assert (now["status"], now["seconds_judged"], now["seconds_taken"]) == ("DISAGREES", 20, 2)
+    assert ("error", text) in [(event["level"], event["text"]) for event in answer["journal"]]
+    assert column(answer, "status")[-1] == Status.DISAGREES
 
 
 def test_a_clock_that_was_set_back_begins_a_new_history_and_one_wild_stamp_does_not() -> None:

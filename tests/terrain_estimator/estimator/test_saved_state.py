@@ -76,7 +76,8 @@ def test_the_state_before_the_first_observation_can_be_kept_too(
     other.update(drive[0])
     other.restore(unpack_state(pack_state(fresh.save(), model.sha256), model.sha256, "here"))
     assert other.last_stamp_ns is None
-    assert other.update(drive[0]).estimate.observations_used == 1
+    estimate = other.update(drive[0]).estimate
+    assert (estimate.observations_used, estimate.observations_waiting) == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +137,7 @@ DAMAGE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "a cut file": (lambda c: c[:-100], "is damaged"),
     "an empty file": (lambda _: b"", "first line is no JSON"),
     "a number": (lambda _: b"1\n", "format is None"),
-    "another version": (lambda c: reheaded(c, version=2), "version is 2, expected 1"),
+    "another version": (lambda c: reheaded(c, version=1), "version is 1, expected 2"),
     "another model": (lambda c: reheaded(c, model_sha256="00"), "model_sha256 is '00'"),
     "a first line without end": (lambda _: b"[" * 100_000, "first line is no JSON"),
     "nothing but a header": (lambda c: reheaded(c, b""), "no archive of plain arrays"),
@@ -191,7 +192,7 @@ def test_arrays_that_are_no_state_of_the_model_change_nothing(
     with pytest.raises(StateFileError, match=words):
         estimator.restore({name: value for name, value in arrays.items() if value is not None})
     after = estimator.update(drive[1])
-    assert after.estimate.observations_used == before.estimate.observations_used + 1
+    assert after.estimate.observations_waiting == before.estimate.observations_waiting + 1
 
 
 def test_a_write_that_fails_leaves_the_old_file(

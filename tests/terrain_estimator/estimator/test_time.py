@@ -122,10 +122,9 @@ def test_a_saved_state_outlives_a_clock_that_begins_anew(model: LoadedModel) -> 
         "as after a pause"
     )
     assert {each.update.decision.outcome for each in earlier} == {Outcome.ACCEPTED}
-    assert (
-        earlier[0].update.estimate.observations_used
-        == before[-1].update.estimate.observations_used + 1
-    )
+    known, again = before[-1].update.estimate, earlier[0].update.estimate
+    assert (known.observations_used, known.observations_waiting) == (20, 5)
+    assert (again.observations_used, again.observations_waiting) == (25, 1), "the gap ended it"
     assert (
         earlier[-1].update.estimate.covariance[0, 0] < before[-1].update.estimate.covariance[0, 0]
     )

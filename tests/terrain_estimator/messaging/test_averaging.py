@@ -100,7 +100,9 @@ def test_fast_readings_give_the_estimate_of_their_means_made_beforehand(each: in
         reading.stamp_ns for reading in readings[each - 1 :: each]
     ]
     np.testing.assert_allclose(estimates(own), estimates(other), rtol=1e-9)
-    assert [answer.update.estimate.observations_used for answer in own] == list(range(1, 16))
+    counts = [answer.update.estimate for answer in own]
+    assert [each.observations_used for each in counts] == [*9 * [0], *6 * [10]]
+    assert [each.observations_waiting for each in counts] == [*range(1, 10), *range(6)]
     assert own[-1].notes == (f"mean of {each} readings at {10 * each} Hz",)
 
 
@@ -160,7 +162,8 @@ def test_other_rates_are_refused_by_name(rate_hz: float) -> None:
     # what had passed before the rate was known is withdrawn
     PIPELINE().reset()
     answers = [PIPELINE().answer(each) for each in result]
-    assert answers[-1].update.estimate.observations_used == 0
+    last = answers[-1].update.estimate
+    assert (last.observations_used, last.observations_waiting) == (0, 0)
 
 
 def test_a_rate_that_changes_is_followed_both_ways() -> None:

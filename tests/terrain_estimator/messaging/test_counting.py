@@ -136,7 +136,7 @@ def test_a_span_holds_the_last_estimate_and_the_largest_change() -> None:
     for part in (made[:2], made[2:]):
         span = UpdateSpan(part[0].stamp_ns, part[0].estimate)
         for each in part:
-            span.add(each)
+            span.add(each, Counter({each.decision.outcome: 1}))
         halves.append(span)
     whole = halves[0] + halves[1]
     assert whole.stamp_ns == made[-1].stamp_ns

@@ -9,12 +9,14 @@ import pytest
 
 from msg_defs.msg import EstimatorHealth
 from terrain_estimator.bags import Types
-from terrain_estimator.messaging.diagnostics import REFUSED, Check, Level
+from terrain_estimator.estimator.intake import misfit
+from terrain_estimator.messaging.diagnostics import MODEL, REFUSED, Check, Level
 from terrain_estimator.messaging.health import Health, HealthMonitor
 from terrain_estimator.messaging.messages import Meta, health_message
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES
+from terrain_estimator.update import Seconds
 from tests.terrain_estimator.messaging.test_messages import decided, updated
 
 FRESH = dict.fromkeys(INPUT_TYPES, 0.05)
@@ -79,6 +81,40 @@ def test_counts_go_on_and_statistics_start_anew_with_every_report() -> None:
     second = monitor.report(counters(), FRESH)
     assert (second.sequence, second.accepted, second.rejected, second.level) == (1, 3, 1, Level.OK)
     assert math.isnan(second.normalized_innovation_squared)
+
+
+def test_a_refused_second_is_ten_refused_observations_and_counted_when_it_ends() -> None:
+    monitor = HealthMonitor()
+    for waiting in range(1, 10):
+        accepted = dataclasses.replace(decided(), settled=0)
+        monitor.observe(updated(accepted, observations_waiting=waiting), 0.001)
+    waits = monitor.report(counters(), FRESH)
+    assert (waits.accepted, waits.rejected, waits.summary) == (0, 0, "estimating")
+    gated = dataclasses.replace(decided(Outcome.GATED), settled=9)
+    monitor.observe(updated(gated), 0.001)
+    found = monitor.report(counters(), FRESH)
+    assert (found.accepted, found.rejected) == (0, 10)
+    assert (found.seconds_taken, found.seconds_refused) == (0, 1)
+    assert "10 GATED" in found.summary
+    assert found.level is Level.ERROR, "all that was settled was refused"
+
+
+@pytest.mark.parametrize(
+    ("judged", "taken", "level"),
+    [(9, 0, Level.OK), (60, 54, Level.OK), (60, 53, Level.WARN), (20, 9, Level.ERROR)],
+)
+def test_a_model_that_leaves_seconds_out_is_a_finding(
+    judged: int, taken: int, level: Level
+) -> None:
+    """The reason in words is that of the estimate's status."""
+    monitor, seconds = HealthMonitor(), Seconds(judged, taken)
+    told = dataclasses.replace(updated(seconds=seconds), disagreements=misfit(seconds))
+    monitor.observe(told, 0.001)
+    health = monitor.report(counters(), FRESH)
+    [found] = [each for each in health.findings if each.check is MODEL]
+    assert found.level is health.level is level
+    assert f"{taken} of the last {judged} seconds of driving were taken" in found.text
+    assert found.text.startswith("the model does not fit") == (level is Level.ERROR)
 
 
 def test_losses_are_reported_once() -> None:

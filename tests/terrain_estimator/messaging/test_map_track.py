@@ -9,12 +9,15 @@ import numpy as np
 
 from terrain_estimator.bags import Types
 from terrain_estimator.messaging.map_track import POINT, MapTrack, cloud_message
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.topics import Message
 
 TYPES = Types()
 
 
-def estimate(time_s: float, cohesion: float = 1500.0, used: int = 1) -> Message:
+def estimate(
+    time_s: float, cohesion: float = 1500.0, used: int = 1, status: Status = Status.IDENTIFIED
+) -> Message:
     header = TYPES.make(
         "std_msgs/msg/Header",
         stamp=TYPES.make("builtin_interfaces/msg/Time", sec=int(time_s), nanosec=0),
@@ -31,6 +34,7 @@ def estimate(time_s: float, cohesion: float = 1500.0, used: int = 1) -> Message:
         header=header,
         covariance=np.zeros(4),
         observations_used=used,
+        status=int(status),
         **values,
     )
 
@@ -67,6 +71,13 @@ def test_memory_is_bounded_and_the_whole_way_stays() -> None:
     assert points["x"][-1] > 0.9 * 0.05 * 3999
     gaps = np.diff(points["x"])
     assert gaps.max() < 3.0 * gaps.min()
+
+
+def test_the_prior_is_no_point() -> None:
+    track = MapTrack(0.1, 10)
+    assert not track.add(estimate(0.0, used=0), odometry(0.0))
+    assert not track.add(estimate(1.0, status=Status.DISAGREES), odometry(0.0))
+    assert track.add(estimate(2.0, status=Status.CONVERGING), odometry(0.0))
 
 
 def test_what_is_not_finite_is_no_point() -> None:

@@ -27,7 +27,15 @@ from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.nodes.common import message_types
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import ESTIMATE, OUTPUT_TYPES, PREDICTION, Make
-from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Update
+from terrain_estimator.update import (
+    Decision,
+    Disagreement,
+    Estimate,
+    NamedEffect,
+    Prediction,
+    Seconds,
+    Update,
+)
 
 ROWS = ("velocity", "load", "torque_0", "torque_1", "torque_2", "acceleration")
 META = Meta("a model", "ab12", "cd34", ROWS, "base_link")
@@ -37,7 +45,9 @@ TYPES = Types()
 def decided(
     outcome: Outcome = Outcome.ACCEPTED, rows: tuple[str, ...] = ROWS, detail: str = ""
 ) -> Decision:
-    return Decision(outcome, rows if outcome.used else (), 0.7, 36.0, 1, detail)
+    """Return the decision about an observation that is a second of its own."""
+    used = outcome.used
+    return Decision(outcome, rows if used else (), 0.7, 36.0, 1, detail, settled=int(used))
 
 
 def updated(decision: Decision | None = None, **changes: Any) -> Update:
@@ -54,7 +64,9 @@ def updated(decision: Decision | None = None, **changes: Any) -> Update:
         soil_probability=(0.9, 0.1),
         effects=(NamedEffect("bulldozing", "N/m^2", 3.0, 0.5),),
         observations_used=240,
+        observations_waiting=0,
         time_used_s=24.0,
+        seconds=Seconds(26, 24),
     )
     prediction = Prediction(
         valid=True,
@@ -72,7 +84,7 @@ def updated(decision: Decision | None = None, **changes: Any) -> Update:
         prediction,
         decision or decided(),
         1e3,
-        ("a warning",),
+        warnings=("a warning",),
     )
 
 
@@ -191,6 +203,31 @@ def test_the_constants_are_those_of_the_message_definitions() -> None:
 def test_the_status_says_what_is_missing(update: Update, status: Status, word: str) -> None:
     assert status_of(update, ROWS) is status
     assert word in status_text(update, status, ROWS, ())
+
+
+@pytest.mark.parametrize("outcome", [Outcome.ACCEPTED, Outcome.STANDSTILL, Outcome.GATED])
+def test_a_model_that_does_not_fit_is_the_status_and_is_named_first(outcome: Outcome) -> None:
+    reasons = (Disagreement("the model does not fit", "check the model"),)
+    disagreeing = dataclasses.replace(
+        updated(decided(outcome, detail="a wild row")), disagreements=reasons
+    )
+    status = status_of(disagreeing, ROWS)
+    assert status is Status.DISAGREES
+    text = status_text(disagreeing, status, ROWS, ())
+    assert text.startswith(
+        "disagrees; the model does not fit; check the model; c and tan phi are the prior's"
+    )
+    assert "not identified yet" not in text
+    assert f"{outcome.name}: a wild row" in text
+
+
+def test_the_messages_tell_what_became_of_the_seconds() -> None:
+    decision = dataclasses.replace(decided(Outcome.GATED), settled=9)
+    told = updated(decision, observations_waiting=3)
+    message = estimate_message(told, TYPES.make, META, header())
+    assert (message.observations_used, message.observations_waiting) == (240, 3)
+    assert (message.seconds_judged, message.seconds_taken) == (26, 24)
+    assert message.decision.settled == 9
 
 
 @pytest.mark.parametrize(

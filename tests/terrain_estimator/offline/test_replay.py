@@ -7,7 +7,6 @@ import hashlib
 import re
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,14 @@ from terrain_estimator.bags import BagReader, BagWriter, Split, Types
 from terrain_estimator.cli import recover_bag, replay
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.estimator.saved_state import pack_state, read_state, write_state
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.offline.replay import Replay
 from terrain_estimator.offline.summary import print_table
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
-from tests.drives import STEP_NS, drive_messages, write_bag
+from tests.drives import START_NS, STEP_NS, Event, drive_messages, write_bag
 from tests.terrain_estimator.offline.replays import SECONDS, estimates, identical, run
 
 
@@ -108,16 +108,16 @@ def test_bags_of_one_name_get_those_of_their_folders_too(
     types = Types()
     names = ("first/run.1", "first/run.2", "second/run.2")
     bags = [
-        write_bag(tmp_path / name, drive_messages(types.make, 0.1 * (1 + at)), types)
+        write_bag(tmp_path / name, drive_messages(types.make, 0.1 * (10 + at)), types)
         for at, name in enumerate(names)
     ]
     code, summary = run(tmp_path / "out", *bags)
-    assert (code, [each["estimates"] for each in summary["bags"]]) == (0, [1, 2, 3])
+    assert (code, [each["estimates"] for each in summary["bags"]]) == (0, [10, 11, 12])
     called = ("run.1", "first_run.2", "second_run.2")
     assert [each["estimates_bag"] for each in summary["bags"]] == [
         str(tmp_path / f"out/{name}_estimates") for name in called
     ]
-    assert [len(estimates(tmp_path / f"out/{name}_estimates")) for name in called] == [1, 2, 3]
+    assert [len(estimates(tmp_path / f"out/{name}_estimates")) for name in called] == [10, 11, 12]
     assert "second_run.2" in capsys.readouterr().out
     assert run(tmp_path / "twice", bags[0], bags[0]) == (2, {})
     assert "run.1 is given twice: every bag is replayed once" in capsys.readouterr().err
@@ -168,7 +168,8 @@ def test_readings_at_50_hz_are_averaged_and_the_summary_names_their_rate(
     assert [each.cohesion for each in replayed] == [
         answer.update.estimate.mean[0] for answer in answers
     ]
-    assert replayed[-1].observations_used == 16
+    assert (replayed[-1].observations_used, replayed[-1].observations_waiting) == (10, 6)
+    assert (result["used"], result["waiting"]) == (10, 6), "the first reading was withdrawn"
     assert "mean of 5 readings at 50 Hz" in replayed[-1].status_text
 
 
@@ -376,7 +377,8 @@ def test_a_node_that_went_on_from_a_saved_state_is_repeated_from_it_and_lost_mes
     code, summary = run(tmp_path / "out", tmp_path / "recorded", "--compare", "--state", state)
     assert code == 0
     assert summary["bags"][0]["identical_to_live"]
-    assert estimates(tmp_path / "out/recorded_estimates")[0].observations_used == 24
+    first = estimates(tmp_path / "out/recorded_estimates")[0]
+    assert (first.observations_used, first.observations_waiting) == (20, 4)
     with BagReader(tmp_path / "out/recorded_estimates") as reader:
         assert (
             reader.metadata["terrain_estimator"]["state_sha256"]
@@ -427,33 +429,74 @@ def test_bad_messages_are_counted_and_the_outputs_stay_sound(tmp_path: Path) -> 
     code, summary = run(tmp_path / "out", write_bag(tmp_path / "bad", events, types))
     assert code == 0
     outcomes = summary["bags"][0]["outcomes"]
-    assert sum(outcomes.values()) == 80
+    assert sum(outcomes.values()) + summary["bags"][0]["waiting"] == 80
     assert outcomes["NOT_FINITE"] > 0
     for message in estimates(tmp_path / "out/bad_estimates"):
         assert np.isfinite(message.covariance).all()
         assert np.linalg.eigvalsh(message.covariance.reshape(2, 2))[0] >= 0.0
 
 
-def test_many_observations_that_contradict_the_estimate_raise_the_question_of_the_model(
+def test_many_refused_seconds_raise_the_question_of_the_model(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    ten, twelve = (
-        [
-            Replay(
-                Path("drive"),
-                Path("out"),
-                outcomes=Counter({Outcome.ACCEPTED: 100 - n, Outcome.GATED: n}),
-            )
-        ]
-        for n in (10, 12)
-    )
-    print_table(ten)
+    drive = Replay(Path("drive"), Path("out"))
+    settled = drive.history.settled
+    settled.seconds_taken, settled.seconds_refused = 90, 10
+    print_table([drive])
     assert "--model" not in capsys.readouterr().out
-    print_table(twelve)
+    settled.seconds_taken, settled.seconds_refused = 88, 12
+    print_table([drive])
     assert (
-        "drive: 12% are GATED: check that the model (--model) is for this rover and soil"
+        "drive: 12 of 100 seconds of driving were refused: check that the model (--model) is for"
         in capsys.readouterr().out
     )
+
+
+def wrong_torques(types: Types, first_s: float, seconds: float) -> list[Event]:
+    """Return a drive whose torques are ten times too large from ``first_s`` on."""
+    events = list(drive_messages(types.make, seconds))
+    for topic, stamp_ns, message in events:
+        if topic == "joint_states" and stamp_ns >= START_NS + first_s * 1e9:
+            message.effort = 10.0 * message.effort
+    return events
+
+
+def test_a_model_that_does_not_fit_gives_no_estimate_and_is_named_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    types = Types()
+    drive = write_bag(tmp_path / "drive", wrong_torques(types, 2.0, 20.0), types)
+    report = tmp_path / "report.html"
+    code, summary = run(tmp_path / "out", drive, "--report", report)
+    assert code == replay.NOTHING
+    [result] = summary["bags"]
+    assert (result["estimates"], result["used"], result["waiting"]) == (200, 20, 0)
+    assert (result["seconds_taken"], result["seconds_refused"]) == (2, 18)
+    assert result["outcomes"] == {"ACCEPTED": 20, "GATED": 180}
+    assert (result["status"], result["estimate"]) == ("DISAGREES", {})
+    finding = "the model does not fit this rover or ground: 2 of the last 20 seconds of driving"
+    assert result["disagreements"] == [f"{finding} were taken"]
+    told = capsys.readouterr().out
+    assert f"NO ESTIMATE, {finding} were taken: check the model, the rover file" in told
+    assert re.search(r"drive .* 200 .* 2 of 20 .* 180 .* - .* - .* DISAGREES", told)
+    page = report.read_text()
+    assert f"T{finding[1:]} were taken" in page
+    assert "c and tan phi are the prior" in page
+    assert "identified</strong>" not in page
+    last = estimates(tmp_path / "out/drive_estimates")[-1]
+    assert last.status == Status.DISAGREES
+    assert (last.cohesion_identified, last.tan_phi_identified) == (False, False)
+
+
+def test_a_second_that_has_not_ended_is_neither_used_nor_refused(tmp_path: Path) -> None:
+    types = Types()
+    short = write_bag(tmp_path / "short", drive_messages(types.make, 0.7), types)
+    report = tmp_path / "report.html"
+    code, summary = run(tmp_path / "out", short, "--report", report)
+    assert code == replay.NOTHING, "the estimate is the prior"
+    [result] = summary["bags"]
+    assert (result["used"], result["outcomes"], result["waiting"]) == (0, {}, 7)
+    assert "No second of driving has ended" in report.read_text()
 
 
 def test_the_table_names_a_bag_as_its_folder_is_called(
@@ -462,7 +505,9 @@ def test_the_table_names_a_bag_as_its_folder_is_called(
     folder = tmp_path / "hügel [alt]"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    print_table([Replay(Path(), Path("out"), outcomes=Counter({Outcome.GATED: 1}))])
+    drive = Replay(Path(), Path("out"))
+    drive.history.settled.outcomes[Outcome.GATED] = 1
+    print_table([drive])
     assert re.findall(r"hügel \[alt\].*", capsys.readouterr().out)[1].startswith(
         "hügel [alt]: 1 x GATED"
     )

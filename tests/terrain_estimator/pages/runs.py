@@ -60,6 +60,7 @@ def run(observations: int = OBSERVATIONS, *, true: bool = True) -> ReplayedRun:
         span_s=0.1 * max(observations - 1, 0),
         status="converging" if observations else "",
         status_text="converging; not identified yet: cohesion" if observations else "",
+        disagreements=[],
         remarks=["dune: 10 x GATED: a sensor failed"],
         history=history,
         slip=slip,

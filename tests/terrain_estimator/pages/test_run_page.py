@@ -57,6 +57,15 @@ def test_slip_and_sinkage_of_every_wheel_are_shown_over_time_as_means_of_equal_s
     assert "front left at most 29.9, at the end 29.9" in sinkage
 
 
+def test_a_run_whose_model_does_not_fit_has_no_estimate() -> None:
+    finding = "the model does not fit this rover or ground: 2 of the last 20 seconds were taken"
+    text = run_page([dataclasses.replace(run(), disagreements=[finding])], ORIGIN)
+    assert f"<strong>T{finding[1:]}.</strong> There is no estimate" in text
+    for words in ("identified</strong>", "Estimates at the end", "Soils by probability"):
+        assert words not in text
+    assert "seconds of driving were taken, and" in text
+
+
 def test_without_truth_none_is_drawn_and_the_page_says_so() -> None:
     text = run_page([run(true=False)], ORIGIN)
     assert "The bag does not contain the true ground." in text

@@ -38,9 +38,11 @@ def belief(
     *,
     identified: bool = True,
     changed: float = 0.0,
+    disagrees: bool = False,
 ) -> Belief:
     """Return a belief in a ground."""
-    return Belief(np.array(strength), np.diag(np.array(sd) ** 2), (1.0,), identified, changed)
+    covariance = np.diag(np.array(sd) ** 2)
+    return Belief(np.array(strength), covariance, (1.0,), identified, changed, disagrees)
 
 
 @cache

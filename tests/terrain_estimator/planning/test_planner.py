@@ -14,6 +14,7 @@ from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from terrain_estimator.bags import Types
 from terrain_estimator.config.planner import AdviceConfig
+from terrain_estimator.messaging.messages import Status
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.messages import advice_message, belief_of_message
@@ -82,6 +83,35 @@ def test_until_both_are_identified_the_margins_are_unknown() -> None:
     assert math.isnan(found.margins.stall_probability)
     assert math.isfinite(found.slip + found.sinkage + found.rim_speed)
     assert 0.0 < found.speed_limit < advice(before(0), belief(FIRM)).speed_limit
+
+
+def test_an_estimate_of_a_model_that_does_not_fit_calls_nothing_safe() -> None:
+    """Neither the ground under the rover nor that of its front wheels, though it would hold."""
+    for known in (belief(FIRM, disagrees=True), belief(SOFT, identified=False, disagrees=True)):
+        found = advice(before(0), known)
+        assert (found.known, found.stop) == (False, False)
+        assert math.isnan(found.margins.available.median)
+        assert math.isnan(found.margins.stall_probability)
+        assert math.isnan(found.front_stall_probability)
+        unknown = advice(before(0), belief(FIRM, identified=False))
+        assert found.speed_limit == unknown.speed_limit
+        assert words(found) == (
+            "margins unknown: the model of the estimate does not fit this rover or ground; go on;"
+            " front wheels not judged: no model that fits"
+        )
+
+
+def test_what_is_measured_stops_a_rover_whose_model_does_not_fit() -> None:
+    dug_in = [dataclasses.replace(each, slip=np.full(3, 0.9)) for each in before(0)]
+    found = advice(dug_in, belief(FIRM, disagrees=True))
+    assert (found.reason, found.speed_limit) == (Reason.SLIP, 0.0)
+
+
+def test_the_status_of_the_message_tells_that_the_model_does_not_fit() -> None:
+    made = {"soil": ["a"], "soil_probability": [1.0], "covariance": np.array([1.0, 0, 0, 1.0])}
+    for status in Status:
+        message = Types().make(ESTIMATE, status=int(status), **made)
+        assert belief_of_message(message, ["a"]).disagrees is (status is Status.DISAGREES)
 
 
 def test_on_ground_that_holds_it_goes_on() -> None:

@@ -9,7 +9,7 @@ import { showTables } from "/tables.js";
 import { clock, duration, isTimeOfDay, number, plain, say, show } from "/words.js";
 
 const DRAWN_MS = 500;
-const LEVELS = { IDENTIFIED: ["good", "✓"], CONVERGING: ["quiet", "…"], PRIOR_ONLY: ["quiet", "…"], STANDING_STILL: ["quiet", "❚❚"], DEGRADED: ["warn", "▲"] };
+const LEVELS = { IDENTIFIED: ["good", "✓"], CONVERGING: ["quiet", "…"], PRIOR_ONLY: ["quiet", "…"], STANDING_STILL: ["quiet", "❚❚"], DEGRADED: ["warn", "▲"], DISAGREES: ["bad", "✕"] };
 
 const store = new Store();
 const view = { whole: false, origin: 0, connected: false, paused: false };
@@ -48,7 +48,8 @@ function showAges() {
   }
   for (const name of ["cohesion", "tan_phi"]) {
     const known = store.isStale("terrain_estimate") ? null : store.at(`terrain_estimate/${name}_identified`);
-    say(element(`${name}-known`), known === null ? "" : known ? "✓ identified" : "… not identified yet");
+    const open = store.now.terrain_estimate?.status === "DISAGREES" ? "✕ the prior: the model does not fit" : "… not identified yet";
+    say(element(`${name}-known`), known === null ? "" : known ? "✓ identified" : open);
   }
 }
 

@@ -8,7 +8,7 @@ import { clock, fixed, make, number, plain, show } from "/words.js";
 const LISTED = 20; // rows of a table of numbers
 const CALM_S = 2;
 const LANES = ["Estimate", "Observations", "Health"];
-const STATUS_LOOKS = { PRIOR_ONLY: "idle", CONVERGING: "some", IDENTIFIED: "good", STANDING_STILL: "idle", DEGRADED: "warn" };
+const STATUS_LOOKS = { PRIOR_ONLY: "idle", CONVERGING: "some", IDENTIFIED: "good", STANDING_STILL: "idle", DEGRADED: "warn", DISAGREES: "bad" };
 const OUTCOME_LOOKS = { ACCEPTED: "good", ACCEPTED_PARTIALLY: "some", STANDSTILL: "idle" };
 const HEALTH_LOOKS = { OK: "good", WARN: "warn", ERROR: "bad", STALE: "bad" };
 const BANDS = ["_lower_95", "_upper_95", "_lower_68", "_upper_68", ""];

@@ -85,7 +85,9 @@ function showHealth(health) {
   summary.classList.remove("absent");
   say(summary, `${health.level}: ${health.summary}`);
   const pairs = {
-    accepted: [health.accepted, 0],
+    "seconds taken": [health.seconds_taken, 0],
+    "seconds refused": [health.seconds_refused, 0],
+    "observations used": [health.accepted, 0],
     ...Object.fromEntries(Object.entries(health.outcomes).filter(([name]) => name !== "ACCEPTED").map(([name, count]) => [plain(name), [count, 0]])),
     "innovation (NIS, near 1 when consistent)": [health.normalized_innovation_squared, 2],
     "latency, median [ms]": [health.update_latency_median, 2, 1000],

@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""What became of the accepted observations: they enter the posterior, or not, second by second.
+
+A second is a block of the model: ten observations, or fewer where a gap ends it. Each is taken into
+the posterior or left out as a whole, when it ends.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+
+from terrain_estimator.update import Disagreement, Seconds
+
+WINDOW = 60
+"""[seconds of driving] Closed ones that are judged."""
+FEWEST = 10
+"""[seconds of driving] Fewer are not judged."""
+LEAST_TAKEN = 0.5
+"""[1] Share of the seconds that a model takes where it fits rover and ground.
+
+Where all is right it leaves out gate_probability of them, and those of a border that it crosses.
+"""
+ADVICE = (
+    "check the model, the rover file, the stated standard deviations and the sensors, in this order"
+)
+
+
+class Intake:
+    """Counts since the last return to the prior, and the last closed seconds."""
+
+    def __init__(self, window: Iterable[bool] = ()) -> None:
+        """Start with the last closed seconds: whether each was taken."""
+        self.used = self.waiting = 0  # observations in the posterior and in the open second
+        self.time_used_s = self.time_waiting_s = 0.0
+        self.window = deque(window, maxlen=WINDOW)
+
+    def wait(self, time_s: float) -> None:
+        """Count an observation of the open second, ``time_s`` after the last accepted one."""
+        self.waiting += 1
+        self.time_waiting_s += time_s
+
+    def take(self) -> int:
+        """End the open second, which enters the posterior; return its observations."""
+        self.used += self.waiting
+        self.time_used_s += self.time_waiting_s
+        return self._end(taken=True)
+
+    def refuse(self) -> int:
+        """End the open second, which is left out; return its observations."""
+        return self._end(taken=False)
+
+    def _end(self, *, taken: bool) -> int:
+        settled, self.waiting, self.time_waiting_s = self.waiting, 0, 0.0
+        if settled:
+            self.window.append(taken)
+        return settled
+
+    @property
+    def seconds(self) -> Seconds:
+        """The last closed seconds."""
+        return Seconds(len(self.window), sum(self.window))
+
+
+def misfit(seconds: Seconds) -> tuple[Disagreement, ...]:
+    """Return the disagreement of a model that left out most of the last seconds; empty if none."""
+    judged, taken = seconds
+    if judged < FEWEST or taken >= LEAST_TAKEN * judged:
+        return ()
+    finding = (
+        f"the model does not fit this rover or ground: {taken} of the last {judged} seconds of"
+        " driving were taken"
+    )
+    return (Disagreement(finding, ADVICE),)
