@@ -14,6 +14,7 @@ from scipy.special import chdtri
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.consistency import Consistency, Fit
 from terrain_estimator.estimator.intake import Intake, misfit
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, judged
@@ -78,6 +79,8 @@ class Estimator:
     def reset(self) -> None:
         """Forget everything but the sequence number."""
         self._intake = Intake()
+        self._consistency = Consistency()
+        self._inconsistent: tuple[Disagreement, ...] = ()  # as of the last closed block
         self._persistence = Persistence()
         self._reopen()
         self._last_stamp: int | None = None  # the last one that came
@@ -161,6 +164,7 @@ class Estimator:
                 ]
             ),
             "window": np.array(intake.window, dtype=np.int64),
+            **self._consistency.arrays(),
         }
 
     def restore(self, arrays: Arrays) -> None:
@@ -196,7 +200,8 @@ class Estimator:
         self._contradictions = counts.contradictions
         self._change, self._doubt = counts.change, counts.doubt
         self._forecast, self._persistence = counts.forecast, counts.persistence
-        self._intake = counts.intake
+        self._intake, self._consistency = counts.intake, counts.consistency
+        self._inconsistent = self._consistency.disagreements()
 
     def unlink(self) -> None:
         """Accept any stamp next, as after a pause of unknown length; the posterior stays."""
@@ -219,7 +224,7 @@ class Estimator:
     @property
     def _disagreements(self) -> tuple[Disagreement, ...]:
         """Reasons why the model does not fit, each of which withholds the estimate."""
-        return misfit(self._intake.seconds)
+        return misfit(self._intake.seconds) + self._inconsistent
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
@@ -302,6 +307,8 @@ class Estimator:
         """Return the reason why the closed block is left out; a lasting contradiction re-opens."""
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
+        self._consistency.add(Fit(report.misfit, degrees), self._change)
+        self._inconsistent = self._consistency.disagreements()
         threshold = _threshold(self._config.gate_probability, degrees)
         if report.misfit <= threshold:
             self._contradictions, self._doubt = 0, 0.0

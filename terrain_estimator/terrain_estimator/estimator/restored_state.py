@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from terrain_estimator.estimator.consistency import DELAY, RECENT, WINDOWS, Consistency, Fit
 from terrain_estimator.estimator.intake import WINDOW, Intake
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
@@ -70,6 +71,8 @@ _AGREEMENT = 1e-4
 """[1] Largest difference of a derived number, where honest ones differ by 1e-8."""
 _SPUN = 1e13  # [N m] torque on the ground, where two wheel rates a nanosecond apart differ
 _LATEST = (2**31 - 1) * 10**9
+MOST_DEGREES = 1000
+"""Of freedom of one second: a limit for what is read."""
 _COUNTS = (
     ("stamp", -1, _LATEST),
     ("used", 0, 2**53),
@@ -113,6 +116,7 @@ class Counts(NamedTuple):
     forecast: tuple[float, float]  # velocity [m/s] and variance
     persistence: Persistence
     intake: Intake
+    consistency: Consistency
 
 
 class Restored(NamedTuple):
@@ -178,7 +182,7 @@ def _shaped(arrays: Arrays, parts: EstimatorParts) -> State:
 
 
 def _counted(arrays: Arrays) -> Counts:
-    """Return the arrays ``counts``, ``numbers`` and ``window``."""
+    """Return the arrays of counts and numbers, and those of the last seconds."""
     found: list[float] = []
     for key, kind, limits in (("counts", "int64", _COUNTS), ("numbers", "float64", _NUMBERS)):
         array = arrays.get(key)
@@ -192,26 +196,47 @@ def _counted(arrays: Arrays) -> Counts:
         found += values
     stamp_ns, used, waiting, contradictions, moving_ns = map(int, found[: len(_COUNTS)])
     used_s, waiting_s, change, doubt, velocity, variance, *moving = found[len(_COUNTS) :]
-    intake = Intake(_window(arrays))
+    intake = Intake(_flags(arrays, "window", WINDOW))
+    consistency = Consistency(
+        _fits(arrays, "judged", max(WINDOWS)),
+        _fits(arrays, "pending", DELAY),
+        _flags(arrays, "changing", RECENT),
+    )
     intake.used, intake.waiting = used, waiting
     intake.time_used_s, intake.time_waiting_s = used_s, waiting_s
     persistence = Persistence(_stamp(moving_ns), *moving)
     forecast = (velocity, variance)
-    return Counts(_stamp(stamp_ns), contradictions, change, doubt, forecast, persistence, intake)
+    return Counts(
+        _stamp(stamp_ns), contradictions, change, doubt, forecast, persistence, intake, consistency
+    )
 
 
 def _stamp(stamp_ns: int) -> int | None:
     return None if stamp_ns < 0 else stamp_ns
 
 
-def _window(arrays: Arrays) -> list[bool]:
-    """Return the array ``window``: 1 for each of the last closed seconds that was taken, else 0."""
-    array = arrays.get("window")
-    if array is None or array.dtype.name != "int64" or array.ndim != 1 or array.size > WINDOW:
-        raise StateFileError(f"the state's window is missing or has another shape: {ADVICE}")
+def _flags(arrays: Arrays, name: str, most: int) -> list[bool]:
+    """Return an array of zeros and ones, one for each of the last closed seconds."""
+    array = arrays.get(name)
+    if array is None or array.dtype.name != "int64" or array.ndim != 1 or array.size > most:
+        raise StateFileError(f"the state's {name} is missing or has another shape: {ADVICE}")
     if not np.isin(array, (0, 1)).all():
-        raise _refused("window", array.tolist(), "not of zeros and ones")
+        raise _refused(name, array.tolist(), "not of zeros and ones")
     return [each == 1 for each in array.tolist()]
+
+
+def _fits(arrays: Arrays, name: str, most: int) -> list[Fit]:
+    """Return an array [n, 2] of misfits and degrees of freedom of the last closed seconds."""
+    array = arrays.get(name)
+    shaped = array is not None and array.ndim == 2 and array.shape[1] == len(Fit._fields)
+    if array is None or not shaped or array.dtype.name != "float64" or len(array) > most:
+        raise StateFileError(f"the state's {name} is missing or has another shape: {ADVICE}")
+    degrees = array[:, 1]
+    sound = np.isfinite(array).all() and bool((degrees >= 0.0).all())
+    whole = bool((degrees == degrees.round()).all()) and degrees.max(initial=0.0) <= MOST_DEGREES
+    if not (sound and whole):
+        raise _refused(name, array.tolist(), "no misfits with their degrees of freedom")
+    return [Fit(misfit, int(number)) for misfit, number in array.tolist()]
 
 
 def _check_range(name: str, tensor: Tensor, parts: EstimatorParts) -> None:

@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The test of the last seconds' fit: honest ones pass, inflated ones do not, changes are let be."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from terrain_estimator.estimator.consistency import (
+    CHANGING,
+    DELAY,
+    FALSE_ALARM,
+    LARGEST,
+    MOST_CHANGING,
+    RECENT,
+    WINDOWS,
+    Consistency,
+    Fit,
+    limit,
+)
+
+DEGREES = 7
+
+
+def after(misfits: list[float], changed: float = 0.0) -> Consistency:
+    """Return the test after seconds with these misfits."""
+    consistency = Consistency()
+    for misfit in misfits:
+        consistency.add(Fit(misfit, DEGREES), changed)
+    return consistency
+
+
+def first_alarm(misfits: list[float]) -> int:
+    """Return the number of seconds at the first disagreement, 0 where there is none."""
+    consistency = Consistency()
+    for number, misfit in enumerate(misfits, start=1):
+        consistency.add(Fit(misfit, DEGREES), 0.0)
+        if consistency.disagreements():
+            return number
+    return 0
+
+
+def test_the_limit_is_the_quantile_of_chi_square() -> None:
+    assert limit(1e-6, 70) == pytest.approx(chi2.isf(1e-6, 70))
+
+
+def test_ten_hours_of_honest_seconds_pass() -> None:
+    """One run fails by chance with a probability of at most 4 x 36 000 x 1e-6 = 14 %.
+
+    The seed is fixed; neighbouring windows share most seconds, so the true number is far smaller.
+    """
+    draws = np.random.default_rng(7).chisquare(DEGREES, 36_000)
+    assert first_alarm(draws.tolist()) == 0
+
+
+@pytest.mark.parametrize(("factor", "latest"), [(3.0, 15), (2.0, 30), (1.5, 70), (1.25, 320)])
+def test_worse_fits_are_found_the_sooner_the_worse_they_are(factor: float, latest: int) -> None:
+    """Of 40 drives at least 36 are found in time: 78 % of all at a confidence of 95 %."""
+    rng = np.random.default_rng(8)
+    found = [first_alarm((factor * rng.chisquare(DEGREES, latest)).tolist()) for _ in range(40)]
+    assert sum(0 < number <= latest for number in found) >= 36
+
+
+def test_the_sum_over_a_window_decides() -> None:
+    just = limit(FALSE_ALARM, 10 * DEGREES) / 10.0
+    enough = WINDOWS[0] + DELAY
+    assert not after([just * 0.999] * enough).disagreements()
+    assert not after([just * 1.001] * (enough - 1)).disagreements()
+    (found,) = after([just * 1.001] * enough).disagreements()
+    assert found.finding.startswith("the model does not fit this rover or ground: the last 10 sec")
+    assert f"by {just * 1.001 / DEGREES:.2g} times" in found.finding
+    assert "find_missing_effect" in found.advice
+
+
+def test_one_second_however_wrong_is_no_disagreement() -> None:
+    fine = [DEGREES - 1.0] * 30
+    assert not after([*fine, 1e9, *fine]).disagreements()
+    assert limit(LARGEST, DEGREES) < 1e2
+
+
+def test_seconds_before_a_change_of_the_ground_are_forgotten() -> None:
+    wrong = after([30.0] * 30)
+    assert wrong.disagreements()
+    wrong.add(Fit(30.0, DEGREES), CHANGING + 0.1)
+    assert not wrong.disagreements()
+    for _ in range(RECENT):
+        wrong.add(Fit(6.0, DEGREES), CHANGING - 0.1)
+        assert not wrong.disagreements()
+
+
+def test_a_change_within_the_delay_comes_before_a_disagreement() -> None:
+    consistency = after([6.0] * 100)
+    for _ in range(DELAY):
+        consistency.add(Fit(1e3, DEGREES), 0.0)
+        assert not consistency.disagreements()
+    consistency.add(Fit(1e3, DEGREES), 1.0)
+    for _ in range(100):
+        consistency.add(Fit(6.0, DEGREES), 0.0)
+        assert not consistency.disagreements()
+
+
+def test_a_ground_that_changes_all_the_time_is_a_wrong_model() -> None:
+    assert not after([6.0] * MOST_CHANGING, changed=1.0).disagreements()
+    restless = after([6.0] * (MOST_CHANGING + 1), changed=1.0)
+    (found,) = restless.disagreements()
+    assert "changes of the ground in 16 of them" in found.finding
+    for _ in range(RECENT):
+        restless.add(Fit(6.0, DEGREES), 0.0)
+    assert not restless.disagreements()
+
+
+def test_what_is_kept_is_bounded_and_enough_to_go_on() -> None:
+    drawn = np.random.default_rng(9).chisquare(DEGREES, 400).tolist()
+    whole = after(drawn)
+    assert (len(whole.judged), len(whole.pending), len(whole.changing)) == (300, DELAY, RECENT)
+    part = after(drawn[:350])
+    on = Consistency(part.judged, part.pending, part.changing)
+    for misfit in drawn[350:]:
+        on.add(Fit(misfit, DEGREES), 0.0)
+    assert (on.judged, on.pending, on.changing) == (whole.judged, whole.pending, whole.changing)
