@@ -120,7 +120,7 @@ def _drive(name: str, driven: Driven) -> DriveScore:
     return DriveScore(
         name,
         bool(driven.identified > 0.0),
-        *pairs,  # type: ignore[arg-type]
+        *pairs,  # type: ignore[arg-type, call-arg]
         float(driven.accepted.mean()),
         float(taken / whole),
     )
