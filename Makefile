@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag consistency pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -43,6 +43,15 @@ change: workspace  ## judge how soon a change of the ground is found: docs/chang
 
 stream: workspace  ## judge what the estimator publishes with default parameters: docs/stream_study.md
 	ros2_ws/with python -m studies.stream $(ARGS)
+
+foreign: workspace  ## judge the estimator on drives of another engine, 20 minutes of one core: docs/foreign.md
+	ros2_ws/with python -m studies.foreign $(ARGS)
+
+foreign-bag: workspace  ## turn one of those drives into a bag: make foreign-bag ARGS="A_cruise_tracks --out out/foreign/A_cruise_tracks"
+	ros2_ws/with python -m studies.foreign.bag $(ARGS)
+
+consistency: workspace  ## judge a test of consistency for the status, after make foreign: out/consistency.md
+	ros2_ws/with python -m studies.consistency $(ARGS)
 
 planner: workspace  ## drive into soft patches and count what the planner's stop saves: out/planner_study.json
 	ros2_ws/with python -m studies.planner $(ARGS)

@@ -40,6 +40,7 @@ _FOLDERS = {
     "bench": ("benchmarks", _OFFLINE, _NODES),
     "demo": (f"{_OURS}/cli", _NODES, "rover_sim_node/rover_sim_node"),
     "soak": ("benchmarks/soak", _NODES),
+    "foreign": ("studies/foreign",),
 }
 """Folders whose modules each command of the Makefile runs; what they import follows."""
 _NO_FIGURES = re.compile(

@@ -13,7 +13,7 @@ blocks of all drives that have the same length are run as one batch.
 """
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -41,6 +41,20 @@ from terrain_estimator.model.rows import row_names
 from terrain_estimator.model.state import State
 
 _FieldsT = TypeVar("_FieldsT", Posterior, BlockRows)
+
+
+class ClosedBlocks(NamedTuple):
+    """The j-th blocks of G drives on the model's only soil, as they were closed."""
+
+    drives: Tensor  # [G] their indices
+    block: int  # j
+    before: State
+    rows: BlockRows
+    after: State
+
+
+Watch = Callable[[ClosedBlocks], None]
+"""What is called with every batch of closed blocks."""
 CHUNK = 16
 """Blocks whose rows are computed at once, so that they stay in the processor's cache."""
 
@@ -100,12 +114,13 @@ def run(
     times: Tensor,
     ends: Tensor | None = None,
     rows: Tensor | None = None,
+    watch: Watch | None = None,
 ) -> Trace:
     """Run ``model`` over packed drives [N, T, P] from its own prior.
 
     The estimates are those published after the observations ``times`` [K] (counted from 0). A drive
     ends with its first ``ends`` [N] observations and keeps its last estimate. ``rows`` [R] is 1 for
-    the rows that may be used, 0 for others.
+    the rows that may be used, 0 for others. ``watch`` sees the blocks of a model of one soil.
     """
     drives, time, _ = packed.shape
     layout = lay_out(model, packed, torch.full((drives,), time) if ends is None else ends)
@@ -126,7 +141,7 @@ def run(
                     state,
                     packed[chosen.unsqueeze(1), place],
                     mask,
-                    _Target(trace, chosen, place, j, closes),
+                    _Target(trace, chosen, place, j, closes, watch),
                 )
             _publish(model, state, trace, layout, times, j)
     return trace
@@ -156,6 +171,7 @@ class _Target(NamedTuple):
     place: Tensor  # [G, n] observations
     block: int
     closes: bool  # else the drive ends within this block
+    watch: Watch | None
 
 
 def _empty(state: State, drives: int, time: int, blocks: int, times: int, model: PAlpaca) -> Trace:
@@ -202,7 +218,10 @@ def _run_block(model: PAlpaca, state: State, packed: Tensor, mask: Tensor, targe
         trace.variance[chosen, target.place[:, i]] = part["innovation_variance"]
     if not target.closes:
         return
-    part = close(model, part, packed, mask)
+    before, (part, rows) = part, _closed(model, part, packed, mask)
+    if target.watch is not None:
+        every = torch.arange(chosen.shape[0])
+        target.watch(ClosedBlocks(chosen, target.block, before, rows[0].of(every), part))
     trace.misfit[chosen, target.block] = part["misfit"]
     trace.degrees[chosen, target.block] = part["degrees"]
     for name, value in part.items():
@@ -234,6 +253,13 @@ def _publish(
 
 def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     """Return the states of G drives after blocks [G, n, P], by the steps of ``PAlpaca.close``."""
+    return _closed(model, state, packed, mask)[0]
+
+
+def _closed(
+    model: PAlpaca, state: State, packed: Tensor, mask: Tensor
+) -> tuple[State, list["_BlocksOnSoil"]]:
+    """Return what :func:`close` does, and the blocks' rows on every soil."""
     seconds = view_of(packed, model.axles).step.sum(1)
     state = torch.vmap(model.hypotheses.diffuse)(state, seconds)
     rows = [
@@ -247,7 +273,7 @@ def close(model: PAlpaca, state: State, packed: Tensor, mask: Tensor) -> State:
     leading = state["soils"].argmax(1)
     noise = [(leading == soil).view(-1, 1, 1, 1) * each.noise for soil, each in enumerate(rows)]
     finish = torch.vmap(model.finish)
-    return finish(state, functools.reduce(torch.add, noise), misfit, degrees)
+    return finish(state, functools.reduce(torch.add, noise), misfit, degrees), rows
 
 
 def _solve_active(

@@ -39,6 +39,7 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "CHANGELOG.md",
     ROOT / "bags/README.md",
+    ROOT / "bags/foreign/README.md",
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 POLICY = ROOT / "docs/examples/sros2/policy.xml"

@@ -8,7 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "bags/README.md": "bags.md"}
+PAGES = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "bags/README.md": "bags.md",
+    "bags/foreign/README.md": "foreign_drives.md",
+}
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 _SOURCES = {address: source for source, address in PAGES.items()}
 

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Turn a log of ``bags/foreign`` into a bag: a noisy copy, its mapping, and csv_to_bag.
+
+Called by ``make foreign-bag``.
+"""
+
+import sys
+from pathlib import Path
+
+from studies.command import refuse, study_parser
+from studies.foreign.logs import SINKAGES, log_names, read_log, write_measured
+from terrain_estimator.cli import csv_to_bag
+from terrain_estimator.console.arguments import SEED
+from terrain_estimator.console.interrupting import interruptible
+
+
+@interruptible
+def main(argv: list[str] | None = None) -> int:
+    """Write measured.csv, measured.yaml and bag to a folder; exit codes as of csv_to_bag."""
+    parser = study_parser("foreign.bag", __doc__)
+    parser.add_argument("log", choices=log_names(), metavar="LOG", help=", ".join(log_names()))
+    parser.add_argument("--out", type=Path, required=True, help="folder of the three results")
+    parser.add_argument("--seed", type=SEED, default=0, help="of the sensors' noise")
+    parser.add_argument("--sinkage", choices=SINKAGES, default="original", help="kind of sinkage")
+    args = parser.parse_args(argv)
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        data, mapping = write_measured(
+            read_log(args.log), args.out / "measured", args.seed, args.sinkage
+        )
+    except OSError as error:
+        return refuse("foreign.bag", error)
+    return csv_to_bag.main([str(data), "--mapping", str(mapping), "--out", str(args.out / "bag")])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
