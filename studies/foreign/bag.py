@@ -5,12 +5,12 @@
 Called by ``make foreign-bag``.
 """
 
+import subprocess
 import sys
 from pathlib import Path
 
 from studies.command import refuse, study_parser
 from studies.foreign.logs import SINKAGES, log_names, read_log, write_measured
-from terrain_estimator.cli import csv_to_bag
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 
@@ -31,7 +31,10 @@ def main(argv: list[str] | None = None) -> int:
         )
     except OSError as error:
         return refuse("foreign.bag", error)
-    return csv_to_bag.main([str(data), "--mapping", str(mapping), "--out", str(args.out / "bag")])
+    # as a user calls it: studies do not import commands
+    command = [sys.executable, "-m", "terrain_estimator.cli.csv_to_bag", str(data)]
+    command += ["--mapping", str(mapping), "--out", str(args.out / "bag")]
+    return subprocess.run(command, check=False).returncode  # noqa: S603
 
 
 if __name__ == "__main__":
