@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The figures and the page of ``make recursion``."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from studies.accuracy.scores import HALF_NORMAL_MEDIAN, Share, share_of
+from studies.recursion.study import ROW_SETS, SHIPPED, Record, methods
+from studies.tables import licence, table
+
+PARAMETERS = ("c", "tan phi")
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """One parameter."""
+
+    median_error: float  # relative
+    of_bound: float  # median error over the Cramer-Rao bound, 1 for an efficient estimator
+    inside_95: Share
+    inside_68: Share
+    mean_z: float  # error over published deviation
+    mean_z_limit: float  # 95 % confidence limit of the mean, both sides
+    alone: int  # drives whose 95 % interval covers, where that of what ships does not
+    not_alone: int  # the other way round
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One method on one set of drives after one time."""
+
+    after_s: float
+    rows: str
+    method: str
+    drives: int
+    clamped: float  # median share of the information that was negative
+    cohesion: Scored
+    tan_phi: Scored
+
+
+def cells(records: Sequence[Record], times_s: Sequence[float]) -> list[Line]:
+    """Return the lines of all drives of some records, judged after each of their times."""
+    whole = {name: np.concatenate([each[name] for each in records]) for name in records[0]}
+    return [
+        _line(whole, place, after, rows, method)
+        for place, after in enumerate(times_s)
+        for rows in ROW_SETS
+        for method in methods()
+    ]
+
+
+def _line(whole: Record, place: int, after_s: float, rows: str, method: str) -> Line:
+    least = whole[f"{rows}|bound|least"][:, place]
+    z, error = _deviations(whole, place, f"{rows}|{method}")
+    shipped, _ = _deviations(whole, place, f"{rows}|{SHIPPED}")
+    scored = [
+        _scored(z[:, k], error[:, k], whole["truth"][:, k], least[:, k], shipped[:, k])
+        for k in range(len(PARAMETERS))
+    ]
+    clamped = float(np.median(whole[f"{rows}|{method}|clamped"][:, place]))
+    return Line(after_s, rows, method, len(z), clamped, *scored)
+
+
+def _deviations(
+    whole: Record, place: int, name: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return errors over published deviations [N, 2], and errors."""
+    error = whole[f"{name}|mean"][:, place] - whole["truth"]
+    covariance = whole[f"{name}|covariance"][:, place]
+    return error / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), error
+
+
+def _scored(
+    z: NDArray[np.float64],
+    error: NDArray[np.float64],
+    truth: NDArray[np.float64],
+    least: NDArray[np.float64],
+    shipped: NDArray[np.float64],
+) -> Scored:
+    inside, usual = (np.abs(each) < norm.ppf(0.975) for each in (z, shipped))
+    return Scored(
+        median_error=float(np.median(np.abs(error) / truth)),
+        of_bound=float(np.median(np.abs(error) / least) / HALF_NORMAL_MEDIAN),
+        inside_95=share_of(torch.from_numpy(inside)),
+        inside_68=share_of(torch.from_numpy(np.abs(z) < norm.ppf(0.84))),
+        mean_z=float(z.mean()),
+        mean_z_limit=float(norm.ppf(0.975) * z.std(ddof=1) / math.sqrt(len(z))),
+        alone=int((inside & ~usual).sum()),
+        not_alone=int((usual & ~inside).sum()),
+    )
+
+
+def page(lines: Sequence[Line], when: str, seed: int) -> str:
+    """Return the whole page."""
+    return licence("recursion") + when + f"\n{seed}\n" + _table(lines)
+
+
+def _table(lines: Sequence[Line]) -> str:
+    head = (
+        "after [s]",
+        "rows",
+        "method",
+        "drives",
+        *(
+            f"{name}: {what}"
+            for name in PARAMETERS
+            for what in ("error %", "of bound", "in 95 %", "in 68 %", "mean z", "gained, lost")
+        ),
+        "clamped %",
+    )
+    return table(head, [_cells_of(line) for line in lines])
+
+
+def _cells_of(line: Line) -> list[str]:
+    return [
+        f"{line.after_s:g}",
+        line.rows,
+        line.method,
+        str(line.drives),
+        *_said(line.cohesion),
+        *_said(line.tan_phi),
+        f"{100 * line.clamped:.0f}",
+    ]
+
+
+def _said(scored: Scored) -> list[str]:
+    share = scored.inside_95
+    return [
+        f"{100 * scored.median_error:.1f}",
+        f"{scored.of_bound:.2f}",
+        f"{100 * share.share:.1f} ({100 * share.low:.1f} to {100 * share.high:.1f})",
+        f"{100 * scored.inside_68.share:.1f}",
+        f"{scored.mean_z:+.2f} ± {scored.mean_z_limit:.2f}",
+        f"{scored.alone}, {scored.not_alone}",
+    ]
