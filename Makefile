@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -43,6 +43,9 @@ change: workspace  ## judge how soon a change of the ground is found: docs/chang
 
 stream: workspace  ## judge what the estimator publishes with default parameters: docs/stream_study.md
 	ros2_ws/with python -m studies.stream $(ARGS)
+
+recursion: workspace  ## judge a recursion that never relinearises beside the model's: docs/recursion.md
+	ros2_ws/with python -m studies.recursion $(ARGS)
 
 planner: workspace  ## drive into soft patches and count what the planner's stop saves: out/planner_study.json
 	ros2_ws/with python -m studies.planner $(ARGS)

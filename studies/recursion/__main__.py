@@ -18,7 +18,7 @@ from docs.provenance import digest, measured
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
 from studies.recursion.study import Record, study
-from studies.recursion.table import cells, page
+from studies.recursion.table import Line, cells, page
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 
@@ -34,7 +34,7 @@ _LONG_SEED = 1000
 def main(argv: list[str] | None = None) -> int:
     """Run the study.
 
-    Exit codes: 0 measured, whatever the figures are; 1 no time for one batch of each kind; 2 a file
+    Exit codes: 0 measured, whatever the figures are; 1 no time for one batch; 2 a file
     cannot be read or written.
     """
     torch.set_num_threads(1)
@@ -44,13 +44,9 @@ def main(argv: list[str] | None = None) -> int:
         every = [piece for kind in pieces.values() for piece in kind]
         missing = [piece for piece in every if read_record(piece.path) is None]
         compute("studies.recursion", missing, args.jobs, args.minutes, write_record)
-        done = {
-            times: [record for piece in kind if (record := read_record(piece.path))]
-            for times, kind in pieces.items()
-        }
-        if not all(done.values()):
-            return refuse_too_short("recursion", "batch of short and of long drives")
-        lines = [line for times, records in done.items() for line in cells(records, times)]
+        lines = [line for times, kind in pieces.items() for line in _lines(kind, times)]
+        if not lines:
+            return refuse_too_short("recursion", "batch")
         when = measured("recursion")
         figures = {"measured": when, "seed": args.seed, "cells": [asdict(line) for line in lines]}
         text = json.dumps(figures, indent=1) + "\n"
@@ -59,6 +55,12 @@ def main(argv: list[str] | None = None) -> int:
         return refuse("recursion", error)
     sys.stdout.write(f"{args.out} and {args.table}: {len(lines)} lines\n")
     return 0
+
+
+def _lines(pieces: list[Piece[Record]], times_s: tuple[float, ...]) -> list[Line]:
+    """Return the lines of the batches that are done."""
+    done = [record for piece in pieces if (record := read_record(piece.path))]
+    return cells(done, times_s) if done else []
 
 
 def _parser() -> argparse.ArgumentParser:
