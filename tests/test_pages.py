@@ -11,7 +11,6 @@ import benchmarks.page as benchmarks
 import benchmarks.soak.page as soak
 import studies.accuracy.table as accuracy
 import studies.change.table as change
-import studies.recursion.table as recursion
 import studies.stream.table as stream
 import tests.faults.page as faults
 import tests.fuzz.__main__ as fuzz
@@ -26,7 +25,6 @@ PROSE = (
     *(("accuracy_tables", text) for text in (accuracy.VELOCITY, accuracy.REFERENCE, accuracy.NET)),
     *(("change", text) for text in (change.INTRODUCTION, change.TERMS)),
     *(("stream_study", text) for text in (stream.INTRODUCTION, stream.FORECAST, stream.WHY)),
-    *(("recursion", text) for text in (recursion.INTRODUCTION, recursion.LEGEND, recursion.WHY)),
     *(("benchmarks", text) for text in (benchmarks.HEAD, benchmarks.AFTER)),
     *(("faults", text) for text in (faults.MATRIX, million.SECTION, soak.SECTION, fuzz.SECTION)),
     *(("hidden", text) for text in (hidden.INTRODUCTION, hidden.VERDICTS)),
@@ -61,7 +59,6 @@ WRITTEN = (
     "hidden",
     "paper",
     "planner",
-    "recursion",
     "stream_study",
 )
 
