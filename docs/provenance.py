@@ -29,6 +29,7 @@ _FOLDERS = {
     "accuracy": ("studies/accuracy",),
     "change": ("studies/change",),
     "stream": ("studies/stream",),
+    "recursion": ("studies/recursion",),
     "planner": ("studies/planner",),
     "net": ("studies/net",),
     "paper": ("studies/paper",),
