@@ -11,7 +11,7 @@ over some windows are tested.
 
 A change of the ground makes seconds misfit, too, until the posterior has followed it. So seconds
 are judged after a delay, and those before an accepted change are forgotten. A model that is wrong
-can look like a ground that changes all the time; that is told as well.
+looks like a ground that changes all the time: only one change in REST seconds is let be.
 """
 
 import functools
@@ -38,10 +38,10 @@ DELAY = 5
 """[seconds of driving] In which a change of the ground may explain a misfit."""
 CHANGING = 0.5
 """[1] Probability of a change above which it is accepted."""
-RECENT = 60
-"""[seconds of driving] In which accepted changes are counted."""
-MOST_CHANGING = 15
-"""[seconds of driving] Of these in which the ground may change; one change takes about four."""
+CROSSING = 15
+"""[seconds of driving] From the first sign of a change until the last axle has crossed."""
+REST = 45
+"""[seconds of driving] From one change to the next; an earlier one explains no misfit."""
 ADVICE = f"{CHECK}; find_missing_effect names rows and effects from a recording"
 
 
@@ -56,23 +56,26 @@ class Consistency:
     """The fits of the last closed seconds of driving."""
 
     def __init__(
-        self,
-        judged: Iterable[Fit] = (),
-        pending: Iterable[Fit] = (),
-        changing: Iterable[bool] = (),
+        self, judged: Iterable[Fit] = (), pending: Iterable[Fit] = (), since_change: int = REST
     ) -> None:
-        """Start with seconds in their order: those that count, those that wait, and changes."""
+        """Start with seconds in their order: those that count, and those that wait.
+
+        ``since_change`` [seconds of driving] is the time since a change was let be, up to REST.
+        """
         self.judged = deque(judged, maxlen=max(WINDOWS))
         self.pending = deque(pending, maxlen=DELAY)
-        self.changing = deque(changing, maxlen=RECENT)
+        self.since_change = since_change
 
     def add(self, fit: Fit, changed: float) -> None:
         """Take a closed second; ``changed`` [1] is the probability of a change around it."""
-        self.changing.append(changed > CHANGING)
-        if self.changing[-1]:
-            self.judged.clear()
-            self.pending.clear()
-            return
+        self.since_change = min(self.since_change + 1, REST)
+        if changed > CHANGING:
+            if self.since_change == REST:
+                self.since_change = 0
+            if self.since_change < CROSSING:
+                self.judged.clear()
+                self.pending.clear()
+                return
         if len(self.pending) == DELAY:
             self.judged.append(self.pending[0])
         self.pending.append(fit)
@@ -82,40 +85,27 @@ class Consistency:
         return {
             "judged": np.array(self.judged, dtype=np.float64).reshape(-1, len(Fit._fields)),
             "pending": np.array(self.pending, dtype=np.float64).reshape(-1, len(Fit._fields)),
-            "changing": np.array(self.changing, dtype=np.int64),
+            "since_change": np.array(self.since_change, dtype=np.int64),
         }
 
     def disagreements(self) -> tuple[Disagreement, ...]:
-        """Return the reasons why the model does not fit; empty where it does."""
-        return (*self._worse(), *self._restless())
-
-    def _worse(self) -> Iterable[Disagreement]:
+        """Return the reason why the model does not fit; empty where it does."""
         newest_first = list(reversed(self.judged))
         for window in WINDOWS:
             if len(newest_first) < window:
-                return
+                break
             seconds = itertools.islice(newest_first, window)
             bounded = [(min(each.misfit, limit(LARGEST, each.degrees)), each) for each in seconds]
             total = sum(value for value, _ in bounded)
             degrees = sum(each.degrees for _, each in bounded)
             if total > limit(FALSE_ALARM, degrees):
-                yield Disagreement(
+                finding = (
                     f"the model does not fit this rover or ground: the last {window} seconds of"
                     f" driving miss it by {total / degrees:.2g} times their stated variance, where"
-                    f" noise explains {limit(FALSE_ALARM, degrees) / degrees:.2g}",
-                    ADVICE,
+                    f" noise explains {limit(FALSE_ALARM, degrees) / degrees:.2g}"
                 )
-                return
-
-    def _restless(self) -> Iterable[Disagreement]:
-        count = sum(self.changing)
-        if count > MOST_CHANGING:
-            yield Disagreement(
-                "the model does not fit this rover or ground: it explains the last"
-                f" {len(self.changing)} seconds of driving by changes of the ground in {count} of"
-                " them",
-                ADVICE,
-            )
+                return (Disagreement(finding, ADVICE),)
+        return ()
 
 
 @functools.lru_cache

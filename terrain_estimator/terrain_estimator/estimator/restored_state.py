@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from terrain_estimator.estimator.consistency import DELAY, RECENT, WINDOWS, Consistency, Fit
+from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency, Fit
 from terrain_estimator.estimator.intake import WINDOW, Intake
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
@@ -200,7 +200,7 @@ def _counted(arrays: Arrays) -> Counts:
     consistency = Consistency(
         _fits(arrays, "judged", max(WINDOWS)),
         _fits(arrays, "pending", DELAY),
-        _flags(arrays, "changing", RECENT),
+        _since_change(arrays),
     )
     intake.used, intake.waiting = used, waiting
     intake.time_used_s, intake.time_waiting_s = used_s, waiting_s
@@ -223,6 +223,15 @@ def _flags(arrays: Arrays, name: str, most: int) -> list[bool]:
     if not np.isin(array, (0, 1)).all():
         raise _refused(name, array.tolist(), "not of zeros and ones")
     return [each == 1 for each in array.tolist()]
+
+
+def _since_change(arrays: Arrays) -> int:
+    array = arrays.get("since_change")
+    if array is None or array.dtype.name != "int64" or array.shape:
+        raise StateFileError(f"the state's since_change is missing or has another shape: {ADVICE}")
+    if not 0 <= int(array) <= REST:
+        raise _refused("since_change", int(array), f"not within 0 to {REST}")
+    return int(array)
 
 
 def _fits(arrays: Arrays, name: str, most: int) -> list[Fit]:

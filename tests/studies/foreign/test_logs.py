@@ -56,16 +56,15 @@ def test_the_noise_is_that_of_the_seed_and_of_the_log() -> None:
 
 
 def test_a_log_becomes_a_bag_whose_replay_ends_where_the_study_does(tmp_path: Path) -> None:
-    """The CSV file holds seven digits, hence the tolerance."""
+    """Half of the seconds are taken, and the others fit far worse than noise explains."""
     name = "A_cruise_tracks"
     assert bag.main([name, "--out", str(tmp_path)]) == 0
-    assert replay.main([str(tmp_path / "bag"), "--out", str(tmp_path / "replay")]) == 0
+    assert replay.main([str(tmp_path / "bag"), "--out", str(tmp_path / "replay")]) == 3
     last = json.loads((tmp_path / "replay" / "summary.json").read_text())["bags"][0]
     log = read_log(name)
     driven = drive(
         log, observations_of(measured_columns(log, ROVER, 0), ROVER), load_model("mars_rover")
     )
     assert last["estimates"] == TIMES
-    assert last["outcomes"]["ACCEPTED"] == driven.accepted.sum()
-    assert last["estimate"]["cohesion_pa"]["mean"] == pytest.approx(driven.mean[0], rel=1e-3)
-    assert last["estimate"]["tan_phi"]["mean"] == pytest.approx(driven.mean[1], rel=1e-3)
+    assert last["outcomes"]["ACCEPTED"] == driven.length @ driven.taken
+    assert (last["status"], float(driven.disagrees)) == ("DISAGREES", 1.0)

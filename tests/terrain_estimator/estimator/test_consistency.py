@@ -8,11 +8,11 @@ from scipy.stats import chi2
 
 from terrain_estimator.estimator.consistency import (
     CHANGING,
+    CROSSING,
     DELAY,
     FALSE_ALARM,
     LARGEST,
-    MOST_CHANGING,
-    RECENT,
+    REST,
     WINDOWS,
     Consistency,
     Fit,
@@ -83,7 +83,7 @@ def test_seconds_before_a_change_of_the_ground_are_forgotten() -> None:
     assert wrong.disagreements()
     wrong.add(Fit(30.0, DEGREES), CHANGING + 0.1)
     assert not wrong.disagreements()
-    for _ in range(RECENT):
+    for _ in range(100):
         wrong.add(Fit(6.0, DEGREES), CHANGING - 0.1)
         assert not wrong.disagreements()
 
@@ -99,22 +99,39 @@ def test_a_change_within_the_delay_comes_before_a_disagreement() -> None:
         assert not consistency.disagreements()
 
 
-def test_a_ground_that_changes_all_the_time_is_a_wrong_model() -> None:
-    assert not after([6.0] * MOST_CHANGING, changed=1.0).disagreements()
-    restless = after([6.0] * (MOST_CHANGING + 1), changed=1.0)
-    (found,) = restless.disagreements()
-    assert "changes of the ground in 16 of them" in found.finding
-    for _ in range(RECENT):
-        restless.add(Fit(6.0, DEGREES), 0.0)
-    assert not restless.disagreements()
+def test_a_change_explains_a_misfit_while_the_axles_cross_and_then_for_a_while_none_does() -> None:
+    consistency = after([6.0] * 100)
+    for _ in range(CROSSING):
+        consistency.add(Fit(1e3, DEGREES), 1.0)
+        assert not consistency.disagreements()
+    for _ in range(WINDOWS[0] + DELAY):
+        consistency.add(Fit(1e3, DEGREES), 1.0)
+    assert consistency.disagreements()
+
+
+@pytest.mark.parametrize("period", [8, 12, 20, 30])
+def test_a_ground_that_changes_all_the_time_is_a_wrong_model(period: int) -> None:
+    consistency, found = Consistency(), 0
+    for second in range(120):
+        consistency.add(Fit(20.0, DEGREES), float(second % period < 4))
+        found += bool(consistency.disagreements())
+    assert found > 30
+
+
+def test_one_change_in_a_while_is_none() -> None:
+    consistency = Consistency()
+    for second in range(1, 400):
+        crossing = second % (REST + 5) < 8
+        consistency.add(Fit(40.0 if crossing else 6.0, DEGREES), float(crossing))
+        assert not consistency.disagreements()
 
 
 def test_what_is_kept_is_bounded_and_enough_to_go_on() -> None:
     drawn = np.random.default_rng(9).chisquare(DEGREES, 400).tolist()
     whole = after(drawn)
-    assert (len(whole.judged), len(whole.pending), len(whole.changing)) == (300, DELAY, RECENT)
+    assert (len(whole.judged), len(whole.pending), whole.since_change) == (300, DELAY, REST)
     part = after(drawn[:350])
-    on = Consistency(part.judged, part.pending, part.changing)
+    on = Consistency(part.judged, part.pending, part.since_change)
     for misfit in drawn[350:]:
         on.add(Fit(misfit, DEGREES), 0.0)
-    assert (on.judged, on.pending, on.changing) == (whole.judged, whole.pending, whole.changing)
+    assert (on.judged, on.pending) == (whole.judged, whole.pending)
