@@ -118,7 +118,7 @@ def values_now(step: int) -> dict[str, list[float]]:
             state.input_lost[0],
             state.input_age[0],
         ],
-        "#counts data": [step, 7, 1.07, 0.00125, 0],
+        "#counts data": [step // 10, 0, step, 7, 1.07, 0.00125, 0],
     }
 
 
@@ -136,7 +136,7 @@ def test_the_page_shows_what_the_topics_say_to_everybody_and_asks_nobody_else(
         rover.drive(range(STEPS))
         rover.say("estimator_health", health(make, last))
         rover.say("traction_advice", advice(make, last, stop=True))
-        awaits(page, "#counts data", last)
+        awaits(page, "#counts data", last // 10)
         awaits(page, '[data-path="terrain_estimate/cohesion"]', 1500.0 + last)
         expected = values_now(last)
         assert sum(len(values) for values in expected.values()) >= 20

@@ -178,7 +178,10 @@ def test_a_clock_that_steps_back_leaves_live_and_replay_the_same(
         times = [message.log_time_ns / 1e9 for message in reader.messages()]
     assert times == sorted(times)
     assert set(times) == {1000.0, 1001.0, 1002.0, 1003.0, 1004.0, 1005.0}
-    assert replay.main([str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--compare"]) == 0
+    assert replay.main([str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--compare"]) == 3
+    said = capfd.readouterr().out
+    assert "NO ESTIMATE, no observation was used: the drive ended before its first second" in said
+    assert said.count("is identical to live") == 2
     assert json.loads((tmp_path / "out/summary.json").read_text())["bags"][0]["estimates"] == len(
         steps
     )

@@ -188,7 +188,9 @@ def remarks(replay: Replay) -> list[str]:
         for each in replay.disagreements
     ]
     if replay.estimates and not replay.learnt:
-        reason = replay.refusals.words() or Outcome.STANDSTILL.advice
+        waiting = replay.last is not None and replay.last.update.estimate.observations_waiting > 0
+        short = "the drive ended before its first second" if waiting else Outcome.STANDSTILL.advice
+        reason = replay.refusals.words() or short
         lines.append(f"{replay.name}: NO ESTIMATE, no observation was used: {reason}")
     refused, judged = settled.seconds_refused, settled.seconds >= FEWEST
     if judged and refused > SUSPICIOUS_SHARE * settled.seconds and not replay.disagreements:
