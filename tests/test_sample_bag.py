@@ -54,5 +54,5 @@ def test_a_replay_gives_the_recorded_estimates(tmp_path: Path) -> None:
 def test_a_replay_with_another_model_than_the_nodes_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert replay.main([str(SAMPLE), "--out", str(tmp_path), "--model", "paper_rover"]) == 0
+    assert replay.main([str(SAMPLE), "--out", str(tmp_path), "--model", "paper_rover"]) == 3
     assert "its live estimates are of model mars_rover-" in capsys.readouterr().out

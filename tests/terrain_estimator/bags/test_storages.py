@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of rosbag2's other storage and of its compression modes, written by the rosbags library."""
 
+import re
 import shutil
 import sqlite3
 from contextlib import closing
@@ -96,7 +97,7 @@ def test_a_file_of_before_jazzy_is_read_with_the_installed_definitions(tmp_path:
     change(file, "DELETE FROM message_definitions")
     assert contents(file) == wanted
     with BagReader(file) as reader:
-        assert "has no definition of msg_defs/msg/EstimatorHealth, " in reader.notes[0]
+        assert re.search(" has no definition of .*msg_defs/msg/EstimatorHealth, ", reader.notes[0])
 
 
 def change(file: Path, statements: str) -> None:
