@@ -50,7 +50,7 @@ foreign: workspace  ## judge the estimator on drives of another engine, 20 minut
 foreign-bag: workspace  ## turn one of those drives into a bag: make foreign-bag ARGS="A_cruise_tracks --out out/foreign/A_cruise_tracks"
 	ros2_ws/with python -m studies.foreign.bag $(ARGS)
 
-consistency: workspace  ## judge a test of consistency for the status, after make foreign: out/consistency.md
+consistency: workspace  ## judge a candidate test of consistency that names rows, after make foreign: out/consistency.md
 	ros2_ws/with python -m studies.consistency $(ARGS)
 
 recursion: workspace  ## judge a recursion that never relinearises beside the model's: docs/recursion.md

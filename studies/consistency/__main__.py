@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judge a test of consistency: false alarms on honest drives, power on hidden effects and laws.
+"""Judge a candidate test of consistency that names rows.
 
-Thresholds come from one half of the seeds and are judged on the other. Called by ``make
-consistency``, after ``make foreign``, whose records it reads; writes out/consistency.json and .md.
-Every batch of drives is kept: a run that ended early continues where it was.
+Judged are its false alarms on honest drives and its power on hidden effects and foreign laws. The
+test that ships adds up whole seconds (``terrain_estimator.estimator.consistency``). Thresholds come
+from one half of the seeds and are judged on the other. Called by ``make consistency``, after ``make
+foreign``, whose records it reads; writes out/consistency.json and .md. Every batch of drives is
+kept: a run that ended early continues where it was.
 """
 
 import argparse

@@ -16,6 +16,7 @@ looks like a ground that changes all the time: only one change in REST seconds i
 
 import functools
 import itertools
+import math
 from collections import deque
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -110,5 +111,5 @@ class Consistency:
 
 @functools.lru_cache
 def limit(probability: float, degrees: int) -> float:
-    """Return what a chi-square variable exceeds with ``probability`` [1]."""
-    return float(chdtri(degrees, probability))
+    """Return what a chi-square variable exceeds with ``probability`` [1]; infinite for 0."""
+    return float(chdtri(degrees, probability)) if probability > 0.0 else math.inf

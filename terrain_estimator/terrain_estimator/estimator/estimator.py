@@ -3,19 +3,17 @@
 """The estimator: one observation in, one update out, without a clock, a log or a file."""
 
 import dataclasses
-import functools
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.consistency import Consistency, Fit
-from terrain_estimator.estimator.intake import Intake, misfit
+from terrain_estimator.estimator.consistency import Consistency, Fit, limit
+from terrain_estimator.estimator.intake import Intake, mostly_refused
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
@@ -65,7 +63,7 @@ class Estimator:
         self._config = config
         self._step_s, self._block = model.metadata.step_s, model.metadata.block
         self._beliefs = Beliefs.of(model.metadata, config)
-        self._gate = _threshold(config.gate_probability, 1)
+        self._gate = limit(config.gate_probability, 1)
         self._sequence = 0
         self.reopened = 0  # times that the prior came back by itself
         self.reset()
@@ -132,7 +130,7 @@ class Estimator:
     def set_gate_probability(self, probability: float) -> None:
         """Refuse this share of good observations from the next one on; 0: none."""
         self._config = dataclasses.replace(self._config, gate_probability=probability)
-        self._gate = _threshold(probability, 1)
+        self._gate = limit(probability, 1)
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return all that the next update depends on, as arrays, but for the sequence number."""
@@ -224,7 +222,7 @@ class Estimator:
     @property
     def _disagreements(self) -> tuple[Disagreement, ...]:
         """Reasons why the model does not fit, each of which withholds the estimate."""
-        return misfit(self._intake.seconds) + self._inconsistent
+        return mostly_refused(self._intake.seconds) + self._inconsistent
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
@@ -309,7 +307,7 @@ class Estimator:
         degrees = int(report.degrees)
         self._consistency.add(Fit(report.misfit, degrees), self._change)
         self._inconsistent = self._consistency.disagreements()
-        threshold = _threshold(self._config.gate_probability, degrees)
+        threshold = limit(self._config.gate_probability, degrees)
         if report.misfit <= threshold:
             self._contradictions, self._doubt = 0, 0.0
             return None
@@ -487,12 +485,3 @@ def _finite(state: State, report: Report) -> bool:
     velocity = state["velocity"].item() + state["velocity_variance"].item()
     moved = sum(state[name].sum().item() for name in _PUBLISHED) if report.closed else 0.0
     return math.isfinite(velocity + moved) and not math.isinf(report.velocity + report.variance)
-
-
-@functools.lru_cache
-def _threshold(probability: float, degrees: int) -> float:
-    """Return the chi-square threshold that good data exceed with this probability.
-
-    It is infinite where the gate is off.
-    """
-    return float(chdtri(degrees, probability)) if probability > 0.0 else math.inf

@@ -61,7 +61,7 @@ class Intake:
         return Seconds(len(self.window), sum(self.window))
 
 
-def misfit(seconds: Seconds) -> tuple[Disagreement, ...]:
+def mostly_refused(seconds: Seconds) -> tuple[Disagreement, ...]:
     """Return the disagreement of a model that left out most of the last seconds; empty if none."""
     judged, taken = seconds
     if judged < FEWEST or taken >= LEAST_TAKEN * judged:

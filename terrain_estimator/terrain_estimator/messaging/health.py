@@ -5,6 +5,7 @@
 A report holds counts since the start, statistics of the last period, and a level in words.
 """
 
+import dataclasses
 import math
 import statistics
 from collections import Counter
@@ -259,7 +260,13 @@ class HealthMonitor:
         share = 1.0 - taken / judged if judged >= FEWEST else math.nan
         findings = [each.finding for each in self._last.disagreements]
         words = f"{taken} of the last {judged} seconds of driving were taken"
-        return MODEL.judge(share, text="; ".join(findings) or words)
+        result = MODEL.judge(share, text="; ".join(findings) or words)
+        # a model that misses seconds by too much is at fault though each second was taken
+        return (
+            dataclasses.replace(result, level=max(result.level, Level.ERROR))
+            if findings
+            else result
+        )
 
 
 def _judge_rate(rate: Rate | None) -> Iterator[CheckResult]:

@@ -12,7 +12,7 @@ import pytest
 from studies.observations import STEP_NS
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.intake import FEWEST, WINDOW, misfit
+from terrain_estimator.estimator.intake import FEWEST, WINDOW, mostly_refused
 from terrain_estimator.estimator.persistence import FEWEST as FEWEST_CHANGES
 from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.intervals import HALF_WIDTH_95
@@ -200,7 +200,7 @@ def test_a_gap_ends_a_second_early_and_its_observations_count(
     [(0, 0, True), (9, 0, True), (10, 5, True), (10, 4, False), (60, 30, True), (60, 29, False)],
 )
 def test_the_judgement_is_of_at_least_ten_seconds(judged: int, taken: int, fits: bool) -> None:  # noqa: FBT001
-    assert (misfit(Seconds(judged, taken)) == ()) is fits
+    assert (mostly_refused(Seconds(judged, taken)) == ()) is fits
 
 
 def test_the_spread_is_the_mean_square_of_changes_within_one_step() -> None:

@@ -9,14 +9,14 @@ import pytest
 
 from msg_defs.msg import EstimatorHealth
 from terrain_estimator.bags import Types
-from terrain_estimator.estimator.intake import misfit
+from terrain_estimator.estimator.intake import mostly_refused
 from terrain_estimator.messaging.diagnostics import MODEL, REFUSED, Check, Level
 from terrain_estimator.messaging.health import Health, HealthMonitor
 from terrain_estimator.messaging.messages import Meta, health_message
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.update import Seconds
+from terrain_estimator.update import Disagreement, Seconds
 from tests.terrain_estimator.messaging.test_messages import decided, updated
 
 FRESH = dict.fromkeys(INPUT_TYPES, 0.05)
@@ -108,13 +108,24 @@ def test_a_model_that_leaves_seconds_out_is_a_finding(
 ) -> None:
     """The reason in words is that of the estimate's status."""
     monitor, seconds = HealthMonitor(), Seconds(judged, taken)
-    told = dataclasses.replace(updated(seconds=seconds), disagreements=misfit(seconds))
+    told = dataclasses.replace(updated(seconds=seconds), disagreements=mostly_refused(seconds))
     monitor.observe(told, 0.001)
     health = monitor.report(counters(), FRESH)
     [found] = [each for each in health.findings if each.check is MODEL]
     assert found.level is health.level is level
     assert f"{taken} of the last {judged} seconds of driving were taken" in found.text
     assert found.text.startswith("the model does not fit") == (level is Level.ERROR)
+
+
+def test_seconds_that_were_taken_but_miss_by_too_much_are_an_error_of_the_model() -> None:
+    monitor = HealthMonitor()
+    reason = Disagreement("the last 20 seconds miss it", "check the model")
+    monitor.observe(
+        dataclasses.replace(updated(seconds=Seconds(60, 60)), disagreements=(reason,)), 0.001
+    )
+    health = monitor.report(counters(), FRESH)
+    assert health.level is Level.ERROR
+    assert "the last 20 seconds miss it" in health.summary
 
 
 def test_losses_are_reported_once() -> None:

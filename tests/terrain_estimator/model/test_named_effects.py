@@ -24,7 +24,7 @@ from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import PhysicsWithEffects
 from terrain_estimator.model.rows import row_names
 from terrain_estimator.observation import Observation
-from terrain_estimator.update import Estimate
+from terrain_estimator.update import Estimate, Update
 from terramechanics.effects import EFFECTS, describe, make_effect
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Drive
@@ -91,9 +91,13 @@ def in_python(plain: LoadedModel, *effects: Sized) -> LoadedModel:
     return LoadedModel(module, metadata)  # type: ignore[arg-type]
 
 
-def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
+def answered(model: LoadedModel, observations: list[Observation]) -> list[Update]:
     estimator = Estimator(model, CoreConfig())
-    return [estimator.update(observation).estimate for observation in observations][-1]
+    return [estimator.update(observation) for observation in observations]
+
+
+def estimated(model: LoadedModel, observations: list[Observation]) -> Estimate:
+    return answered(model, observations)[-1].estimate
 
 
 def residuals(model: PAlpaca, drive: Drive, size: float) -> torch.Tensor:
@@ -131,13 +135,18 @@ def test_the_rows_of_an_exact_drive_hold_with_the_effect_and_do_not_without_it(
 
 
 def test_a_tilted_sensor_is_estimated_and_no_longer_spoils_the_ground(plain: LoadedModel) -> None:
+    """Without the effect the drive disagrees; its last estimate before that is compared."""
     drive = driven(plain, "slope_bias", TILT, 20.0)
     truth = drive.sample.strength[0, 0, 0].numpy()
     observations = measured(drive)
-    before, after = (
-        estimated(plain, observations),
-        estimated(in_python(plain, Sized.of_library("slope_bias")), observations),
+    alone, together = (
+        answered(model, observations)
+        for model in (plain, in_python(plain, Sized.of_library("slope_bias")))
     )
+    assert alone[-1].disagreements
+    assert not any(each.disagreements for each in together)
+    before = [each.estimate for each in alone if not each.disagreements][-1]
+    after = together[-1].estimate
     size = after.effects[0]
     assert (size.name, size.unit) == ("slope_bias", "rad")
     assert abs(size.mean - TILT) < 3.0 * size.sd < TILT
