@@ -65,6 +65,7 @@ class UpdateSpan:
 
     stamp_ns: int
     estimate: Estimate
+    disagrees: bool = False  # whether that estimate is the prior's, as the model does not fit
     count: int = 0  # observations
     change_probability: float = math.nan  # the largest
     errors: Errors = field(default_factory=Errors)
@@ -76,6 +77,7 @@ class UpdateSpan:
         """Add one more observation, and the outcomes that it settles."""
         self.count += 1
         self.stamp_ns, self.estimate = update.stamp_ns, update.estimate
+        self.disagrees = bool(update.disagreements)
         self.change_probability = _larger(
             self.change_probability, update.estimate.change_probability
         )
@@ -90,6 +92,7 @@ class UpdateSpan:
         return UpdateSpan(
             later.stamp_ns,
             later.estimate,
+            later.disagrees,
             self.count + later.count,
             _larger(self.change_probability, later.change_probability),
             self.errors + later.errors,

@@ -199,12 +199,12 @@ def _times(run: ReplayedRun, spans: Sequence[UpdateSpan] | Sequence[WheelSpan] =
 
 
 def _strengths(key: str, run: ReplayedRun, truths: Sequence[tuple[float, float]]) -> list[Picture]:
-    estimates, time_s = [span.estimate for span in run.history.spans], _times(run)
+    time_s = _times(run)
     return [
         bands(
             f"{key}-{('cohesion', 'tan-phi')[k]}",
             title,
-            _course(estimates, [scale * true[k] for true in truths], time_s, k, scale),
+            _course(run.history.spans, [scale * true[k] for true in truths], time_s, k, scale),
             axis,
         )
         for k, (title, axis, _, scale) in enumerate(_QUANTITIES)
@@ -212,8 +212,9 @@ def _strengths(key: str, run: ReplayedRun, truths: Sequence[tuple[float, float]]
 
 
 def _course(
-    estimates: Sequence[Estimate], truth: list[float], time_s: list[float], k: int, scale: float
+    spans: Sequence[UpdateSpan], truth: list[float], time_s: list[float], k: int, scale: float
 ) -> Course:
+    estimates = [span.estimate for span in spans]
     means, sds = (
         [scale * float(each.mean[k]) for each in estimates],
         [scale * _sd(each, k) for each in estimates],
@@ -228,6 +229,7 @@ def _course(
             [scale * float(each.upper_95[k]) for each in estimates],
         ),
         truth,
+        [span.disagrees for span in spans],
     )
 
 

@@ -46,6 +46,7 @@ class Course:
     band_68: tuple[Sequence[float], Sequence[float]]
     band_95: tuple[Sequence[float], Sequence[float]]
     truth: Sequence[float]
+    withheld: Sequence[bool]  # where the prior stands, as the model does not fit
 
 
 def bands(name: str, title: str, course: Course, axis: str) -> Picture:
@@ -60,6 +61,20 @@ def bands(name: str, title: str, course: Course, axis: str) -> Picture:
                 course.time_s, low, high, color=AFTER, alpha=alpha, linewidth=0.0, label=label
             )
         axes.plot(course.time_s, course.mean, color=AFTER, label="estimate")
+        if any(course.withheld):
+            axes.fill_between(
+                course.time_s,
+                0.0,
+                1.0,
+                where=list(course.withheld),
+                step="pre",
+                transform=axes.get_xaxis_transform(),
+                facecolor="none",
+                edgecolor=QUIET,
+                hatch="///",
+                linewidth=0.0,
+                label="no estimate: the prior",
+            )
         if known:
             axes.step(
                 course.time_s,
@@ -76,6 +91,9 @@ def bands(name: str, title: str, course: Course, axis: str) -> Picture:
     head = (_TIME, "estimate", "68 % from", "to", "95 % from", "to", "truth")
     columns = (course.mean, *course.band_68, *course.band_95, course.truth)
     truth = f"; the truth there is {course.truth[-1]:.3g}" if known else ""
+    if any(course.withheld):
+        share = sum(course.withheld) / len(course.withheld)
+        truth += f"; in {share:.0%} of the time it is the prior, as the model does not fit"
     words = (
         f"{title} over {course.time_s[-1]:.0f} s: from {course.mean[0]:.3g} to"
         f" {course.mean[-1]:.3g}, at the end with 95 % between {course.band_95[0][-1]:.3g} and"

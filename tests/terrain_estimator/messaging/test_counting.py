@@ -31,7 +31,7 @@ from terrain_estimator.messaging.history import (
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.update import Update
+from terrain_estimator.update import Disagreement, Update
 from tests.terrain_estimator.updates import update
 
 MS = 1_000_000
@@ -132,6 +132,7 @@ def test_a_span_holds_the_last_estimate_and_the_largest_change() -> None:
         )
         for k, change in enumerate((0.2, math.nan, 0.7, 0.1))
     ]
+    made[1] = dataclasses.replace(made[1], disagreements=(Disagreement("it misses", "check"),))
     halves = []
     for part in (made[:2], made[2:]):
         span = UpdateSpan(part[0].stamp_ns, part[0].estimate)
@@ -141,6 +142,9 @@ def test_a_span_holds_the_last_estimate_and_the_largest_change() -> None:
     whole = halves[0] + halves[1]
     assert whole.stamp_ns == made[-1].stamp_ns
     assert whole.estimate is made[-1].estimate
+    assert [half.disagrees for half in halves] == [True, False]
+    assert not whole.disagrees
+    assert (halves[1] + halves[0]).disagrees
     assert [half.change_probability for half in halves] == [0.2, 0.7]
     assert whole.change_probability == 0.7
     assert (halves[1] + halves[0]).change_probability == 0.7

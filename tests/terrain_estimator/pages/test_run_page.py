@@ -66,6 +66,15 @@ def test_a_run_whose_model_does_not_fit_has_no_estimate() -> None:
     assert "seconds of driving were taken, and" in text
 
 
+def test_where_the_estimate_was_withheld_the_pictures_say_so() -> None:
+    withheld = run()
+    for k, span in enumerate(withheld.history.spans):
+        span.disagrees = 4 * k >= 3 * len(withheld.history.spans)
+    text = run_page([withheld], ORIGIN)
+    assert text.count("in 25% of the time it is the prior, as the model does not fit") == 2
+    assert "it is the prior" not in one()
+
+
 def test_without_truth_none_is_drawn_and_the_page_says_so() -> None:
     text = run_page([run(true=False)], ORIGIN)
     assert "The bag does not contain the true ground." in text
