@@ -222,7 +222,8 @@ class Estimator:
     @property
     def _disagreements(self) -> tuple[Disagreement, ...]:
         """Reasons why the model does not fit, each of which withholds the estimate."""
-        return mostly_refused(self._intake.seconds) + self._inconsistent
+        # seconds are refused for their misfit: one of both reasons says all
+        return mostly_refused(self._intake.seconds) or self._inconsistent
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
