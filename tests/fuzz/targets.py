@@ -31,12 +31,7 @@ from terrain_estimator.bags.recovery.recovery import recover
 from terrain_estimator.config.estimator import EstimatorConfig, EstimatorNodeConfig
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.saved_state import (
-    StateFileError,
-    pack_state,
-    read_state,
-    unpack_state,
-)
+from terrain_estimator.estimator.saved_state import StateFileError, pack_state, unpack_state
 from terrain_estimator.importing.mapping import Mapping, read_mapping
 from terrain_estimator.importing.samples import CsvError, read_samples
 from terrain_estimator.model.archive import ArchiveError, checked_archive
@@ -47,6 +42,7 @@ from terrain_estimator.model.model_file import (
     load_model,
     read_metadata,
 )
+from terrain_estimator.state_files import read_state
 from terramechanics.presets import PRESETS
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover

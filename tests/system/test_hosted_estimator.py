@@ -18,12 +18,13 @@ from std_srvs.srv import Trigger
 
 from msg_defs.msg import EstimatorHealth, TerrainEstimate
 from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.estimator.saved_state import read_state, write_state
+from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.diagnostics import Level
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.nodes.common import lifecycle, message_types, state_file
 from terrain_estimator.nodes.estimator import EstimatorNode
+from terrain_estimator.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener
@@ -280,9 +281,9 @@ def test_while_the_disk_hangs_it_estimates_and_serves_and_a_state_is_saved_once_
     def write(path: Path, content: bytes) -> None:
         hangs.set()
         assert answers.wait(60.0)
-        write_state(path, content)
+        write_file(path, content)
 
-    monkeypatch.setattr(state_file, "write_state", write)
+    monkeypatch.setattr(state_file, "write_file", write)
     parameters = [Parameter("state.file", value=str(path))]
     node = listener.host(
         partial(EstimatorNode, threading.Event()),

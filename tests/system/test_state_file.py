@@ -30,7 +30,7 @@ def test_whatever_a_write_raises_is_said_once_and_the_next_state_is_written(
             raise error
         written.append(content)
 
-    monkeypatch.setattr(state_file, "write_state", write)
+    monkeypatch.setattr(state_file, "write_file", write)
     writer = state_file.StateFileWriter(tmp_path / "state", said.append)
     for words in ("No space left on device", "embedded null byte"):
         with pytest.raises((OSError, ValueError), match=words):
@@ -55,7 +55,7 @@ def test_a_disk_that_hangs_is_reported_and_is_not_waited_for(
         assert answers.wait(60.0)
         written.append(content)
 
-    monkeypatch.setattr(state_file, "write_state", write)
+    monkeypatch.setattr(state_file, "write_file", write)
     writer = state_file.StateFileWriter(tmp_path / "state", said.append)
     first = writer.write(b"first")
     assert hangs.wait(20.0)
@@ -102,7 +102,7 @@ def test_a_state_file_has_one_writer_until_all_is_written(
         hangs.set()
         assert answers.wait(60.0)
 
-    monkeypatch.setattr(state_file, "write_state", write)
+    monkeypatch.setattr(state_file, "write_file", write)
     first = state_file.StateFileWriter(tmp_path / "state", lambda _: None)
     state_file.StateFileWriter(tmp_path / "other", pytest.fail).close()
     first.write(b"state")

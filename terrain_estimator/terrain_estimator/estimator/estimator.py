@@ -67,8 +67,8 @@ class Estimator:
         self._sequence = 0
         self.reopened = 0  # times that the prior came back by itself
         self.reset()
-        self._prior = self._estimate
-        if reason := unsound(self._estimate, NOTHING_PREDICTED):
+        self._prior = self._published.estimate
+        if reason := unsound(self._prior, NOTHING_PREDICTED):
             raise ConfigError(
                 f"parameters prior.*: the prior's {reason}: give means and deviations of soils, in"
                 " Pa and 1"
@@ -92,7 +92,7 @@ class Estimator:
         self._change = 0.0  # probability that the ground changed, as of the last closed block
         self._doubt = 0.0  # probability that the ground is one that no block fitted yet
         self._forecast = (_NAN, _NAN)  # of the velocity at the next observation: mean and variance
-        self._estimate = self._summarise()
+        self._summarise()
 
     def _start(self) -> State:
         """Return the model's state before the first observation, with the prior in use."""
@@ -184,13 +184,11 @@ class Estimator:
                 self._step_s,
             )
             state, last, counts = judged(arrays, parts)
-        kept = self.__dict__.copy()
-        self._state, self._last = state, last
-        self._count(counts)
-        self._estimate = self._summarise()
-        if reason := unsound(self._estimate, NOTHING_PREDICTED):
-            self.__dict__.update(kept)
+        summary = self._summary(state, counts.doubt)
+        if reason := unsound(summary.estimate, NOTHING_PREDICTED):
             raise StateFileError(f"the state gives no estimate: {reason}: {ADVICE}")
+        self._state, self._last, self._published = state, last, summary
+        self._count(counts)
 
     def _count(self, counts: Counts) -> None:
         """Go on from the counts and numbers of a saved state."""
@@ -271,7 +269,7 @@ class Estimator:
             return refusal, None
         settled = self._keep(observation, state, report)
         if report.closed or not linked:
-            self._estimate = self._summarise()
+            self._summarise()
         # no acceleration is known right after a gap
         forecast = Forecast(report.velocity, report.variance, observation.velocity_sd**2)
         return self._accepted(screening, torque, report, settled), forecast
@@ -316,7 +314,7 @@ class Estimator:
         self._doubt = self._change
         detail = "the last second fits no ground that the model knows, and is left out: this"
         detail += f" observation and {settled} before it{self._contradict()}"
-        self._estimate = self._summarise()
+        self._summarise()
         return Decision(Outcome.GATED, (), report.misfit, threshold, degrees, detail, settled)
 
     def _contradict(self) -> str:
@@ -370,23 +368,24 @@ class Estimator:
             settled,
         )
 
-    def _summarise(self) -> Estimate:
-        """Return the estimate of the state, with NaN where its numbers give none."""
-        with running(), np.errstate(all="ignore"):
-            return self._summary()
+    def _summarise(self) -> None:
+        """Publish the present state from the next answer on."""
+        self._published = self._summary(self._state, self._doubt)
 
-    def _summary(self) -> Estimate:
-        values = self._module.estimate(self._state).numpy()
-        sizes = self._module.effects(self._state).tolist() if self._effects else ()
-        mean, covariance = inflated(values[0], values[1:], self._beliefs, self._doubt)
-        self._condition = _condition(covariance)
-        soils = tuple(min(probability, 1.0) for probability in self._state["soils"].tolist())
-        estimate = summarise(mean, covariance, self._beliefs, soils)
+    def _summary(self, state: State, doubt: float) -> "Summary":
+        """Return the estimate of a state, with NaN where its numbers give none."""
+        with running(), np.errstate(all="ignore"):
+            values = self._module.estimate(state).numpy()
+            sizes = self._module.effects(state).tolist() if self._effects else ()
+            mean, covariance = inflated(values[0], values[1:], self._beliefs, doubt)
+            condition = _condition(covariance)
+            soils = tuple(min(probability, 1.0) for probability in state["soils"].tolist())
+            estimate = summarise(mean, covariance, self._beliefs, soils)
         effects = [
             NamedEffect(effect.name, effect.unit, mean, deviation(variance))
             for effect, (mean, variance) in zip(self._effects, sizes, strict=True)
         ]
-        return dataclasses.replace(estimate, effects=tuple(effects))
+        return Summary(dataclasses.replace(estimate, effects=tuple(effects)), condition)
 
     def _answer(
         self, stamp_ns: int, decision: Decision, prediction: Prediction | None = None
@@ -408,7 +407,7 @@ class Estimator:
     def _update(self, stamp_ns: int, decision: Decision, prediction: Prediction) -> Update:
         intake, disagreements = self._intake, self._disagreements
         estimate = dataclasses.replace(
-            self._prior if disagreements else self._estimate,
+            self._prior if disagreements else self._published.estimate,
             observations_used=intake.used,
             observations_waiting=intake.waiting,
             time_used_s=intake.time_used_s,
@@ -421,7 +420,7 @@ class Estimator:
             estimate=estimate,
             prediction=prediction,
             decision=decision,
-            condition_number=self._condition,
+            condition_number=self._published.condition,
             disagreements=disagreements,
         )
 
@@ -431,6 +430,13 @@ def _condition(covariance: Floats) -> float:
     spread = deviation(float(covariance[0, 0]) * float(covariance[1, 1]))
     correlation = abs(float(covariance[0, 1])) / spread if spread > 0.0 else _NAN
     return (1.0 + correlation) / max(1.0 - correlation, float(np.finfo(np.float64).eps))
+
+
+class Summary(NamedTuple):
+    """What the state says of the ground."""
+
+    estimate: Estimate
+    condition: float  # [1] number of the covariance of c and tan phi, scaled to unit diagonal
 
 
 class Forecast(NamedTuple):

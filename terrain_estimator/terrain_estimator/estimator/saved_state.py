@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator's state as a file, from which a node that starts again goes on.
+"""The estimator's state as the bytes of a file, from which a node that starts again goes on.
 
 One line of JSON describes the file (version, model, size and sha256 of the rest); NumPy's npz of
 plain arrays follows, which is never unpickled. A file that is cut, changed, of another version or
@@ -12,19 +12,17 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rover_parameters.regular_file import open_regular
-from terrain_estimator.files.atomic import write_file
-
 VERSION = 2
 _FORMAT = "terrain_estimator state"
 _BEGINNING = json.dumps({"format": _FORMAT}).removesuffix("}").encode()
-_LARGEST_FILE = 16 << 20
+BEGINNING_SIZE = len(_BEGINNING)
+LARGEST_FILE = 16 << 20
+"""[bytes] States of six wheels have 0.1 % of it."""
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 """Plain arrays by name."""
@@ -85,42 +83,19 @@ def _arrays(payload: bytes) -> dict[str, NDArray[Any]]:
     """
     with zipfile.ZipFile(io.BytesIO(payload)) as archive:
         unpacked = sum(entry.file_size for entry in archive.infolist())
-    if unpacked > _LARGEST_FILE:
+    if unpacked > LARGEST_FILE:
         raise ValueError(f"unpacks to {unpacked} bytes")
     with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}
 
 
-def is_foreign(path: Path) -> bool:
-    """Return whether a file never was a state. Raises OSError.
+def never_was_state(beginning: bytes) -> bool:
+    """Return whether a file that begins so never was a state.
 
-    One that was begins as one, or is empty or all zeros, as a power cut may leave it.
+    One that was begins as one, or is empty or all zeros, as a power cut may leave it. ``beginning``
+    are the first BEGINNING_SIZE bytes of the file.
     """
-    with open_regular(path) as file:
-        found = file.read(len(_BEGINNING))
-    return found != _BEGINNING and any(found)
-
-
-def read_state(path: Path, model_sha256: str) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a state file. Raises StateFileError."""
-    try:
-        with open_regular(path) as file:
-            content = file.read(_LARGEST_FILE + 1)
-    except OSError as error:
-        raise StateFileError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(content) > _LARGEST_FILE:
-        raise StateFileError(
-            f"{path}: is larger than {_LARGEST_FILE} bytes, so it is no state file"
-        )
-    return unpack_state(content, model_sha256, str(path))
-
-
-def write_state(path: Path, content: bytes) -> None:
-    """Replace a state file so that a crash leaves the old one or the new one.
-
-    Raises OSError; the old one is untouched then.
-    """
-    write_file(path, content)
+    return beginning != _BEGINNING and any(beginning)
 
 
 def _header(line: bytes, where: str) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 
 from rover_parameters.command_line import run
 from terrain_estimator.config.estimator import EstimatorNodeConfig
-from terrain_estimator.estimator.saved_state import StateFileError, pack_state, read_state
+from terrain_estimator.estimator.saved_state import StateFileError, pack_state
 from terrain_estimator.messaging.averaging import Rate, Treatment
 from terrain_estimator.messaging.diagnostics import REQUIRED, CheckResult
 from terrain_estimator.messaging.health import HealthMonitor
@@ -42,6 +42,7 @@ from terrain_estimator.nodes.common.state_file import (
     in_thread,
     restore,
 )
+from terrain_estimator.state_files import read_state
 from terrain_estimator.topics import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz

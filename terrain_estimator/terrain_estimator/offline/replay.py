@@ -29,7 +29,7 @@ from terrain_estimator.bags import (
 )
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.estimator.saved_state import Arrays, read_state
+from terrain_estimator.estimator.saved_state import Arrays
 from terrain_estimator.messaging.averaging import RateCounts
 from terrain_estimator.messaging.conversion import Conversion
 from terrain_estimator.messaging.health import RefusalCounts
@@ -42,6 +42,7 @@ from terrain_estimator.messaging.settled import SettledOutcomes
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.offline.estimation_process import Answered, Converted, answering
 from terrain_estimator.offline.topic_mapping import check_inputs
+from terrain_estimator.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from terrain_estimator.update import Disagreement
 

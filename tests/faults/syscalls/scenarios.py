@@ -21,11 +21,12 @@ from terrain_estimator.bags import BagError, BagReader, BagWriter, Types
 from terrain_estimator.cli import recover_bag, replay
 from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.config.recorder import RecorderConfig
-from terrain_estimator.estimator.saved_state import pack_state, read_state
+from terrain_estimator.estimator.saved_state import pack_state
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.state_file import StateFileWriter, restore
+from terrain_estimator.state_files import read_state
 from tests.drives import drive_messages, write_bag
 
 MESSAGES, SIZE = 30, 100_000

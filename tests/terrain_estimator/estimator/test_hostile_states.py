@@ -123,7 +123,7 @@ def test_whatever_is_in_the_state_nothing_unsound_is_published(
         estimator.update(observation)
     estimator._state[part] = torch.full_like(estimator._state[part], value)
     if part.startswith("strength"):
-        estimator._estimate = estimator._summarise()
+        estimator._summarise()
     updates = [estimator.update(observation) for observation in drive[15:40]]
     assert [unsound(each.estimate, each.prediction) for each in updates] == [""] * len(updates)
     if part == "strength_covariance":

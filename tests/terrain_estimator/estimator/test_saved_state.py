@@ -17,15 +17,11 @@ import pytest
 from rover_parameters.parameters import configure
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
-from terrain_estimator.estimator.saved_state import (
-    StateFileError,
-    pack_state,
-    read_state,
-    unpack_state,
-    write_state,
-)
+from terrain_estimator.estimator.saved_state import StateFileError, pack_state, unpack_state
+from terrain_estimator.files.atomic import write_file
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
+from terrain_estimator.state_files import read_state
 from tests.terrain_estimator.drives import drive_observations
 
 SAVED_AFTER = 63  # in the middle of a block
@@ -199,14 +195,14 @@ def test_a_write_that_fails_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.state"
-    write_state(path, b"old")
+    write_file(path, b"old")
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OSError, match="No space"):
-        write_state(path, b"new")
+        write_file(path, b"new")
     assert path.read_bytes() == b"old"
     assert [file.name for file in tmp_path.iterdir()] == ["a.state"]
 
@@ -219,7 +215,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_two_that_write_at_once_both_succeed(tmp_path: Path) -> None:
     path = tmp_path / "ground.state"
     with ThreadPoolExecutor(4) as pool:
-        for written in [pool.submit(write_state, path, bytes([k]) * 10_000) for k in range(100)]:
+        for written in [pool.submit(write_file, path, bytes([k]) * 10_000) for k in range(100)]:
             written.result()
     content = path.read_bytes()
     assert content == content[:1] * 10_000

@@ -15,13 +15,15 @@ import pytest
 from terrain_estimator.bags import BagReader, BagWriter, Split, Types
 from terrain_estimator.cli import recover_bag, replay
 from terrain_estimator.config.estimator import EstimatorConfig
-from terrain_estimator.estimator.saved_state import pack_state, read_state, write_state
+from terrain_estimator.estimator.saved_state import pack_state
+from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.messages import Status
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.offline.replay import Replay
 from terrain_estimator.offline.summary import print_table
 from terrain_estimator.outcome import Outcome
+from terrain_estimator.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import START_NS, STEP_NS, Event, drive_messages, write_bag
 from tests.terrain_estimator.offline.replays import SECONDS, estimates, identical, run
@@ -358,7 +360,7 @@ def test_a_node_that_went_on_from_a_saved_state_is_repeated_from_it_and_lost_mes
     for name, _, message in events[:115]:
         before.add(name, message)
     state = tmp_path / "ground.state"
-    write_state(state, pack_state(before.save(), model.sha256))
+    write_file(state, pack_state(before.save(), model.sha256))
     live.restore(read_state(state, model.sha256))
     lost = {("wheel_slip", 30), ("wheel_slip", 31), ("wheel_sinkage", 35)}
     with BagWriter(tmp_path / "recorded", recording=True, split=Split(duration_s=0.5)) as writer:

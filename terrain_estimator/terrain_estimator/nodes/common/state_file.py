@@ -19,15 +19,11 @@ from typing import BinaryIO, TypeVar
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from terrain_estimator.bags.writing.worker import Worker
-from terrain_estimator.estimator.saved_state import (
-    StateFileError,
-    is_foreign,
-    read_state,
-    write_state,
-)
+from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.diagnostics import SAVING, CheckResult
 from terrain_estimator.messaging.pipeline import Pipeline
+from terrain_estimator.state_files import is_foreign, read_state
 
 REFUSED, LOADED = ".refused", ".loaded"
 """Endings of the names of a state file that was put aside, and of a copy for replays."""
@@ -92,7 +88,7 @@ class StateFileWriter:
             content, self._content = self._content, None
         assert content is not None
         try:
-            write_state(self.path, content)
+            write_file(self.path, content)
         except Exception as error:
             reason = str(error).removeprefix(f"{self.path}: ") or type(error).__name__
             if not self._error:
