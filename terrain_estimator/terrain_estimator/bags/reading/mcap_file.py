@@ -5,7 +5,6 @@
 import struct
 import zlib
 from bisect import bisect_right
-from collections import Counter
 from collections.abc import Callable, Iterator
 from operator import itemgetter
 from pathlib import Path
@@ -28,6 +27,7 @@ from mcap.well_known import Profile
 from rover_parameters.regular_file import open_regular
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.metadata import TimeSpan
+from terrain_estimator.bags.reading.contents import Contents
 from terrain_estimator.bags.reading.records import (
     HEAD,
     LARGEST_CONTENTS,
@@ -63,13 +63,7 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         """Open the file and read its summary, or scan it where it has none."""
         self.path = path
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
-        self.counts: Counter[int] = Counter()
-        self.span = TimeSpan()
-        self.metadata: list[Metadata] = []
-        self.notes: list[str] = []
-        self.finished = False
+        self.contents = Contents(finished=False)
         self._chunks: list[ChunkIndex] = []
         try:
             self._file: BinaryIO = open_regular(path)
@@ -156,7 +150,7 @@ class McapFile:
         opcode, length = HEAD.unpack_from(tail)
         if (opcode, length) != (Opcode.FOOTER, 20) or not tail.endswith(MAGIC):
             return 0
-        self.finished = True
+        self.contents.finished = True
         footer = parse(Footer, tail[HEAD.size :])
         if not footer.summary_start:
             return 0
@@ -194,13 +188,13 @@ class McapFile:
                     self._note(record, unpacker)
         if (
             statistics is None
-            or len(self.channels) != statistics.channel_count
+            or len(self.contents.channels) != statistics.channel_count
             or len(self._chunks) != statistics.chunk_count
         ):
             return False
-        self.counts.update(statistics.channel_message_counts)
+        self.contents.counts.update(statistics.channel_message_counts)
         if statistics.message_count:
-            self.span = TimeSpan(
+            self.contents.span = TimeSpan(
                 statistics.message_start_time, statistics.message_end_time, statistics.message_count
             )
         self._chunks.sort(key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset))
@@ -209,7 +203,7 @@ class McapFile:
     def _read_metadata(self, index: MetadataIndex) -> None:
         record = first_record(self._file, index.offset, index.offset + index.length)
         if record is not None and record.whole and record.opcode == Opcode.METADATA:
-            self.metadata.append(parse(Metadata, record.payload))
+            self.contents.metadata.append(parse(Metadata, record.payload))
 
     def _note(self, record: Record, unpacker: Unpacker) -> None:
         """Register a record of the data section: a schema, channel, metadata record or message."""
@@ -223,31 +217,31 @@ class McapFile:
                 return
             case Opcode.SCHEMA:
                 schema = parse(Schema, record.payload)
-                self.schemas[schema.id] = schema
+                self.contents.schemas[schema.id] = schema
             case Opcode.CHANNEL:
                 channel = parse(Channel, record.payload)
-                self.channels[channel.id] = channel
+                self.contents.channels[channel.id] = channel
             case Opcode.METADATA:
-                self.metadata.append(parse(Metadata, record.payload))
+                self.contents.metadata.append(parse(Metadata, record.payload))
             case Opcode.MESSAGE:
                 self._count(message_of(record.payload))
 
     def _count(self, message: StoredMessage) -> None:
-        if message.channel_id not in self.channels:
+        if message.channel_id not in self.contents.channels:
             msg = (
                 f"{self.path} is damaged: a message of channel {message.channel_id}, which is not"
                 " described; copy the file again"
             )
             raise BagError(msg)
-        self.counts[message.channel_id] += 1
-        self.span.add(message.log_time_ns)
+        self.contents.counts[message.channel_id] += 1
+        self.contents.span.add(message.log_time_ns)
 
     def _data_records(self) -> Iterator[Record]:
         for record in scan(self._file, len(MAGIC), self._end):
             if record.opcode == Opcode.DATA_END:
                 return
             yield record
-        if self.finished:
+        if self.contents.finished:
             msg = (
                 f"{self.path} is damaged: the end of its data is not where it should be; copy the"
                 " file again from its source"

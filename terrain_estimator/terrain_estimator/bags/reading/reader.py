@@ -80,12 +80,12 @@ class BagReader:
     @property
     def span(self) -> TimeSpan:
         """Return first and last log time [ns] and the number of messages."""
-        return TimeSpan.of(file.span for file in self._files)
+        return TimeSpan.of(file.contents.span for file in self._files)
 
     @property
     def finished(self) -> bool:
         """Return whether every file was closed cleanly."""
-        return all(file.finished for file in self._files) and not self._left_out
+        return all(file.contents.finished for file in self._files) and not self._left_out
 
     @property
     def missing_s(self) -> float | None:
@@ -101,9 +101,9 @@ class BagReader:
     def notes(self) -> list[str]:
         """Return what a user should know about the state of the bag, one sentence each."""
         return (
-            [self._unfinished_note(file) for file in self._files if not file.finished]
+            [self._unfinished_note(file) for file in self._files if not file.contents.finished]
             + self._left_out
-            + [note for file in self._files for note in file.notes]
+            + [note for file in self._files for note in file.contents.notes]
             + self.schema_differences()
         )
 
@@ -113,7 +113,7 @@ class BagReader:
         return {
             record.name: record.metadata
             for file in self._files
-            for record in file.metadata
+            for record in file.contents.metadata
             if record.name != ROSBAG2_RECORD
         }
 
@@ -130,7 +130,8 @@ class BagReader:
         """
         wanted = frozenset(self.topics if topics is None else topics)
         files = sorted(
-            (file for file in self._files if file.span.count), key=lambda file: file.span.first_ns
+            (file for file in self._files if file.contents.span.count),
+            key=lambda file: file.contents.span.first_ns,
         )
         streams = [_of_file(file, wanted) for file in files]
         if _overlap(files):
@@ -247,13 +248,14 @@ class BagReader:
             f"{file.path} ends without a footer (the recorder was killed, or the copy is"
             " incomplete)"
         )
-        if not file.span.count:
+        span = file.contents.span
+        if not span.count:
             return f"{start}; it holds no messages"
         missing = self.missing_s
         if missing is None or self._stored is None or file is not self._files[-1]:
             return (
-                f"{start}; last message at {file.span.last_ns / 1e9:.3f} s,"
-                f" {file.span.duration_ns / 1e9:.3f} s after the first"
+                f"{start}; last message at {span.last_ns / 1e9:.3f} s,"
+                f" {span.duration_ns / 1e9:.3f} s after the first"
             )
         return (
             f"{start}; {missing:.3f} s and {self._stored.span.count - self.span.count} messages are"
@@ -307,9 +309,9 @@ def _merge_topics(files: list[StorageFile]) -> dict[str, TopicInfo]:
     topics: dict[str, TopicInfo] = {}
     counts: Counter[str] = Counter()
     for file in files:
-        for channel in file.channels.values():
-            schema = file.schemas.get(channel.schema_id)
-            type_name = schema.name if schema else ""
+        for channel in file.contents.channels.values():
+            schema = file.contents.schemas.get(channel.schema_id)
+            type_name = file.contents.type_name(channel)
             known = topics.get(channel.topic)
             if known and known.type_name != type_name:
                 msg = (
@@ -317,7 +319,7 @@ def _merge_topics(files: list[StorageFile]) -> dict[str, TopicInfo]:
                     " split the bag with `ros2 bag convert`"
                 )
                 raise BagError(msg)
-            counts[channel.topic] += file.counts[channel.id]
+            counts[channel.topic] += file.contents.counts[channel.id]
             definition = None
             if (
                 schema
@@ -340,13 +342,10 @@ def _merge_topics(files: list[StorageFile]) -> dict[str, TopicInfo]:
 
 
 def _of_file(file: StorageFile, topics: frozenset[str]) -> Iterator[RawMessage]:
+    contents = file.contents
     build = {
-        channel.id: partial(
-            RawMessage,
-            channel.topic,
-            file.schemas[channel.schema_id].name if channel.schema_id in file.schemas else "",
-        )
-        for channel in file.channels.values()
+        channel.id: partial(RawMessage, channel.topic, contents.type_name(channel))
+        for channel in contents.channels.values()
         if channel.topic in topics
     }
     for log_time, channel_id, publish_time, data in file.messages(frozenset(build)):
@@ -358,8 +357,9 @@ def _overlap(files: list[StorageFile]) -> bool:
 
     Parts of a split recording rarely do.
     """
-    ends = accumulate((file.span.last_ns for file in files), max)
-    return any(file.span.first_ns < end for file, end in zip(files[1:], ends, strict=False))
+    spans = [file.contents.span for file in files]
+    ends = accumulate((span.last_ns for span in spans), max)
+    return any(span.first_ns < end for span, end in zip(spans[1:], ends, strict=False))
 
 
 def _installed(type_name: str) -> Definition | None:

@@ -3,7 +3,6 @@
 """Read one SQLite file of a bag (storage sqlite3), through the rosbags library."""
 
 import sqlite3
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 import apsw
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2.errors import ReaderError
@@ -22,6 +21,7 @@ from rover_parameters.yaml_files import parse_yaml
 from terrain_estimator.bags.errors import BagError
 from terrain_estimator.bags.format.definitions import installed_definition
 from terrain_estimator.bags.format.metadata import TimeSpan
+from terrain_estimator.bags.reading.contents import Contents
 from terrain_estimator.bags.reading.records import LARGEST_CONTENTS, StoredMessage
 
 MAGIC = b"SQLite format 3\x00"
@@ -45,13 +45,7 @@ class SqliteFile:
     def __init__(self, path: Path) -> None:
         """Check the file's tables, then open it and read its contents."""
         self.path = path
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
-        self.counts: Counter[int] = Counter()
-        self.span = TimeSpan()
-        self.metadata: list[Metadata] = []
-        self.notes: list[str] = []
-        self.finished = True
+        self.contents = Contents(finished=True)
         _refuse_unclosed(path)
         # rosbags makes a URI of the path
         self._reader = Sqlite3Reader(Path(quote(str(path.resolve()))))
@@ -102,16 +96,16 @@ class SqliteFile:
     def _read_contents(self, qos: Mapping[int, str]) -> None:
         undefined: set[str] = set()
         for each in self._reader.connections:
-            self.schemas[each.id] = self._schema(each, undefined)
-            self.channels[each.id] = _channel(each, qos.get(each.id, ""))
-            self.counts[each.id] = each.msgcount
+            self.contents.schemas[each.id] = self._schema(each, undefined)
+            self.contents.channels[each.id] = _channel(each, qos.get(each.id, ""))
+            self.contents.counts[each.id] = each.msgcount
         known = self._reader.metadata
         if known.message_count:
             # rosbags counts the end as one beyond the last message
-            self.span = TimeSpan(known.start_time, known.end_time - 1, known.message_count)
+            self.contents.span = TimeSpan(known.start_time, known.end_time - 1, known.message_count)
         if undefined:
             names = ", ".join(sorted(undefined))
-            self.notes.append(
+            self.contents.notes.append(
                 f"{self.path} has no definition of {names}: the installed one stands in"
             )
 

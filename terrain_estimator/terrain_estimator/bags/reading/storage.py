@@ -4,18 +4,16 @@
 
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
 import zstandard
-from mcap.records import Channel, Metadata, Schema
 
 from rover_parameters.regular_file import open_regular
 from terrain_estimator.bags.errors import BagError
-from terrain_estimator.bags.format.metadata import TimeSpan
 from terrain_estimator.bags.reading import sqlite_file
+from terrain_estimator.bags.reading.contents import Contents
 from terrain_estimator.bags.reading.mcap_file import McapFile
 from terrain_estimator.bags.reading.records import LARGEST_CONTENTS, StoredMessage
 from terrain_estimator.bags.reading.sqlite_file import SqliteFile
@@ -33,13 +31,7 @@ class StorageFile(Protocol):
     """A file of a bag, in the terms of MCAP."""
 
     path: Path
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    counts: Counter[int]
-    span: TimeSpan
-    metadata: list[Metadata]
-    notes: list[str]
-    finished: bool
+    contents: Contents
 
     def messages(self, wanted: frozenset[int]) -> Iterator[StoredMessage]:
         """Yield the messages of the wanted channels by log time."""
