@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test colcon-test first-use lint train accuracy change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag consistency pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag consistency pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -16,8 +16,11 @@ demo: workspace  ## drive, estimate, record and replay in one go; results in out
 discover: workspace  ## hide an effect in a simulated rover, find it blind, unseal, open the report; results in out/discover
 	ros2_ws/with python -m tests.terrain_estimator.discovery.discover $(ARGS)
 
-test: workspace  ## all tests, in two processes (ARGS="-n 0" for one)
+test: workspace  ## all tests, slow ones on a short sample, in two processes (ARGS="-n 0" for one)
 	OMP_NUM_THREADS=1 ros2_ws/with python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+test-long: workspace  ## all tests, nothing left out
+	LONG_TESTS=1 $(MAKE) test
 
 colcon-test: workspace  ## the tests that each ROS package declares, as colcon runs them
 	cd ros2_ws && ./with colcon test --return-code-on-test-failure $(ARGS)

@@ -15,6 +15,7 @@ from terrain_estimator.console.interrupting import INTERRUPTED
 from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.messaging.arrival_rates import timing
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
+from tests.samples import sampled
 from tests.system.processes import Process, Starter
 from tests.system.waiting import wait_until
 
@@ -69,7 +70,9 @@ def test_the_demo_drives_records_replays_and_draws(
 
 
 @pytest.mark.parametrize(
-    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name
+    "number",
+    sampled([signal.SIGINT, signal.SIGKILL], [signal.SIGINT, signal.SIGTERM, signal.SIGKILL]),
+    ids=lambda number: number.name,
 )
 def test_a_demo_that_is_ended_early_leaves_no_process_behind(
     start: Starter, domain_id: int, tmp_path: Path, number: signal.Signals

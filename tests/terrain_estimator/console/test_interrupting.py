@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Interrupted commands end with one line, and their processes end with them."""
 
+import itertools
 import os
 import re
 import signal
@@ -19,6 +20,7 @@ from terrain_estimator.bags.writing.part import BagTopic
 from terrain_estimator.cli import replay
 from terrain_estimator.console.interrupting import INTERRUPTED, interruptible
 from tests.drives import drive_messages, write_bag
+from tests.samples import sampled
 
 SETUP = Path(__file__).parents[3] / "terrain_estimator" / "setup.py"
 ENDING_S = 30.0
@@ -39,8 +41,14 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
-@pytest.mark.parametrize("send", [os.killpg, os.kill], ids=["group", "first process"])
+@pytest.mark.parametrize(
+    ("number", "send"),
+    sampled(
+        [(signal.SIGINT, os.killpg), (signal.SIGTERM, os.kill)],
+        list(itertools.product([signal.SIGINT, signal.SIGTERM], [os.killpg, os.kill])),
+    ),
+    ids=lambda value: getattr(value, "name", "") or value.__name__,
+)
 def test_all_processes_of_a_long_computation_end_at_once_and_quietly(
     number: signal.Signals, send: Callable[[int, int], None]
 ) -> None:

@@ -14,6 +14,7 @@ from terrain_estimator.estimator.estimator import Estimator
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Decision
+from tests.samples import sampled
 from tests.terrain_estimator.drives import drive_observations
 
 SEEDS = (100, 101, 102)
@@ -32,7 +33,7 @@ def decisions(gate_probability: float) -> list[Decision]:
     return found
 
 
-@pytest.mark.parametrize("probability", [0.1, 0.02])
+@pytest.mark.parametrize("probability", sampled([0.1], [0.1, 0.02]))
 def test_the_gate_of_the_velocity_rejects_the_share_that_it_may(probability: float) -> None:
     """Three drives of 30 s, 900 observations: the count lies in the binomial's central 99.9 %.
 

@@ -17,6 +17,7 @@ from terrain_estimator.learning.regression import Regression
 from terrain_estimator.offline.cluster import ClusterError, cluster
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
+from tests.samples import sampled
 
 ORDER = Order(
     load_rover("mars_rover"), load_soil("loose_sand"), drives=45, seed=11, duration_s=3.0, share=0.4
@@ -38,8 +39,9 @@ def assert_same(first: Regression, second: Regression) -> None:
 
 def test_any_number_of_workers_gives_the_same_data_even_if_one_is_killed(tmp_path: Path) -> None:
     alone = generate(ORDER)
-    with cluster("", workers=1) as spread:
-        assert_same(generate(ORDER, spread), alone)
+    for workers in sampled((), (1,)):
+        with cluster("", workers=workers) as spread:
+            assert_same(generate(ORDER, spread), alone)
     with cluster("", workers=2) as spread:
         marker = tmp_path / "killed"
 

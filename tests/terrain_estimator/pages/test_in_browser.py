@@ -10,6 +10,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 
 from tests.browser import chromium, needs_chromium, opened
+from tests.samples import sampled
 from tests.terrain_estimator.pages import runs
 from tests.terrain_estimator.pages.findings import finding, report
 
@@ -47,11 +48,11 @@ def values(page: Page, selector: str) -> list[float]:
     ("what", "width", "scheme"),
     [
         ("named", PHONE, "dark"),
-        ("named", DESK, "light"),
-        ("confusable", PHONE, "light"),
-        ("unknown", DESK, "dark"),
-        ("none", PHONE, "light"),
+        ("confusable", DESK, "light"),
         ("runs", PHONE, "dark"),
+        *sampled(
+            [], [("named", DESK, "light"), ("unknown", DESK, "dark"), ("none", PHONE, "light")]
+        ),
     ],
 )
 def test_the_report_opens_quietly_fits_and_is_usable_by_everyone(
