@@ -10,7 +10,8 @@ from scipy.stats import norm
 from torch import Tensor
 
 from studies.accuracy.cells import AccuracyCell, CellBatch, Setting, cells
-from studies.accuracy.scores import Judged, Share, pool, share_of, until
+from studies.accuracy.scores import Judged, pool, share_of, until
+from studies.limited import Limited
 from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 
 
@@ -21,7 +22,7 @@ class Claim:
     least: float  # smallest published deviation of any drive, over its bound [1]
     unfounded: float  # share of drives with status identified that the bound does not identify [1]
     covered: (
-        Share | None
+        Limited | None
     )  # by the 95 % interval, of drives with status identified; None without any
 
 

@@ -16,6 +16,7 @@ from scipy.stats import binomtest, chi2, norm
 from torch import Tensor
 
 from studies.batched import Trace
+from studies.limited import Limited
 from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 from terrain_estimator.learning.departures import HIDDEN, Family, random_plant
 from terrain_estimator.learning.tasks import (
@@ -68,15 +69,6 @@ class MeasuredDrives:
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
-    """A share of episodes with its exact binomial confidence limits."""
-
-    share: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
 class ParameterScore:
     """One parameter; tuples are over times, errors relative to the truth."""
 
@@ -84,8 +76,8 @@ class ParameterScore:
     p90_error: tuple[float, ...]
     bound: tuple[float, ...]  # median error of an estimator that reaches the Cramer-Rao bound
     ratio_to_bound: tuple[float, ...]  # median of |error| / bound, 1 for an efficient estimator
-    coverage_95: Share  # at the last time, as what follows
-    coverage_68: Share
+    coverage_95: Limited  # at the last time, as what follows
+    coverage_68: Limited
     identified: float  # share of episodes whose status is identified
     narrowest: float  # 1 % quantile of published deviation / bound
 
@@ -99,7 +91,7 @@ class CellScore:
     cohesion: ParameterScore
     tan_phi: ParameterScore
     # of the 95 % ellipse of (c, tan phi), whose narrow direction the marginals do not show
-    joint_coverage_95: Share
+    joint_coverage_95: Limited
     nll: float  # mean negative log density of the true (c [kPa], tan phi) at the last time [nat]
     nis: float  # misfit of a block over its degrees of freedom, 1 for a consistent estimator
     nis_above_95: float  # share of blocks above the 95 % quantile of chi-square
@@ -277,13 +269,13 @@ def _score_parameter(
     )
 
 
-def share_of(flags: Tensor) -> Share:
+def share_of(flags: Tensor) -> Limited:
     """The share of ``flags`` [N] with its confidence limits (Clopper and Pearson)."""
     limits = binomtest(int(flags.sum()), flags.shape[0]).proportion_ci(CONFIDENCE)
-    return Share(float(flags.double().mean()), float(limits.low), float(limits.high))
+    return Limited(float(flags.double().mean()), float(limits.low), float(limits.high))
 
 
-def _joint_coverage(error: Tensor, covariance: Tensor) -> Share:
+def _joint_coverage(error: Tensor, covariance: Tensor) -> Limited:
     distance = (error * torch.linalg.solve(covariance, error.unsqueeze(-1)).squeeze(-1)).sum(-1)
     return share_of(distance < chi2.ppf(0.95, 2))
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from studies.accuracy.cells import EVERY_ROW, NetShare, ReferenceCheck
 from studies.accuracy.lines import Claim, TableLine
-from studies.accuracy.scores import TIMES_S, ParameterScore, Share
+from studies.accuracy.scores import TIMES_S, ParameterScore
 from studies.accuracy.targets import over_hills, verdicts
+from studies.limited import Limited
 from studies.tables import licence, table
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 
@@ -259,8 +260,8 @@ def _percent(value: float) -> str:
     return f"{100.0 * value:.1f}"
 
 
-def _coverage(share: Share) -> str:
-    return f"{_percent(share.share)} ({_percent(share.low)} to {_percent(share.high)})"
+def _coverage(share: Limited) -> str:
+    return f"{_percent(share.value)} ({_percent(share.low)} to {_percent(share.high)})"
 
 
 def _final(cells: list[TableLine]) -> str:

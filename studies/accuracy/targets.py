@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 from studies.accuracy.cells import TARGET_ROWS
 from studies.accuracy.lines import Claim, TableLine
-from studies.accuracy.scores import TIMES_S, ParameterScore, Share
+from studies.accuracy.scores import TIMES_S, ParameterScore
+from studies.limited import Limited
 
 MOST_OF_BOUND = 1.3
 """[1] Ratio of error to bound."""
@@ -147,15 +148,15 @@ def _narrowest(what: str, lines: list[TableLine]) -> list[Verdict]:
     ]
 
 
-def _shares_95(line: TableLine) -> Iterator[tuple[str, Share]]:
+def _shares_95(line: TableLine) -> Iterator[tuple[str, Limited]]:
     return ((name, parameter.coverage_95) for name, parameter, _ in _parameters(line))
 
 
-def _shares_68(line: TableLine) -> Iterator[tuple[str, Share]]:
+def _shares_68(line: TableLine) -> Iterator[tuple[str, Limited]]:
     return ((name, parameter.coverage_68) for name, parameter, _ in _parameters(line))
 
 
-def _shares_identified(line: TableLine) -> Iterator[tuple[str, Share]]:
+def _shares_identified(line: TableLine) -> Iterator[tuple[str, Limited]]:
     return ((name, claim.covered) for name, _, claim in _parameters(line) if claim.covered)
 
 
@@ -163,7 +164,7 @@ def _of_both(
     what: str,
     lines: list[TableLine],
     bands: Sequence[tuple[str, bool, tuple[float, float]]],
-    shares_of: Callable[[TableLine], Iterator[tuple[str, Share]]],
+    shares_of: Callable[[TableLine], Iterator[tuple[str, Limited]]],
 ) -> Iterator[Verdict]:
     """Judge the coverage of the cells with exact constants, and of those with wrong ones."""
     for constants, wrong, band in bands:
@@ -176,11 +177,11 @@ def _of_both(
         if not shares:
             continue
         missed = [
-            f"{where}: {100 * share.share:.1f}"
+            f"{where}: {100 * share.value:.1f}"
             for share, where in shares
             if not _touches(share, band)
         ]
-        lowest, highest = min(s.share for s, _ in shares), max(s.share for s, _ in shares)
+        lowest, highest = min(s.value for s, _ in shares), max(s.value for s, _ in shares)
         found = f"{100 * lowest:.1f} to {100 * highest:.1f} %"
         found += f"; {len(missed)} of {len(shares)} outside: {'; '.join(missed)}" if missed else ""
         target = (
@@ -189,7 +190,7 @@ def _of_both(
         yield f"{what}, {constants}", target, found, _yes(not missed)
 
 
-def _touches(share: Share, band: tuple[float, float]) -> bool:
+def _touches(share: Limited, band: tuple[float, float]) -> bool:
     return share.low <= band[1] and share.high >= band[0]
 
 

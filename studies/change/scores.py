@@ -13,19 +13,11 @@ from scipy.stats import binom, chi2
 
 from studies.accuracy.scores import CONFIDENCE, share_of
 from studies.change.drives import Change, FalseAlarms, Followed
+from studies.limited import Limited
 
 WORSE = 1.3
 """[1] Recovered: the median error is at most this multiple of the fresh estimator's."""
 NOMINAL = 0.95
-
-
-@dataclass(frozen=True, slots=True)
-class Quantile:
-    """A quantile with its distribution-free confidence limits."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +28,8 @@ class ChangeScore:
     drives: tuple[int, int, int]  # that count; of them still driving after 15 s and after 40 s
     crossing_s: float  # median time until the last axle is on the new ground
     detected: float  # share of drives that detected it within the horizon
-    delay_median_s: Quantile
-    delay_p90_s: Quantile
+    delay_median_s: Limited
+    delay_p90_s: Limited
     # c and tan phi: as good as afresh and covered at the nominal rate from here on; axles across
     recovered_s: tuple[float, float]
     error_15_s: tuple[float, float]  # median relative error after 15 s
@@ -124,7 +116,7 @@ def _good(
     )
 
 
-def quantile_of(values: NDArray[np.float64], share: float) -> Quantile:
+def quantile_of(values: NDArray[np.float64], share: float) -> Limited:
     """Return the quantile of a sample, with order statistics as limits at CONFIDENCE."""
     ordered, count = np.sort(values), values.shape[0]
     low, high = (
@@ -132,7 +124,7 @@ def quantile_of(values: NDArray[np.float64], share: float) -> Quantile:
     )
     last = count - 1
     place = min(max(math.ceil(share * count) - 1, 0), last)
-    return Quantile(
+    return Limited(
         float(ordered[place]),
         float(ordered[min(max(low - 1, 0), last)]),
         float(ordered[min(high, last)]),

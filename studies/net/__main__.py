@@ -17,7 +17,8 @@ import torch
 from docs.provenance import measured
 from studies.accuracy.scores import PARAMETERS, CellScore, ParameterScore
 from studies.command import add_model_option, refuse, study_parser
-from studies.net.study import PLANTS, Comparison, Limits, compare
+from studies.limited import Limited
+from studies.net.study import PLANTS, Comparison, compare
 from studies.records import write_results
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -158,19 +159,19 @@ def table(results: list[Comparison]) -> str:
     return HEADER + "\n".join(lines) + "\n"
 
 
-def _line(score: CellScore, change: Limits | None = None) -> str:
+def _line(score: CellScore, change: Limited | None = None) -> str:
     errors = (
         f"{100.0 * parameter.median_error[-1]:.1f} %"
         for parameter in (score.cohesion, score.tan_phi)
     )
     covered = (_coverage(parameter) for parameter in (score.cohesion, score.tan_phi))
-    changed = f"{change.mean:+.3f} ({change.low:+.3f} to {change.high:+.3f})" if change else ""
+    changed = f"{change.value:+.3f} ({change.low:+.3f} to {change.high:+.3f})" if change else ""
     return " | ".join((*errors, *covered, f"{score.velocity_nll:.3f}", changed, f"{score.nis:.2f}"))
 
 
 def _coverage(parameter: ParameterScore) -> str:
     covered = parameter.coverage_95
-    return f"{100.0 * covered.share:.0f} ({100.0 * covered.low:.0f} to {100.0 * covered.high:.0f})"
+    return f"{100.0 * covered.value:.0f} ({100.0 * covered.low:.0f} to {100.0 * covered.high:.0f})"
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from studies.accuracy.scores import (
     score,
 )
 from studies.batched import Trace, run
+from studies.limited import Limited
 from terrain_estimator.learning.departures import Family
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.terrain.soil import Soil
@@ -37,21 +38,12 @@ _SETTLED = 50  # observations before velocity predictions are judged
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """A mean over drives with its confidence limits."""
-
-    mean: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
 class NetCandidate:
     """A model with the net, beside physics alone on the same drives."""
 
     score: CellScore
     # of the one-step velocity predictive, with the net less without; a mean over drives [nat]
-    nll_change: Limits
+    nll_change: Limited
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +79,12 @@ def compare(
     return Comparison(plant, _score(physics, alone, drives), found)
 
 
-def limits(values: Tensor) -> Limits:
+def limits(values: Tensor) -> Limited:
     """Return the mean of ``values`` [N] that are not NaN, with its limits at CONFIDENCE."""
     values = values[~torch.isnan(values)]
     mean, error = float(values.mean()), float(values.std() / values.shape[0] ** 0.5)
     reach = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * error
-    return Limits(mean, mean - reach, mean + reach)
+    return Limited(mean, mean - reach, mean + reach)
 
 
 def velocity_nll(trace: Trace) -> Tensor:

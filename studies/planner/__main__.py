@@ -16,8 +16,8 @@ import torch
 from docs.provenance import measured
 from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
-from studies.accuracy.scores import Share
 from studies.command import add_model_option, refuse, study_parser
+from studies.limited import Limited
 from studies.planner.patches import PatchOutcome, study
 from studies.planner.scores import PatchScore, score
 from studies.records import write_results
@@ -142,11 +142,11 @@ def _line(name: str, result: PatchScore) -> str:
     return f"| {' | '.join(cells)} |\n"
 
 
-def _percent(share: Share | None) -> str:
+def _percent(share: Limited | None) -> str:
     return (
         "none"
         if share is None
-        else f"{100.0 * share.share:.0f} % ({100.0 * share.low:.0f} to {100.0 * share.high:.0f})"
+        else f"{100.0 * share.value:.0f} % ({100.0 * share.low:.0f} to {100.0 * share.high:.0f})"
     )
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import torch
 
-from studies.accuracy.scores import Share, share_of
+from studies.accuracy.scores import share_of
+from studies.limited import Limited
 from studies.planner.patches import PatchOutcome
 
 
@@ -17,10 +18,10 @@ class PatchScore:
 
     drives: int  # that met their patch
     trapped: int  # that get stuck without the planner
-    saved: Share | None  # of the trapped; None where there is none
+    saved: Limited | None  # of the trapped; None where there is none
     firm_axles: float  # mean number of axles not yet on the patch at the stop of a saved rover
     slip: float  # largest true slip when a saved rover was stopped
-    false_stops: Share | None  # of the drives that pass without the planner
+    false_stops: Limited | None  # of the drives that pass without the planner
     too_weak: int  # false stops on ground that does not hold the rover; the patch is short
     early: int  # stops before the patch was met, trapped or not
 
@@ -43,6 +44,6 @@ def score(outcomes: Sequence[PatchOutcome]) -> PatchScore:
     )
 
 
-def _share(flags: Iterable[bool]) -> Share | None:
+def _share(flags: Iterable[bool]) -> Limited | None:
     chosen = torch.tensor(list(flags), dtype=torch.bool)
     return share_of(chosen) if chosen.numel() else None

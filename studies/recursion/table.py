@@ -11,7 +11,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from studies.accuracy.scores import HALF_NORMAL_MEDIAN, Share, share_of
+from studies.accuracy.scores import HALF_NORMAL_MEDIAN, share_of
+from studies.limited import Limited
 from studies.recursion.study import ROW_SETS, SHIPPED, Record, methods
 from studies.tables import licence, table
 
@@ -24,8 +25,8 @@ class Scored:
 
     median_error: float  # relative
     of_bound: float  # median error over the Cramer-Rao bound, 1 for an efficient estimator
-    inside_95: Share
-    inside_68: Share
+    inside_95: Limited
+    inside_68: Limited
     mean_z: float  # error over published deviation
     mean_z_limit: float  # 95 % confidence limit of the mean, both sides
     alone: int  # drives whose 95 % interval covers, where that of what ships does not
@@ -167,7 +168,7 @@ def _verdicts(lines: Sequence[Line]) -> str:
         here = [each for line in lines if line.method == method for each in _parameters(line)]
         shares = [each.inside_95 for each in here]
         missed = sum(share.high < BAND[0] or share.low > BAND[1] for share in shares)
-        low, high = (100 * pick(share.share for share in shares) for pick in (min, max))
+        low, high = (100 * pick(share.value for share in shares) for pick in (min, max))
         every.append(
             [
                 method,
@@ -209,8 +210,8 @@ def _said(scored: Scored) -> list[str]:
     return [
         f"{100 * scored.median_error:.1f}",
         f"{scored.of_bound:.2f}",
-        f"{100 * share.share:.1f} ({100 * share.low:.1f} to {100 * share.high:.1f})",
-        f"{100 * scored.inside_68.share:.1f}",
+        f"{100 * share.value:.1f} ({100 * share.low:.1f} to {100 * share.high:.1f})",
+        f"{100 * scored.inside_68.value:.1f}",
         f"{scored.mean_z:+.2f} ± {scored.mean_z_limit:.2f}",
         f"{scored.alone}, {scored.not_alone}",
     ]

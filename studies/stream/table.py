@@ -10,7 +10,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from studies.accuracy.scores import Share, share_of
+from studies.accuracy.scores import share_of
+from studies.limited import Limited
 from studies.stream.drives import Streamed
 from studies.tables import licence, table
 from terramechanics.simulation.sample import TIME_STEP
@@ -37,7 +38,7 @@ class StrengthScore:
 
     median_error: float  # relative
     p90_error: float
-    inside_95: Share  # of the published interval
+    inside_95: Limited  # of the published interval
     identified: float
 
 
@@ -184,7 +185,7 @@ def _ground(cell: StreamCell) -> list[str]:
     both = (cell.cohesion, cell.tan_phi)
     errors = [f"{_percent(p.median_error)} / {_percent(p.p90_error)}" for p in both]
     covered = [
-        f"{_percent(p.inside_95.share)} ({_percent(p.inside_95.low)} to"
+        f"{_percent(p.inside_95.value)} ({_percent(p.inside_95.low)} to"
         f" {_percent(p.inside_95.high)})"
         for p in both
     ]

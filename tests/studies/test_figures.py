@@ -65,7 +65,7 @@ def test_the_limits_of_a_share_are_those_of_clopper_and_pearson(hits: int, count
     tail = 0.5 * (1.0 - CONFIDENCE)
     low = stats.beta.ppf(tail, hits, count - hits + 1) if hits else 0.0
     high = stats.beta.isf(tail, hits + 1, count - hits) if hits < count else 1.0
-    assert found.share == pytest.approx(hits / count)
+    assert found.value == pytest.approx(hits / count)
     assert (found.low, found.high) == pytest.approx((low, high), abs=1e-9)
 
 
@@ -106,10 +106,10 @@ def test_errors_and_coverages_are_those_of_the_drives() -> None:
     found = score(judged(shares))
     assert found.episodes == 4
     absolute = np.abs(np.array(shares))
-    assert found.cohesion.coverage_95.share == 0.75
-    assert found.cohesion.coverage_68.share == 0.25
-    assert found.tan_phi.coverage_95.share == 0.75
-    assert found.tan_phi.coverage_68.share == 0.25
+    assert found.cohesion.coverage_95.value == 0.75
+    assert found.cohesion.coverage_68.value == 0.25
+    assert found.tan_phi.coverage_95.value == 0.75
+    assert found.tan_phi.coverage_68.value == 0.25
     for column, parameter, sd in ((0, found.cohesion, 200.0), (1, found.tan_phi, 0.05)):
         relative = absolute[:, column] * sd / TRUTH[column]
         assert parameter.median_error[0] == pytest.approx(np.median(relative))
@@ -121,7 +121,7 @@ def test_errors_and_coverages_are_those_of_the_drives() -> None:
         assert parameter.narrowest == pytest.approx(2.0)
     distance = (np.array(shares) ** 2).sum(1)
     joint = np.mean(distance < stats.chi2.ppf(0.95, 2))
-    assert found.joint_coverage_95.share == pytest.approx(joint)
+    assert found.joint_coverage_95.value == pytest.approx(joint)
     scaled = np.diag([0.2, 0.05]) ** 2
     errors = np.array(shares) * [0.2, 0.05]
     nll = -stats.multivariate_normal(np.zeros(2), scaled).logpdf(errors).mean()
@@ -159,11 +159,11 @@ def test_an_estimator_that_is_honest_and_efficient_scores_so() -> None:
     found = score(judged(errors.tolist(), bound=1.0))
     error = 4.0 * math.sqrt(0.95 * 0.05 / 20000)
     for parameter in (found.cohesion, found.tan_phi):
-        assert parameter.coverage_95.share == pytest.approx(0.95, abs=error)
-        assert parameter.coverage_68.share == pytest.approx(0.68, abs=0.0132)
+        assert parameter.coverage_95.value == pytest.approx(0.95, abs=error)
+        assert parameter.coverage_68.value == pytest.approx(0.68, abs=0.0132)
         assert parameter.ratio_to_bound[0] == pytest.approx(1.0, abs=0.05)
         assert parameter.narrowest == pytest.approx(1.0)
-    assert found.joint_coverage_95.share == pytest.approx(0.95, abs=error)
+    assert found.joint_coverage_95.value == pytest.approx(0.95, abs=error)
 
 
 def test_a_shorter_look_keeps_the_first_times() -> None:

@@ -103,10 +103,10 @@ def test_intervals_cover_the_truth_and_errors_are_near_the_bound(figures: dict[s
     for cell in figures["cells"]:
         for name in ("cohesion", "tan_phi"):
             parameter = cell["score"][name]
-            assert parameter["coverage_95"]["share"] * EPISODES >= least, (cell["rows"], name)
+            assert parameter["coverage_95"]["value"] * EPISODES >= least, (cell["rows"], name)
             assert (
                 parameter["coverage_95"]["low"]
-                < parameter["coverage_95"]["share"]
+                < parameter["coverage_95"]["value"]
                 <= parameter["coverage_95"]["high"]
             )
             assert 0.6 < parameter["ratio_to_bound"][-1] < 1.6, (cell["rows"], name)
@@ -117,7 +117,7 @@ def test_the_ellipse_of_both_parameters_covers_the_truth(figures: dict[str, Any]
     """Judge all episodes: so few in the ellipse have a probability below 0.1 % at 95 %."""
     least = binom.ppf(1e-3, EPISODES, 0.95)
     for cell in figures["cells"]:
-        assert cell["score"]["joint_coverage_95"]["share"] * EPISODES >= least, cell["rows"]
+        assert cell["score"]["joint_coverage_95"]["value"] * EPISODES >= least, cell["rows"]
 
 
 def test_innovations_and_misfits_are_consistent(figures: dict[str, Any]) -> None:
@@ -160,7 +160,7 @@ def test_the_papers_band_holds_the_truth_and_a_stuck_episode_ends_before_it_stru
 
 def test_the_limits_of_a_share_are_those_of_clopper_and_pearson() -> None:
     share = share_of(torch.arange(100) < 95)
-    assert share.share == pytest.approx(0.95)
+    assert share.value == pytest.approx(0.95)
     assert binom.sf(94, 100, share.low) == pytest.approx(0.005, rel=1e-6)
     assert binom.cdf(95, 100, share.high) == pytest.approx(0.005, rel=1e-6)
 

@@ -56,7 +56,7 @@ def test_claims_are_counted_drive_by_drive() -> None:
     assert claim.least == pytest.approx(0.2)
     assert claim.unfounded == pytest.approx(called / DRIVES)
     assert claim.covered is not None
-    assert (claim.covered.share, claim.covered.low) == (0.0, 0.0)
+    assert (claim.covered.value, claim.covered.low) == (0.0, 0.0)
 
 
 def test_what_the_bound_allows_is_no_unfounded_claim_and_what_is_not_claimed_has_no_coverage() -> (
@@ -76,8 +76,8 @@ def test_long_drives_are_judged_after_each_time_and_no_target_is_for_them() -> N
     assert [(line.duration_s, line.after_s) for line in found] == [
         (400.0, time) for time in LONG_TIMES_S
     ]
-    assert [line.score.cohesion.coverage_95.share for line in found] == [1.0, 1.0, 1.0, 0.0]
-    assert [line.tan_phi.covered.share for line in found if line.tan_phi.covered] == [
+    assert [line.score.cohesion.coverage_95.value for line in found] == [1.0, 1.0, 1.0, 0.0]
+    assert [line.tan_phi.covered.value for line in found if line.tan_phi.covered] == [
         1.0,
         1.0,
         1.0,

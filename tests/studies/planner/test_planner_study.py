@@ -53,8 +53,8 @@ def test_a_stop_in_time_saves_a_rover_and_a_stop_where_it_would_pass_is_false() 
     assert (result.drives, result.trapped, result.too_weak) == (6, 3, 1)
     assert result.saved is not None
     assert result.false_stops is not None
-    assert result.saved.share == pytest.approx(1.0 / 3.0)
-    assert result.false_stops.share == pytest.approx(1.0 / 3.0)
+    assert result.saved.value == pytest.approx(1.0 / 3.0)
+    assert result.false_stops.value == pytest.approx(1.0 / 3.0)
     assert result.firm_axles == 2.0
     assert result.saved.low < 1.0 / 3.0 < result.saved.high
 

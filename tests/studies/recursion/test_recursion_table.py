@@ -32,7 +32,7 @@ def test_shares_ratios_and_pairs_are_those_of_the_record() -> None:
     """Two records are pooled."""
     shipped, other = cells([made_up(), made_up()], (40.0,))[:2]
     assert (shipped.drives, shipped.method) == (2 * DRIVES, SHIPPED)
-    assert shipped.cohesion.inside_95.share == 0.75
+    assert shipped.cohesion.inside_95.value == 0.75
     assert (other.cohesion.alone, other.cohesion.not_alone) == (20, 0)
     assert other.cohesion.median_error == pytest.approx(0.05)
     assert other.cohesion.of_bound == pytest.approx(1.0 / 0.67449, rel=1e-4)
