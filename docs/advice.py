@@ -29,7 +29,9 @@ WHEN = {
         "prior.tan_phi_mean": _SITE,
         "prior.tan_phi_sd": _SITE_SD,
         "prior.soil": "if only one soil is possible",
-        "drift": "if the ground changes slowly along the way; it costs accuracy everywhere else",
+        "forgetting_time": (
+            "if the ground changes slowly along the way; it costs accuracy everywhere else"
+        ),
         "standstill_speed": _STILL,
         "gate_probability": (
             "rarely: a wrong model or a failing sensor causes GATED more often than a wrong gate"

@@ -152,7 +152,7 @@ ESTIMATOR = {
             b[-1].update.estimate.soil_probability[2] > a[-1].update.estimate.soil_probability[2]
         ),
     ),
-    "drift": Case(0.5, lambda a, b: sd(b)[0] > sd(a)[0]),
+    "forgetting_time": Case(4.0, lambda a, b: sd(b)[0] > sd(a)[0]),
     "standstill_speed": Case(1.0, lambda a, b: outcomes(b) == {Outcome.STANDSTILL} != outcomes(a)),
     "gate_probability": Case(
         0.1, lambda a, b: Outcome.GATED in outcomes(b) - outcomes(a), seconds=6.0

@@ -72,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     try:
         models = [load_model(rover).metadata.model_id for rover in args.rover]
-        parts = _parts(args, CoreConfig(drift=args.drift))
+        parts = _parts(args, CoreConfig(forgetting_time=args.forgetting_time))
         missing = [piece for _, piece in parts if read_record(piece.path) is None]
         compute("change", missing, args.jobs, args.minutes, _keep)
         run = _gathered(parts, args, models)
@@ -113,10 +113,10 @@ def _parser() -> argparse.ArgumentParser:
         help="rovers, each with its model of several soils",
     )
     parser.add_argument(
-        "--drift",
+        "--forgetting-time",
         type=float,
-        default=CoreConfig().drift,
-        help="the estimator's parameter drift [1/sqrt(s)]",
+        default=CoreConfig().forgetting_time,
+        help="[s] the estimator's parameter forgetting_time",
     )
     add_record_options(parser, "change", "part")
     return parser
@@ -201,7 +201,7 @@ def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -
         args.drives,
         args.hours,
         args.seed,
-        args.drift,
+        f"forgetting_time {args.forgetting_time:g} s" if args.forgetting_time else "no forgetting",
         models,
         scores,
         alarms,

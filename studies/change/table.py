@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from studies.accuracy.scores import CONFIDENCE
 from studies.change.drives import FalseAlarms
-from studies.change.scores import ChangeScore, Quantile, rate_limits
+from studies.change.scores import ChangeScore, rate_limits
+from studies.limited import Limited
 from studies.tables import licence, table
 
 FOUND_WITHIN_S = 3.0
@@ -23,7 +24,7 @@ class ChangeRun:
     drives: int  # planned for each change
     hours: float  # planned on constant ground for each rover
     seed: int
-    drift: float
+    forgetting: str
     models: list[str]
     changes: list[ChangeScore]
     constant: list[FalseAlarms]
@@ -35,7 +36,7 @@ INTRODUCTION = """# Ground that changes
 
 How soon does the estimator detect a change of the ground? How long until the new estimate is as
 good as a fresh one? How often does it raise a false alarm? The drives are simulated, over hills
-(S1), with every row, seed {seed} and drift {drift:g}. The models have all three soils:
+(S1), with every row, seed {seed} and {forgetting}. The models have all three soils:
 {models}. Planned are {drives} drives of each change, and {hours:g} hours on
 constant ground for each rover. The tables have the numbers that were driven.
 
@@ -67,7 +68,7 @@ def page(run: ChangeRun) -> str:
         measured=run.measured,
         models=", ".join(run.models),
         seed=run.seed,
-        drift=run.drift,
+        forgetting=run.forgetting,
         drives=run.drives,
         hours=run.hours,
     )
@@ -163,7 +164,7 @@ def _changes(scores: list[ChangeScore]) -> str:
     return table(head, lines)
 
 
-def _quantile(quantile: Quantile) -> str:
+def _quantile(quantile: Limited) -> str:
     return f"{_seconds(quantile.value)} ({_seconds(quantile.low)} to {_seconds(quantile.high)})"
 
 

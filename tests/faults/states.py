@@ -66,7 +66,7 @@ def honest(model: LoadedModel, seed: int, number: int, config: CoreConfig) -> It
 
 def refused_honest(model: LoadedModel, seed: int, number: int) -> list[str]:
     """Return why honest states are refused, which must not be; empty where all are taken."""
-    config = CoreConfig(drift=(0.0, 0.1, 1.0)[seed % 3])
+    config = CoreConfig(forgetting_time=(0.0, 100.0, 1.0)[seed % 3])
     estimator, reasons = Estimator(model, config), []
     for saved in honest(model, seed, number, config):
         try:

@@ -144,7 +144,7 @@ def test_wrong_values_under_right_keys_are_refused_by_name_or_in_range(name: str
 @examples(0.3)
 @given(
     values=st.dictionaries(
-        st.sampled_from(["model", "drift", "use_imu", "prior", "pairing_timeout", "x"]),
+        st.sampled_from(["model", "forgetting_time", "use_imu", "prior", "pairing_timeout", "x"]),
         TREES,
         max_size=3,
     )

@@ -59,12 +59,12 @@ class CoreConfig:
         "",
         key="prior.soil",
     )
-    drift: float = number(
-        "process noise of c and tan phi, in prior standard deviations per square root of a second"
-        " of driving: forgets older data; 0: the ground is constant between sharp changes",
-        "1/sqrt(s)",
+    forgetting_time: float = number(
+        "seconds of driving in which a random walk of c and tan phi reaches the prior's variance:"
+        " forgets older data; at least 1; 0: the ground is constant between sharp changes",
+        "s",
         0.0,
-        1.0,
+        1e6,
         default=0.0,
     )
     standstill_speed: float = number(
@@ -98,11 +98,16 @@ class CoreConfig:
     )
 
     def __post_init__(self) -> None:
-        """Refuse half a prior.
+        """Refuse half a prior, and to forget within less than a second.
 
         A mean without its deviation would do nothing, and a deviation alone would put the mean at
         0.
         """
+        if 0.0 < self.forgetting_time < 1.0:
+            raise ConfigError(
+                f"parameter forgetting_time: {self.forgetting_time:g} s is less than the second"
+                " that the model takes at a time: give 0 for never, or at least 1"
+            )
         for name, mean, sd in (
             ("cohesion", self.prior_cohesion_mean_pa, self.prior_cohesion_sd_pa),
             ("tan_phi", self.prior_tan_phi_mean, self.prior_tan_phi_sd),
@@ -117,6 +122,11 @@ class CoreConfig:
                     f"parameter prior.{name}_sd: {sd:g} needs prior.{name}_mean above 0: give both"
                     " or none"
                 )
+
+    @property
+    def drift(self) -> float:
+        """Random walk of c and tan phi [1/sqrt(s)], in prior deviations."""
+        return self.forgetting_time**-0.5 if self.forgetting_time else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,10 +112,10 @@ def test_a_second_in_which_nobody_drives_is_not_a_good_one() -> None:
     assert short.recovered_s == (math.inf, math.inf)
     assert math.isnan(short.coverage_40_s[0])
     assert "| 10 / 10 / 0 |" in page(
-        ChangeRun("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], [])
+        ChangeRun("2026-01-01", 10, 0.0, 3, "no forgetting", ["mars"], [short], [])
     )
     assert "| never | **no** |" in page(
-        ChangeRun("2026-01-01", 10, 0.0, 3, 0.0, ["mars"], [short], [])
+        ChangeRun("2026-01-01", 10, 0.0, 3, "no forgetting", ["mars"], [short], [])
     )
 
 

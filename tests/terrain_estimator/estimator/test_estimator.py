@@ -369,16 +369,21 @@ def test_a_rover_that_reaches_compact_sand_finds_the_new_soil(model: LoadedModel
     assert judged >= count / 2
 
 
-def test_drift_forgets_what_is_old(model: LoadedModel, drive: list[Observation]) -> None:
-    """The more the ground may drift, the wider the interval; by default there is none."""
-    deviations = [
-        np.sqrt(
-            np.diagonal(run(model, drive[:200], CoreConfig(drift=drift))[-1].estimate.covariance)
-        )
-        for drift in (0.0, 0.03, 0.1)
-    ]
+def test_what_is_old_is_forgotten(model: LoadedModel, drive: list[Observation]) -> None:
+    """The sooner, the wider the interval; by default never."""
+    configs = [CoreConfig(forgetting_time=time_s) for time_s in (0.0, 1000.0, 100.0)]
+    estimates = [run(model, drive[:200], config)[-1].estimate for config in configs]
+    deviations = [np.sqrt(np.diagonal(each.covariance)) for each in estimates]
     assert (deviations[0] < deviations[1]).all()
     assert (deviations[1] < deviations[2]).all()
+
+
+@pytest.mark.parametrize("time_s", [1e-3, 0.999])
+def test_to_forget_within_less_than_a_second_is_refused(time_s: float) -> None:
+    with pytest.raises(ConfigError, match=f"parameter forgetting_time: {time_s:g} s is less than"):
+        CoreConfig(forgetting_time=time_s)
+    assert CoreConfig(forgetting_time=4.0).drift == 0.5
+    assert CoreConfig(forgetting_time=0.0).drift == 0.0
 
 
 def test_random_hostile_numbers_never_give_a_covariance_that_is_none(
