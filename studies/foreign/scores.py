@@ -15,21 +15,13 @@ from scipy.stats import binomtest, norm
 
 from studies.foreign.drives import Driven, Floats
 from studies.foreign.residuals import kinds, whitened
+from studies.limited import Limited
 
 FAR = 3.0
 """[deviations] An IDENTIFIED estimate further from the truth counts as wrong."""
 RESAMPLES = 500
 SHORTEST = 5
 """[blocks] A series of fewer has no autocorrelation."""
-
-
-@dataclass(frozen=True, slots=True)
-class Limited:
-    """A figure with its 95 % limits."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)

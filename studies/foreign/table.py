@@ -4,7 +4,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from studies.foreign.scores import FAR, Limited, ModelScore, RowScore
+from studies.foreign.scores import FAR, ModelScore, RowScore
+from studies.limited import Limited
 from studies.tables import licence, table
 
 INTRODUCTION = """# Foreign drives
@@ -128,7 +129,7 @@ def _bars(scores: Sequence[ModelScore]) -> Iterator[Sequence[str]]:
             "rms error over persistence",
             "at most 1.05",
             name,
-            f"{ratio.value:.2f} ({ratio.low:.2f} to {ratio.high:.2f}), {millimetres}",
+            f"{ratio.value:.3f} ({ratio.low:.3f} to {ratio.high:.3f}), {millimetres}",
             _yes(ratio, 0.0, 1.05),
         )
         yield "steps with a forecast", "", name, _percent(each.predicted), ""

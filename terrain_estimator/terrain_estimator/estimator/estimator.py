@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.consistency import Consistency, Fit, limit
+from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake, mostly_refused
-from terrain_estimator.estimator.persistence import Persistence
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, judged
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import Screening, screen
@@ -79,7 +79,7 @@ class Estimator:
         self._intake = Intake()
         self._consistency = Consistency()
         self._inconsistent: tuple[Disagreement, ...] = ()  # as of the last closed block
-        self._persistence = Persistence()
+        self._forecasting = Forecasting()
         self._reopen()
         self._last_stamp: int | None = None  # the last one that came
 
@@ -91,7 +91,7 @@ class Estimator:
         self._contradictions = 0
         self._change = 0.0  # probability that the ground changed, as of the last closed block
         self._doubt = 0.0  # probability that the ground is one that no block fitted yet
-        self._forecast = (_NAN, _NAN)  # of the velocity at the next observation: mean and variance
+        self._forecasting.forget()
         self._summarise()
 
     def _start(self) -> State:
@@ -135,7 +135,7 @@ class Estimator:
     def save(self) -> dict[str, NDArray[Any]]:
         """Return all that the next update depends on, as arrays, but for the sequence number."""
         last = {} if self._last is None else dataclasses.asdict(self._last)
-        intake, moving = self._intake, self._persistence
+        intake, moving = self._intake, self._forecasting.persistence
         return {
             **{f"state.{name}": value.numpy() for name, value in self._state.items()},
             **{f"last.{name}": np.asarray(value) for name, value in last.items()},
@@ -155,10 +155,10 @@ class Estimator:
                     intake.time_waiting_s,
                     self._change,
                     self._doubt,
-                    *self._forecast,
-                    moving.velocity,
-                    moving.square,
-                    moving.weight,
+                    *self._forecasting.published,
+                    *self._forecasting.model,
+                    *moving[1:],
+                    *self._forecasting.hindsight,
                 ]
             ),
             "window": np.array(intake.window, dtype=np.int64),
@@ -195,15 +195,14 @@ class Estimator:
         self._last_stamp = counts.stamp_ns
         self._contradictions = counts.contradictions
         self._change, self._doubt = counts.change, counts.doubt
-        self._forecast, self._persistence = counts.forecast, counts.persistence
+        self._forecasting = counts.forecasting
         self._intake, self._consistency = counts.intake, counts.consistency
         self._inconsistent = self._consistency.disagreements()
 
     def unlink(self) -> None:
         """Accept any stamp next, as after a pause of unknown length; the posterior stays."""
         self._last = self._last_stamp = None
-        self._persistence = self._persistence._replace(stamp_ns=None)
-        self._forecast = (_NAN, _NAN)
+        self._forecasting.unlink()
 
     def _without_unused(self, observation: Observation) -> Observation:
         changes: dict[str, Floats | float] = {}
@@ -226,32 +225,25 @@ class Estimator:
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
         observation = screening.observation
-        moving, persisted = self._persistence, bool(self._disagreements)
-        awaited = moving.is_one_step(observation.stamp_ns, self._step_s)
-        before, variance = self._forecast if awaited else (_NAN, _NAN)
-        # the variance of a velocity that stays has the measurement's noise in it
-        variance += 0.0 if persisted else observation.velocity_sd**2
-        self._persistence = moving.observed(
-            observation.stamp_ns, observation.velocity, self._step_s
+        innovation, variance = self._forecasting.observed(
+            observation.stamp_ns, observation.velocity, observation.velocity_sd, self._step_s
         )
-        decision, forecast = self._advance(screening)
-        if self._disagreements:
-            forecast = Forecast(*self._persistence.forecast(), noise=0.0)
+        decision, model = self._advance(screening)
+        forecast = self._forecasting.publish(model, disagrees=bool(self._disagreements))
         if forecast is None:
             return self._answer(observation.stamp_ns, decision)
-        self._forecast = (forecast.velocity, forecast.variance)
         prediction = Prediction(
             valid=math.isfinite(forecast.velocity),
             horizon_s=self._step_s,
             velocity=forecast.velocity,
             variance=forecast.variance + forecast.noise,
             measured=observation.velocity,
-            innovation=observation.velocity - before,
+            innovation=innovation,
             innovation_variance=variance,
         )
         return self._answer(observation.stamp_ns, decision, prediction)
 
-    def _advance(self, screening: Screening) -> "tuple[Decision, Forecast | None]":
+    def _advance(self, screening: Screening) -> tuple[Decision, Forecast | None]:
         """Take an observation into the open second, or refuse it, with the model's forecast."""
         observation = screening.observation
         step_s, linked = link(observation.stamp_ns, self._last, self._step_s)
@@ -392,7 +384,7 @@ class Estimator:
     ) -> Update:
         """Return the update; where a number must not be published, start over from the prior."""
         if prediction is None:
-            self._forecast = (_NAN, _NAN)
+            self._forecasting.forget()
         update = self._update(stamp_ns, decision, prediction or NOTHING_PREDICTED)
         if reason := unsound(update.estimate, update.prediction):
             settled = max(self._intake.refuse(), decision.settled)
@@ -437,14 +429,6 @@ class Summary(NamedTuple):
 
     estimate: Estimate
     condition: float  # [1] number of the covariance of c and tan phi, scaled to unit diagonal
-
-
-class Forecast(NamedTuple):
-    """The velocity one step ahead; NaN where nothing is known of it."""
-
-    velocity: float  # [m/s]
-    variance: float  # [m^2/s^2]
-    noise: float  # [m^2/s^2] of the measurement to come, where the variance is without it
 
 
 class Report(NamedTuple):

@@ -17,8 +17,10 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency, Fit
+from terrain_estimator.estimator.forecasting import FARTHEST as MOST_DISTANT
+from terrain_estimator.estimator.forecasting import Forecast, Forecasting, Hindsight
 from terrain_estimator.estimator.intake import WINDOW, Intake
-from terrain_estimator.estimator.persistence import Persistence
+from terrain_estimator.estimator.persistence import MEMORY, Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
 from terrain_estimator.estimator.screening import FASTEST, STRONGEST_TORQUE, impossible
 from terrain_estimator.model.bank import Bank, weigh
@@ -30,7 +32,8 @@ from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Observatio
 ADVICE = "start without it, from the prior"
 FARTHEST = 100.0
 """[prior standard deviations] Reach of the posteriors; those of hostile drives reach 6."""
-_GIVEN = ("prior_mean", "prior_sd", "random_walk", "log_soils")  # the parameters prior.* and drift
+_GIVEN = ("prior_mean", "prior_sd", "random_walk", "log_soils")
+"""Parts that follow from the parameters prior.* and forgetting_time."""
 _DERIVED = (
     "weight",
     "soils",
@@ -87,9 +90,17 @@ _NUMBERS = (
     ("doubt", 0.0, 1.0),
     ("forecast", -_LARGEST, _LARGEST),
     ("forecast_variance", 0.0, _LARGEST),
+    ("forecast_noise", 0.0, _LARGEST),
+    ("forecast_of_model", -_LARGEST, _LARGEST),
+    ("forecast_variance_of_model", 0.0, _LARGEST),
+    ("forecast_noise_of_model", 0.0, _LARGEST),
     ("moving_velocity", -FASTEST, FASTEST),
     ("moving_square", 0.0, 4.0 * FASTEST**2),
     ("moving_weight", 0.0, 1.0),
+    ("past_distance", 0.0, MOST_DISTANT / MEMORY),
+    ("past_square", 0.0, _LARGEST),
+    ("past_change", 0.0, 4.0 * FASTEST**2 / MEMORY),
+    ("past_weight", 0.0, 1.0 / MEMORY),
 )
 """The arrays ``counts`` and ``numbers``: name, least and largest value of each."""
 
@@ -113,8 +124,7 @@ class Counts(NamedTuple):
     contradictions: int
     change: float
     doubt: float
-    forecast: tuple[float, float]  # velocity [m/s] and variance
-    persistence: Persistence
+    forecasting: Forecasting
     intake: Intake
     consistency: Consistency
 
@@ -145,8 +155,8 @@ def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
     _check_block(state["block"], parts)
     if not all(torch.equal(state[name], parts.start[name]) for name in _GIVEN):
         raise StateFileError(
-            "the state was learnt from another prior: give prior.* and drift as they were, or start"
-            " without it"
+            "the state was learnt from another prior: give prior.* and forgetting_time as they"
+            " were, or start without it"
         )
     _check_derived(state, parts.publish(state, _bank(state, parts)))
     return Restored(state, _last(arrays, parts), counts)
@@ -195,7 +205,7 @@ def _counted(arrays: Arrays) -> Counts:
                 raise _refused(name, f"{value:g}", f"not within {least:g} to {most:g}")
         found += values
     stamp_ns, used, waiting, contradictions, moving_ns = map(int, found[: len(_COUNTS)])
-    used_s, waiting_s, change, doubt, velocity, variance, *moving = found[len(_COUNTS) :]
+    used_s, waiting_s, change, doubt, *forecasts = found[len(_COUNTS) :]
     intake = Intake(_flags(arrays, "window", WINDOW))
     consistency = Consistency(
         _fits(arrays, "judged", max(WINDOWS)),
@@ -204,11 +214,13 @@ def _counted(arrays: Arrays) -> Counts:
     )
     intake.used, intake.waiting = used, waiting
     intake.time_used_s, intake.time_waiting_s = used_s, waiting_s
-    persistence = Persistence(_stamp(moving_ns), *moving)
-    forecast = (velocity, variance)
-    return Counts(
-        _stamp(stamp_ns), contradictions, change, doubt, forecast, persistence, intake, consistency
+    forecasting = Forecasting(
+        Persistence(_stamp(moving_ns), *forecasts[6:9]),
+        Hindsight(*forecasts[9:]),
+        model=Forecast(*forecasts[3:6]),
+        published=Forecast(*forecasts[:3]),
     )
+    return Counts(_stamp(stamp_ns), contradictions, change, doubt, forecasting, intake, consistency)
 
 
 def _stamp(stamp_ns: int) -> int | None:

@@ -81,7 +81,7 @@ def test_the_state_before_the_first_observation_can_be_kept_too(
     [
         {"prior.soil": "regolith"},
         {"prior.cohesion_mean": 4e3, "prior.cohesion_sd": 1e2},
-        {"drift": 0.1},
+        {"forgetting_time": 100.0},
     ],
 )
 def test_a_state_that_was_learnt_from_another_prior_is_refused(
@@ -91,7 +91,7 @@ def test_a_state_that_was_learnt_from_another_prior_is_refused(
     estimator = Estimator(model, configure(CoreConfig, values))
     arrays = unpack_state(content, model.sha256, "here")
     with pytest.raises(
-        StateFileError, match=r"another prior: give prior\.\* and drift as they were"
+        StateFileError, match=r"another prior: give prior\.\* and forgetting_time as they were"
     ):
         estimator.restore(arrays)
     assert estimator.last_stamp_ns is None
@@ -133,7 +133,7 @@ DAMAGE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "a cut file": (lambda c: c[:-100], "is damaged"),
     "an empty file": (lambda _: b"", "first line is no JSON"),
     "a number": (lambda _: b"1\n", "format is None"),
-    "another version": (lambda c: reheaded(c, version=1), "version is 1, expected 2"),
+    "another version": (lambda c: reheaded(c, version=2), "version is 2, expected 3"),
     "another model": (lambda c: reheaded(c, model_sha256="00"), "model_sha256 is '00'"),
     "a first line without end": (lambda _: b"[" * 100_000, "first line is no JSON"),
     "nothing but a header": (lambda c: reheaded(c, b""), "no archive of plain arrays"),
