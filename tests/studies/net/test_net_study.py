@@ -35,7 +35,7 @@ def test_a_small_study_compares_physics_with_and_without_the_net(
     assert "NaN" not in out.read_text()
     for candidate in plant["with_net"].values():
         change, score = candidate["nll_change"], candidate["score"]
-        assert change["low"] < change["mean"] < change["high"]
+        assert change["low"] < change["value"] < change["high"]
         assert plant["physics"]["episodes"] == score["episodes"] == 3
         assert "coverage_95" in score["cohesion"]
         assert "bound" not in score["cohesion"]

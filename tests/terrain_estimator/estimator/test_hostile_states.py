@@ -84,7 +84,21 @@ def full(value: float) -> Callable[[np.ndarray], np.ndarray]:
             "waiting is .*, but the open block has",
         ),
         ("numbers", full(np.nan), "time_used is nan, not within"),
-        ("numbers", lambda array: array + 2.0 * np.eye(9)[8], "moving_weight is .*, not within"),
+        (
+            "numbers",
+            lambda array: array + 2.0 * np.eye(len(array))[12],
+            "moving_weight is .*, not within",
+        ),
+        (
+            "numbers",
+            lambda array: array + 60.0 * np.eye(len(array))[16],
+            "past_weight is .*, not within",
+        ),
+        (
+            "numbers",
+            lambda array: array - 1e9 * np.eye(len(array))[13],
+            "past_distance is .*, not within",
+        ),
         ("window", lambda array: array + 2, r"window is \[.*\], not of zeros and ones"),
         ("window", lambda array: np.tile(array, 61), "window is missing or has another shape"),
         ("since_change", lambda array: array + 99, "since_change is 144, not within 0 to 45"),
