@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated drives as observations, for tests of the core."""
 
+from functools import cache
+
 import torch
 
 from studies.observations import observations_of
@@ -14,7 +16,12 @@ from terramechanics.vehicle.rover import Rover
 
 
 def drive_observations(rover: Rover, soil: Soil, duration_s: float, seed: int) -> list[Observation]:
-    """Observations of one S1 drive with the noise of the benchmarks."""
+    """Observations of one S1 drive with the noise of the benchmarks; simulated once a process."""
+    return list(_simulated(rover, soil, duration_s, seed))
+
+
+@cache
+def _simulated(rover: Rover, soil: Soil, duration_s: float, seed: int) -> list[Observation]:
     generator = torch.Generator().manual_seed(seed)
     drive = simulate(rover, Ground.constant(soil), "S1", duration_s, generator, 1)
     return observations_of(measure_drive(rover, drive.sample, Noise(), generator), 0)

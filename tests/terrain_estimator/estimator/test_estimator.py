@@ -330,6 +330,28 @@ def test_the_soil_under_the_rover_is_found_among_those_that_the_model_knows(
     )
 
 
+def test_the_condition_number_is_that_of_the_covariance_with_a_diagonal_of_one(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    update = run(model, drive[:100])[-1]
+    deviation = np.sqrt(np.diagonal(update.estimate.covariance))
+    low, high = np.linalg.eigvalsh(update.estimate.covariance / np.outer(deviation, deviation))
+    assert high > 1.05, "c and tan phi are not correlated enough to test anything"
+    assert update.condition_number == pytest.approx(high / low)
+
+
+def test_an_observation_that_the_screening_refuses_has_no_distance(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    estimator = Estimator(model, CoreConfig())
+    estimator.update(drive[1])
+    decision = estimator.update(drive[0]).decision
+    assert decision.outcome is Outcome.TIME_BACKWARDS
+    assert decision.degrees_of_freedom == 0
+    assert math.isnan(decision.mahalanobis_squared)
+    assert math.isnan(decision.threshold)
+
+
 def test_a_known_soil_is_the_only_one_that_is_considered(
     model: LoadedModel, drive: list[Observation]
 ) -> None:

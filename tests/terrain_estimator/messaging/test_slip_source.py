@@ -170,6 +170,7 @@ def test_each_parameter_changes_what_is_published() -> None:
     assert published(RATES, 0.1, 0.0, **filled)[0].slip_stddev[0] > 0.0
     assert len(published(RATES, 0.1, late_ns=50_000_000, pairing_tolerance=0.06)) == 1
     assert published(RATES, 0.1, late_ns=50_000_000) == []
+    assert published(RATES, 0.1, late_ns=50_000_000, pairing_tolerance=0.04) == []
     with pytest.raises(ConfigError, match=r"velocity_type.*'radar'.*odometry, twist"):
         published(RATES, 0.1, velocity_type="radar")
 
