@@ -14,17 +14,21 @@ from torch import Tensor
 
 from terramechanics.effects import EFFECTS
 from terramechanics.simulation.plant import ContactInputs, Plant, Situation
-from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
 from tests.hidden.generators import GENERATORS, Draw, sizes_of
+from tests.samples import sampled
 
 MARS = load_rover("mars_rover")
 HERE = Path(__file__).parent
 BATCH, SECONDS = 3, 8.0
+PART_S = sampled(2.0, SECONDS)
+PART = round(PART_S / TIME_STEP)
+"""Seconds and samples of what is compared to the very number."""
 SENSORS = ("slope_bias", "odometry_scale", "sinkage_bias", "latency", "gain_drift", "slow_clock")
 DRIVES = ("drive_drag", "coulomb_drag")
 FORBIDDEN = ("terramechanics.effects", "terrain_estimator.discovery")
@@ -100,12 +104,12 @@ def test_every_simulated_effect_of_the_library_can_be_hidden_and_four_others_can
 
 @pytest.mark.parametrize("name", GENERATORS)
 def test_a_hidden_effect_without_size_leaves_everything_as_it_is(name: str) -> None:
-    run, count = drive(name, 0.0, seconds=2.0), 20
+    run = drive(name, 0.0, seconds=PART_S)
     for series, plain in ((run.sample, nominal().sample), (run.seen, nominal().seen)):
         for item in fields(Sample):
             torch.testing.assert_close(
                 getattr(series, item.name),
-                getattr(plain, item.name)[:, :count],
+                getattr(plain, item.name)[:, :PART],
                 rtol=1e-9,
                 atol=1e-9,
                 equal_nan=True,

@@ -8,6 +8,7 @@ replaces the model's is that the velocity stays as measured.
 """
 
 import math
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from terrain_estimator.estimator.persistence import MEMORY, Persistence
@@ -15,11 +16,11 @@ from terrain_estimator.estimator.persistence import MEMORY, Persistence
 WORSE = 1.2
 """[1] Ratio of the mean squared errors from which on the model's forecast is not published."""
 FEWEST = 3
-"""[1] Forecasts before which the two are not compared."""
+"""[1] Errors before which the two forecasts are not compared."""
 PRIOR_WEIGHT = 10.0
 """[1] Forecasts of the stated variance that the past ones are averaged with."""
-FARTHEST = 1e6
-"""[1] Squared distance, in variances, beyond which a forecast counts as no worse."""
+LARGEST_DISTANCE = 1e6
+"""[1] Squared error over the variance, beyond which a forecast counts as no worse."""
 _KNOWN = FEWEST - 0.5  # weights of forecasts sum to a little less than their number
 
 
@@ -48,7 +49,7 @@ class Hindsight(NamedTuple):
         """Return this after a forecast that missed by ``error`` [m/s]."""
         kept = 1.0 - MEMORY
         return Hindsight(
-            kept * self.distance + min(error * error / variance, FARTHEST),
+            kept * self.distance + min(error * error / variance, LARGEST_DISTANCE),
             kept * self.square + error * error,
             kept * self.change + change * change,
             kept * self.weight + 1.0,
@@ -64,19 +65,14 @@ class Hindsight(NamedTuple):
         return model._replace(variance=model.variance + excess * (model.variance + model.noise))
 
 
+@dataclass(slots=True)
 class Forecasting:
     """The forecasts of one drive, the model's and the published one, and how they turned out."""
 
-    def __init__(
-        self,
-        persistence: Persistence = Persistence(),  # noqa: B008 # immutable
-        hindsight: Hindsight = Hindsight(),  # noqa: B008 # immutable
-        model: Forecast = Forecast(),  # noqa: B008 # immutable
-        published: Forecast = Forecast(),  # noqa: B008 # immutable
-    ) -> None:
-        """Go on from the forecasts of the velocity to come, or start without any."""
-        self.persistence, self.hindsight = persistence, hindsight
-        self.model, self.published = model, published
+    persistence: Persistence = field(default_factory=Persistence)
+    hindsight: Hindsight = field(default_factory=Hindsight)
+    model: Forecast = field(default_factory=Forecast)  # of the velocity to come
+    published: Forecast = field(default_factory=Forecast)  # of the velocity to come
 
     def observed(
         self, stamp_ns: int, velocity: float, deviation: float, step_s: float

@@ -17,8 +17,12 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency, Fit
-from terrain_estimator.estimator.forecasting import FARTHEST as MOST_DISTANT
-from terrain_estimator.estimator.forecasting import Forecast, Forecasting, Hindsight
+from terrain_estimator.estimator.forecasting import (
+    LARGEST_DISTANCE,
+    Forecast,
+    Forecasting,
+    Hindsight,
+)
 from terrain_estimator.estimator.intake import WINDOW, Intake
 from terrain_estimator.estimator.persistence import MEMORY, Persistence
 from terrain_estimator.estimator.saved_state import Arrays, StateFileError
@@ -97,7 +101,7 @@ _NUMBERS = (
     ("moving_velocity", -FASTEST, FASTEST),
     ("moving_square", 0.0, 4.0 * FASTEST**2),
     ("moving_weight", 0.0, 1.0),
-    ("past_distance", 0.0, MOST_DISTANT / MEMORY),
+    ("past_distance", 0.0, LARGEST_DISTANCE / MEMORY),
     ("past_square", 0.0, _LARGEST),
     ("past_change", 0.0, 4.0 * FASTEST**2 / MEMORY),
     ("past_weight", 0.0, 1.0 / MEMORY),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Single-wheel tables: simulated with effects outside the library, broken ones, measured ones."""
+"""Single-wheel tables: simulated with effects outside the library, and broken ones."""
 
 import csv
 import json
@@ -36,7 +36,6 @@ RADIUS, WIDTH = 0.1, 0.08
 SLIPS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65)
 LOADS = (40.0, 90.0)
 NOISE = (0.2e-3, 0.2, 0.1)
-MEASURED = Path(__file__).parents[4] / "shared" / "data" / "single_wheel"
 HEADER = "slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N,trial"
 TURNED = f"{HEADER},slip_angle_deg,lateral_force_N"
 
@@ -472,60 +471,3 @@ def test_slip_of_a_braked_wheel_is_converted() -> None:
     assert rim_slip(-0.2, "larger") == pytest.approx(-0.25)
     assert rim_slip(-1.0, "larger") is None
     assert rim_slip(-0.25, "rim") == pytest.approx(-0.25)
-
-
-@pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured tables are not here (../shared)")
-def test_measured_tables_are_read_and_replicates_are_one_setting() -> None:
-    rows, left_out = read_table(MEASURED / "smooth_wheel.csv", "larger")
-    assert all("does not turn" in reason for reason in left_out)
-    assert {round(math.degrees(row.slip_angle)) for row in rows} == {0, 15, 45}
-    assert all(row.lateral_force > 0.0 for row in rows if row.slip_angle)
-    cells = cells_of(rows)
-    assert set(cells.replicates) == {2}
-    assert len(rows) == 2 * len(cells.slip)
-    with pytest.raises(WheelTableError, match="no column"):
-        read_table(MEASURED / "README.md", "larger")
-
-
-@pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured tables are not here (../shared)")
-def test_what_grousers_change_is_not_claimed_to_be_certain_and_repeats_closer_than_the_smooth_model(
-    tmp_path: Path,
-) -> None:
-    soil, wheel, out = (tmp_path / name for name in ("soil.yaml", "wheel.yaml", "out"))
-    constants = {
-        "n": 1.46,
-        "k_c": 0.0,
-        "k_phi": 8.0e6,
-        "shear_modulus": 0.01,
-        "c1": 0.3,
-        "c2": 0.2,
-        "cohesion": 300.0,
-        "tan_phi": 0.554,
-    }
-    soil.write_text(json.dumps({"name": "dry_sand"} | constants), encoding="utf-8")
-    wheel.write_text("name: testbed\nradius: 0.058\nwidth: 0.05\n", encoding="utf-8")
-    tables = [
-        "--wheel-table",
-        str(MEASURED / "grouser_wheel.csv"),
-        "--reference",
-        str(MEASURED / "smooth_wheel.csv"),
-    ]
-    asked = [
-        "--slip-definition",
-        "larger",
-        "--largest-slip-angle",
-        "0",
-        "--hold-out-by",
-        "trial",
-        "--library",
-        "slip_sinkage,rate_dependence,grousers",
-    ]
-    assert (
-        main([*tables, "--wheel", str(wheel), "--soil", str(soil), *asked, "--out", str(out)]) == 0
-    )
-    finding = json.loads((out / "finding.json").read_text(encoding="utf-8"))
-    assert finding["verdict"] != "named"
-    assert finding["gap"]["proven"] is None
-    assert finding["parameters"]["after"] is None
-    for row in ("sinkage", "drawbar_pull"):
-        assert finding["gap"]["rows"][row]["after"] < finding["gap"]["rows"][row]["before"], row

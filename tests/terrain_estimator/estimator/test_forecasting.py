@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from terrain_estimator.estimator.forecasting import (
-    FARTHEST,
     FEWEST,
+    LARGEST_DISTANCE,
     WORSE,
     Forecast,
     Forecasting,
@@ -100,7 +100,7 @@ def test_a_forecast_that_no_variance_explains_stays_finite() -> None:
     hindsight = Hindsight()
     for _ in range(1000):
         hindsight = hindsight.after(100.0, 1e-300, 200.0)
-    assert hindsight.distance <= FARTHEST / MEMORY
+    assert hindsight.distance <= LARGEST_DISTANCE / MEMORY
     assert math.isfinite(hindsight.corrected(Forecast(0.0, 1.0, NOISE), 0.0).variance)
 
 

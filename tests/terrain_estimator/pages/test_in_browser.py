@@ -46,14 +46,17 @@ def values(page: Page, selector: str) -> list[float]:
 
 @pytest.mark.parametrize(
     ("what", "width", "scheme"),
-    [
-        ("named", PHONE, "dark"),
-        ("confusable", DESK, "light"),
-        ("runs", PHONE, "dark"),
-        *sampled(
-            [], [("named", DESK, "light"), ("unknown", DESK, "dark"), ("none", PHONE, "light")]
-        ),
-    ],
+    sampled(
+        [("named", PHONE, "dark"), ("confusable", PHONE, "light"), ("runs", PHONE, "dark")],
+        [
+            ("named", PHONE, "dark"),
+            ("named", DESK, "light"),
+            ("confusable", PHONE, "light"),
+            ("unknown", DESK, "dark"),
+            ("none", PHONE, "light"),
+            ("runs", PHONE, "dark"),
+        ],
+    ),
 )
 def test_the_report_opens_quietly_fits_and_is_usable_by_everyone(
     browser: Browser, written: Callable[[str], Path], what: str, width: int, scheme: str

@@ -13,16 +13,20 @@ from terramechanics.contact.sinkage import WheelGround
 from terramechanics.contact.stresses import entry_angle, quadrature, wheel_forces
 from terramechanics.effects import EFFECTS, make_effect
 from terramechanics.simulation.plant import ContactInputs, Effect, Plant, Pull, Situation
-from terramechanics.simulation.sample import Drive, Sample
+from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Flat
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover
+from tests.samples import sampled
 
 MARS = load_rover("mars_rover")
 LOOSE = load_soil("loose_sand")
 BATCH = 4
+PART_S = sampled(1.0, 4.0)
+PART = round(PART_S / TIME_STEP)
+"""Seconds and samples of what is compared to the very number."""
 SIMULATED = [name for name, effect in EFFECTS.items() if effect.planar]
 SIZES = {
     "slope_bias": 0.02,
@@ -94,12 +98,12 @@ def contact(slip: float = 0.2, sinkage: float = 0.02) -> ContactInputs:
 @pytest.mark.parametrize("name", SIMULATED)
 def test_an_effect_without_size_leaves_the_simulation_as_it_is(name: str) -> None:
     sizes = torch.zeros(BATCH, dtype=torch.float64)
-    run, count = drive(Plant([make_effect(name, sizes)]), seconds=1.0), 10
+    run = drive(Plant([make_effect(name, sizes)]), seconds=PART_S)
     for series, plain in ((run.sample, nominal().sample), (run.seen, nominal().seen)):
         for item in fields(Sample):
             torch.testing.assert_close(
                 getattr(series, item.name),
-                getattr(plain, item.name)[:, :count],
+                getattr(plain, item.name)[:, :PART],
                 rtol=1e-11,
                 atol=1e-11,
                 equal_nan=True,
@@ -133,12 +137,12 @@ def test_a_tenth_of_the_size_has_about_a_tenth_of_the_effect(name: str) -> None:
 def test_episodes_of_one_batch_have_their_own_sizes(name: str) -> None:
     sizes = SIZES[name] * torch.tensor([0.0, 1.0, 0.0, 1.0], dtype=torch.float64)
     run, plain, full = (
-        drive(Plant([make_effect(name, sizes)]), seconds=1.0).seen,
+        drive(Plant([make_effect(name, sizes)]), seconds=PART_S).seen,
         nominal().seen,
         with_effect(name).seen,
     )
     for signal in ("velocity", "slip", "sinkage", "torque", "pitch"):
-        mixed, without, whole = (getattr(series, signal)[:, :10] for series in (run, plain, full))
+        mixed, without, whole = (getattr(series, signal)[:, :PART] for series in (run, plain, full))
         torch.testing.assert_close(mixed[::2], without[::2], rtol=1e-6, atol=1e-8)
         torch.testing.assert_close(mixed[1::2], whole[1::2], rtol=1e-6, atol=1e-8)
 
