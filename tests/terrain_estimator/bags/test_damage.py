@@ -162,6 +162,17 @@ def test_a_damaged_record_is_named(
     assert str(damaged) in str(caught.value)
 
 
+def test_a_length_beyond_all_memory_is_named(finished: Path, tmp_path: Path) -> None:
+    damaged = Path(shutil.copy(finished, tmp_path / "damaged.mcap"))
+    chunk = next(record for record in records(damaged) if record.opcode == Opcode.CHUNK)
+    # a chunk: start, end, size [8 bytes each], checksum [4], compression [4 and its text], length
+    at = 28 + 4 + int.from_bytes(chunk.payload[28:32], "little")
+    corrupt(damaged, Opcode.CHUNK, at=at + 7)  # the highest byte of the length: 2^63 and more
+    with pytest.raises(BagError, match=r"chunk at byte .* beyond 2\^63 bytes") as caught:
+        read(damaged)
+    assert str(damaged) in str(caught.value)
+
+
 def test_the_damage_helper_fails_where_there_is_nothing_to_damage(finished: Path) -> None:
     with pytest.raises(AssertionError, match="nothing to corrupt"):
         corrupt(finished, Opcode.ATTACHMENT)

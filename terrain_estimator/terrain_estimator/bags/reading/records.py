@@ -94,8 +94,16 @@ def _record_at(file: BinaryIO, offset: int, end: int) -> tuple[Record, int] | No
 
 
 def parse(kind: Parsed[T_co], payload: bytes) -> T_co:
-    """Parse a whole record's payload with a record class of the mcap package."""
-    return kind.read(ReadDataStream(BytesIO(payload)))
+    """Parse a whole record's payload with a record class of the mcap package.
+
+    Raises:
+        McapError: a length in it is beyond what Python can read at once, 2^63 bytes.
+        struct.error, UnicodeDecodeError: it is too short, or a text in it is not UTF-8.
+    """
+    try:
+        return kind.read(ReadDataStream(BytesIO(payload)))
+    except OverflowError as error:
+        raise McapError("a length in it is beyond 2^63 bytes") from error
 
 
 class Unpacker:
