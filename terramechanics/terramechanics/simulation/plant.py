@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from terramechanics.contact.stresses import wheel_forces
+from terramechanics.contact.stresses import compiled_wheel_forces
 from terramechanics.simulation.sample import Sample
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import BodyLoad
@@ -71,8 +71,8 @@ class ContactInputs(NamedTuple):
     slip_angle: Tensor | None = None
 
     def coefficients(self, radius: float, width: float, nodes: Tensor) -> Tensor:
-        """Return what :func:`wheel_forces` makes of these inputs, affine in the strength."""
-        return wheel_forces(
+        """Return the forces of a wheel for these inputs, affine in the strength, [..., 3, 3]."""
+        return compiled_wheel_forces()(
             self.slip,
             self.sinkage,
             self.constants,

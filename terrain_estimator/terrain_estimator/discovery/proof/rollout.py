@@ -191,13 +191,15 @@ def _drive(
     )
     soil = Ground([Patch(nominal.contact.constants + grounds[:, 2:] @ nominal.uncertain, strength)])
     rate = windows.rate.repeat(times, 1, 1)
-    simulation = Simulation(rover, soil, terrain, start, windows.step, plant)
-    simulation.rate = rate[:, 0].clone()
     series = []
-    for command in rate[:, 1:].unbind(1):
-        before = simulation.rate
-        seen = simulation.sensed(simulation.step(Command.RATE, command))
-        # As in observations: what turns the wheel itself is no torque on the ground.
-        torque = seen.torque - rover.wheel_inertia * (command - before) / windows.step
-        series.append(torch.cat([seen.velocity.unsqueeze(-1), seen.slip, seen.sinkage, torque], -1))
+    with torch.inference_mode():
+        simulation = Simulation(rover, soil, terrain, start, windows.step, plant)
+        simulation.rate = rate[:, 0].clone()
+        for command in rate[:, 1:].unbind(1):
+            before = simulation.rate
+            seen = simulation.sensed(simulation.step(Command.RATE, command))
+            # As in observations: what turns the wheel itself is no torque on the ground.
+            torque = seen.torque - rover.wheel_inertia * (command - before) / windows.step
+            signals = [seen.velocity.unsqueeze(-1), seen.slip, seen.sinkage, torque]
+            series.append(torch.cat(signals, -1))
     return torch.stack(series, 1)
