@@ -100,6 +100,8 @@ def judge_all(
 
     def one(mutant: Mutant, copy: Copy) -> Verdict:
         source = (tree.root / mutant.file).read_bytes()
+        if not chosen[mutant.file]:
+            raise RuntimeError(f"{mutant.file}: no test imports it within {plan.budget_s:.0f} s")
         key = f"{mutant.key(source)}:{_digest(tree, chosen[mutant.file])}"
         known = results.known(key)
         if known is None:

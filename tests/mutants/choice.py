@@ -57,11 +57,13 @@ class Tree:
         return frozenset(name for name in names if self.imports[name])
 
     def judges(self, file: str) -> list[tuple[int, str]]:
-        """Return the tests that import ``file``, with the number of modules between.
+        """Return the tests that import ``file``, each with its distance.
 
-        One module stands between at most; where no test is so near, as many as the nearest need.
-        The face of a package does not count as a module between.
+        The distance is the number of modules between, and one more for a test that is not in the
+        folder of tests of ``file``. One module stands between at most; where no test is so near, as
+        many as the nearest need. The face of a package does not count as a module between.
         """
+        own = f"tests/{self.module(file).replace('.', '/').rpartition('/')[0]}/"
         tests, names = self.tests(), {self.module(file)}
         found: dict[str, int] = {}
         for between in itertools.count():
@@ -72,7 +74,7 @@ class Tree:
                 break
             names |= importers
             names |= {face for face in self.faces if names & self.imports[face]}
-        return [(between, test) for test, between in found.items()]
+        return [(n + (not test.startswith(own)), test) for test, n in found.items()]
 
 
 def _imported(source: str) -> set[str]:
@@ -95,22 +97,22 @@ def choose(
 ) -> list[str]:
     """Return node ids of the ``judges`` in the order in which to run them.
 
-    ``seconds`` are those of each test unmutated. The nearest importers come first, then the
-    quickest; together they take ``budget_s`` at most, the import of their files included.
+    ``seconds`` are those of each test unmutated. The nearest come first, then the quickest;
+    together they take ``budget_s`` at most, the import of their files included.
     """
     tests = [
-        (between, duration, name)
-        for between, file in judges
+        (distance, duration, name)
+        for distance, file in judges
         for name, duration in seconds.items()
         if name.split("::")[0] == file
     ]
     chosen: dict[tuple[int, str], list[str]] = {}
     spent: defaultdict[str, float] = defaultdict(float)
-    for between, duration, name in sorted(tests):
+    for distance, duration, name in sorted(tests):
         file = name.split("::")[0]
         costs = duration + (0.0 if file in spent else FILE_S)
         if sum(spent.values()) + costs <= budget_s:
-            chosen.setdefault((between, file), []).append(name)
+            chosen.setdefault((distance, file), []).append(name)
             spent[file] += costs
     order = sorted(chosen, key=lambda group: (group[0], spent[group[1]], group[1]))
     return [name for group in order for name in chosen[group]]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The drawing and judging of mutants, on a toy library with one test."""
 
+import dataclasses
 import tomllib
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from tests.mutants.judge import (
     NOT_COMPILED,
     SURVIVED,
     TIMED_OUT,
+    UNMUTATED,
     Job,
     copy_of,
     judge,
@@ -137,13 +139,42 @@ def test_a_timeout_is_a_kill_where_the_unmutated_module_is_quick(
     (mutant,) = changed(plan, "n -= 2")
     with copy_of(plan.tree) as copy:
         assert judge(copy, mutant, Job((), "", ()), 8.0)[0] == verdict
-    assert limits == [8.0, 4.0][: len(statuses)]
+    assert limits == pytest.approx([8.0, UNMUTATED * 8.0][: len(statuses)])
 
 
 def test_a_job_that_hangs_is_ended_at_its_limit(plan: Plan) -> None:
     hang = "import time\n\n\ndef test_that_hangs():\n    time.sleep(600)\n"
     (plan.tree.root / "tests/test_hang.py").write_text(hang)
     assert run(Job((), str(plan.tree.root), ("tests/test_hang.py",)), 2.0) is None
+
+
+def test_no_test_begins_when_the_time_is_nearly_up(plan: Plan) -> None:
+    late = "def test_that_comes_too_late():\n    raise AssertionError\n"
+    slow = "import time\n\n\ndef test_that_is_slow():\n    time.sleep(0.5)\n\n\n"
+    (plan.tree.root / "tests/test_late.py").write_text(slow + late)
+    names = tuple(
+        f"tests/test_late.py::{name}" for name in ("test_that_is_slow", "test_that_comes_too_late")
+    )
+    job = Job((), str(plan.tree.root), names, last_start_s=30.0)
+    assert run(job, 60.0) == pytest.ExitCode.TESTS_FAILED
+    assert run(dataclasses.replace(job, last_start_s=0.0), 60.0) == pytest.ExitCode.OK
+
+
+def test_a_mutant_that_breaks_the_import_of_a_conftest_is_killed(plan: Plan) -> None:
+    conftest = "from terramechanics.toy import countdown\n\nassert countdown(1) == 0\n"
+    (plan.tree.root / "tests/conftest.py").write_text(conftest)
+    (mutant,) = changed(plan, "while n == 0:")
+    job = Job((), str(plan.tree.root), ("tests/test_other.py",))
+    with copy_of(plan.tree) as copy:
+        assert judge(copy, mutant, job)[0] == KILLED
+
+
+def test_a_module_that_no_test_imports_is_an_error(plan: Plan) -> None:
+    (plan.tree.root / "tests/test_toy.py").unlink()
+    (plan.tree.root / "terramechanics/terramechanics/scripted.py").write_text("")
+    (mutant,) = changed(plan, "scale = 4.0")
+    with pytest.raises(RuntimeError, match="no test imports it"):
+        judge_all(plan, [mutant], 1, Results(plan.folder / "mutants.json"), list[str]().append)
 
 
 def test_a_mutant_that_torchscript_cannot_compile_is_replaced_by_another(plan: Plan) -> None:
@@ -177,7 +208,7 @@ def test_tests_that_import_the_module_judge_it_the_nearest_and_quickest_first(pl
     (root / "terramechanics/terramechanics/user.py").write_text("from terramechanics import toy\n")
     (root / "tests/test_user.py").write_text("import terramechanics.user\n")
     judges = Tree(root, plan.tree.packages).judges(FILE)
-    assert judges == [(0, "tests/test_toy.py"), (1, "tests/test_user.py")]
+    assert judges == [(1, "tests/test_toy.py"), (2, "tests/test_user.py")]
     seconds = {
         "tests/test_user.py::test_b": 0.1,
         "tests/test_toy.py::test_slow": 2.0,
@@ -190,6 +221,14 @@ def test_tests_that_import_the_module_judge_it_the_nearest_and_quickest_first(pl
         "tests/test_toy.py::test_slow",
         "tests/test_user.py::test_b",
     ]
+
+
+def test_tests_in_the_folder_of_the_module_come_before_others_as_near(plan: Plan) -> None:
+    own = plan.tree.root / "tests/terramechanics/test_own.py"
+    own.parent.mkdir()
+    own.write_text("from terramechanics.toy import least\n")
+    judges = Tree(plan.tree.root, plan.tree.packages).judges(FILE)
+    assert sorted(judges) == [(0, "tests/terramechanics/test_own.py"), (1, "tests/test_toy.py")]
 
 
 def test_an_equivalent_mutant_does_not_count_and_a_tenth_may_be_equivalent(
