@@ -10,7 +10,10 @@ import random
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+from scipy.stats import binomtest
 
 from tests.fuzz.targets import TARGETS, Target
 
@@ -41,8 +44,22 @@ def mutated(generator: random.Random, seeds: Sequence[bytes]) -> bytes:
     return bytes(data)
 
 
-def mutations(name: str, number: int, seed: int, out: Path) -> int:
-    """Read so many damaged files with a target, print the result; return the number of findings."""
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """How one reader took randomly damaged files."""
+
+    files: int
+    findings: int
+    slowest_s: float  # of processor time
+
+    @property
+    def limit(self) -> float:
+        """Largest share of such files that would be findings, with 95 % confidence [1]."""
+        return float(binomtest(self.findings, self.files).proportion_ci(0.9, "exact").high)
+
+
+def mutations(name: str, number: int, seed: int, out: Path) -> Damage:
+    """Read so many damaged files with a target; findings are kept in ``out`` and printed."""
     generator, target = random.Random(f"{seed} {name}"), TARGETS[name]
     seeds, findings, slowest_s = target.seeds(), 0, 0.0
     for _ in range(number):
@@ -55,12 +72,13 @@ def mutations(name: str, number: int, seed: int, out: Path) -> int:
             place = out / f"{name.replace(' ', '_')}_{findings}"
             place.write_bytes(data)
             sys.stdout.write(f"{name}: {wrong}: {place}\n")
-    limit = f", 95 % limit {3.0 / number:.1g}" if number and not findings else ""
+    found = Damage(number, findings, slowest_s)
     sys.stdout.write(
-        f"{name}: {number} damaged files, {findings} findings{limit}, slowest {slowest_s:.2f} s\n"
+        f"{name}: {number} damaged files, {findings} findings, 95 % limit {found.limit:.1g},"
+        f" slowest {slowest_s:.2f} s\n"
     )
     sys.stdout.flush()
-    return findings
+    return found
 
 
 def _attempt(target: Target, data: bytes) -> tuple[str, float]:
