@@ -96,10 +96,10 @@ def test_random_damage_is_counted_and_kept(
     def fail(_: Path) -> None:
         raise KeyError("lost")
 
-    assert mutations("bag", 20, 1, tmp_path) == 0
+    assert mutations("bag", 20, 1, tmp_path).findings == 0
     assert "bag: 20 damaged files, 0 findings, 95 % limit 0.1" in capsys.readouterr().out
     monkeypatch.setitem(TARGETS, "soil", dataclasses.replace(TARGETS["soil"], read=fail))
-    assert mutations("soil", 2, 1, tmp_path) == 2
+    assert mutations("soil", 2, 1, tmp_path).findings == 2
     assert "soil: KeyError: 'lost'" in capsys.readouterr().out
     assert len(list(tmp_path.iterdir())) == 2
 
