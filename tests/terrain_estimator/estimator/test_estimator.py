@@ -189,6 +189,33 @@ def test_an_innovation_is_that_of_the_time_that_was_foretold(
     )
 
 
+def test_a_pause_of_unknown_length_judges_no_forecast(
+    model: LoadedModel, drive: list[Observation]
+) -> None:
+    judged, paused = Estimator(model, CoreConfig()), Estimator(model, CoreConfig())
+    for observation in drive[:25]:
+        judged.update(observation)
+        paused.update(observation)
+    paused.unlink()
+    assert math.isfinite(judged.update(drive[25]).prediction.innovation)
+    assert math.isnan(paused.update(drive[25]).prediction.innovation)
+
+
+def test_an_answer_that_must_not_be_published_refuses_the_open_second(
+    model: LoadedModel, drive: list[Observation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimator = Estimator(model, CoreConfig())
+    for observation in drive[:23]:
+        estimator.update(observation)
+    name = "terrain_estimator.estimator.estimator.unsound"
+    monkeypatch.setattr(name, lambda *_: "a number is none")
+    update = estimator.update(drive[23])
+    assert update.decision.outcome is Outcome.NUMERICAL_FAILURE
+    assert update.decision.settled == 4
+    assert (update.estimate.observations_used, update.estimate.observations_waiting) == (0, 0)
+    assert estimator.reopened == 1
+
+
 def test_without_torque_and_imu_fewer_rows_are_used(
     model: LoadedModel, drive: list[Observation]
 ) -> None:

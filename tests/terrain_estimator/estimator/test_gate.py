@@ -85,3 +85,14 @@ def test_another_gate_holds_from_the_next_observation_on() -> None:
     assert estimator.update(wrong[0]).decision.outcome is Outcome.GATED
     estimator.set_gate_probability(0.0)
     assert estimator.update(wrong[1]).decision.outcome is Outcome.ACCEPTED
+
+
+def test_a_gate_that_is_set_later_is_the_one_of_the_parameter() -> None:
+    model = load_model()
+    later, given = (Estimator(model, CoreConfig(gate_probability=p)) for p in (0.3, 0.02))
+    later.set_gate_probability(0.02)
+    drive = drive_observations(model.rover, model.metadata.soils[0], 1.5, SEEDS[0])
+    for observation in drive:
+        found, right = (each.update(observation).decision.threshold for each in (later, given))
+        assert found == right or (math.isnan(found) and math.isnan(right))
+    assert math.isfinite(right)

@@ -25,6 +25,7 @@ from terrain_estimator.state_files import read_state
 from tests.terrain_estimator.drives import drive_observations
 
 SAVED_AFTER = 63  # in the middle of a block
+LATEST = 2_147_483_647_000_000_000  # [ns]
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +75,32 @@ def test_the_state_before_the_first_observation_can_be_kept_too(
     assert other.last_stamp_ns is None
     estimate = other.update(drive[0]).estimate
     assert (estimate.observations_used, estimate.observations_waiting) == (0, 1)
+
+
+def test_a_restored_estimator_saves_what_it_was_given(model: LoadedModel, content: bytes) -> None:
+    estimator, arrays = Estimator(model, CoreConfig()), unpack_state(content, model.sha256, "here")
+    estimator.restore(arrays)
+    again = estimator.save()
+    assert again.keys() == arrays.keys()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(again[name], array, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "words"), [(0, ""), (-1, "no time"), (LATEST, ""), (LATEST + 1, "no time")]
+)
+def test_the_last_stamp_is_one_that_a_message_can_hold(
+    model: LoadedModel, content: bytes, stamp_ns: int, words: str
+) -> None:
+    """The seconds of a stamp are a signed number of 32 bits."""
+    arrays = unpack_state(content, model.sha256, "here")
+    arrays["last.stamp_ns"] = np.array(stamp_ns)
+    estimator = Estimator(model, CoreConfig())
+    if words:
+        with pytest.raises(StateFileError, match=words):
+            estimator.restore(arrays)
+    else:
+        estimator.restore(arrays)
 
 
 @pytest.mark.parametrize(
