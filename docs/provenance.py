@@ -42,6 +42,7 @@ _FOLDERS = {
     "demo": (f"{_OURS}/cli", _NODES, "rover_sim_node/rover_sim_node"),
     "soak": ("benchmarks/soak", _NODES),
     "foreign": ("studies/foreign",),
+    "robustness": ("studies/robustness",),
 }
 """Folders whose modules each command of the Makefile runs; what they import follows."""
 _NO_FIGURES = re.compile(

@@ -189,6 +189,10 @@ def test_an_innovation_is_that_of_the_time_that_was_foretold(
     )
 
 
+def test_updates_are_numbered_from_zero(model: LoadedModel, drive: list[Observation]) -> None:
+    assert [update.sequence for update in run(model, drive[:3])] == [0, 1, 2]
+
+
 def test_a_pause_of_unknown_length_judges_no_forecast(
     model: LoadedModel, drive: list[Observation]
 ) -> None:

@@ -6,6 +6,7 @@
 """
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -16,6 +17,7 @@ from rover_parameters.parameters import configure
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.estimator.restored_state import EstimatorParts, _check_range
 from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.estimator.soundness import unsound
 from terrain_estimator.model.model_file import LoadedModel, load_model
@@ -124,6 +126,43 @@ def test_a_refusal_names_the_field_and_its_value(
     with pytest.raises(StateFileError, match=f"the state's {words}.*: start without it, from"):
         estimator.restore(saved | {name: change(saved[name])})
     assert {key: value.tobytes() for key, value in estimator.save().items()} == before
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [
+        ("velocity", -1e6, 1e6),
+        ("velocity_variance", 1e-60, 1e30),
+        ("acceleration_variance", 0.0, 1e30),
+        ("feature_noise", 0.0, 1e30),
+        ("change", 0.0, 1e30),
+        ("change_weight", 0.0, 1.0),
+        ("closed", 0.0, 1.0),
+        ("changed", 0.0, 1.0),
+        ("age", 0.0, 1e12),
+        ("precision", -1e30, 1e30),
+    ],
+)
+def test_a_number_of_a_state_has_its_range(
+    model: LoadedModel, name: str, least: float, most: float
+) -> None:
+    start = model.module.initial()
+    parts = EstimatorParts(start, start, model.module.publish, 3, 0.13, 10, 0.1)
+    for value in (least, most):
+        _check_range(name, torch.tensor([value, most]), parts)
+        beyond = value + math.copysign(1e-6 + 1e-3 * abs(value), value - 0.5 * (least + most))
+        with pytest.raises(StateFileError, match=f"the state's {name} is .*, not within"):
+            _check_range(name, torch.tensor([most, beyond], dtype=torch.float64), parts)
+
+
+def test_a_second_has_no_more_than_a_thousand_degrees_of_freedom(
+    model: LoadedModel, saved: Saved
+) -> None:
+    Estimator(model, CoreConfig()).restore(saved | {"judged": np.array([[9.0, 4.0], [9.0, 1e3]])})
+    with pytest.raises(StateFileError, match="no misfits with their degrees"):
+        Estimator(model, CoreConfig()).restore(
+            saved | {"judged": np.array([[9.0, 4.0], [9.0, 1001.0]])}
+        )
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, -1.0, 5e-324, 1e308])

@@ -21,7 +21,7 @@ from terramechanics.simulation.schedules import (
     TorqueBands,
     make_schedule,
 )
-from terramechanics.simulation.simulation import Simulation, start
+from terramechanics.simulation.simulation import Simulation, simulate, start
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled, random_hills
 from terramechanics.terrain.soil import Soil, load_soil
@@ -227,6 +227,21 @@ def test_named_schedules_start_settled_and_own_ones_as_they_are_given() -> None:
     assert same is schedule
     assert again.time_step == 0.02
     assert torch.equal(again.velocity, schedule.start_velocity)
+
+
+def test_a_schedule_is_asked_for_the_end_of_each_step_in_order() -> None:
+    asked: list[float] = []
+
+    class Noting:
+        kind, start_velocity = Command.RATE, numbers(0.1)
+
+        def command(self, time: float) -> Tensor:
+            asked.append(time)
+            return rates(1, 0.12)
+
+    generator = torch.Generator().manual_seed(1)
+    simulate(ROVER, Ground.constant(SOIL), Noting(), 0.5, generator, 1, "flat")
+    assert asked == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
 
 
 def test_an_effect_is_asked_at_the_end_of_each_step() -> None:

@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives in a world, through the node's estimator with default parameters."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from studies.foreign.watch import Watched, watched
+from studies.observations import observations_of
+from studies.robustness.worlds import SECONDS, World, measured, misstated, unknown_ground
+from terrain_estimator.config.estimator import CoreConfig
+from terrain_estimator.estimator.estimator import Estimator
+from terrain_estimator.learning.tasks import SOILS, random_ground
+from terrain_estimator.messaging.messages import Status, status_of
+from terrain_estimator.messaging.pipeline import usable_rows
+from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.observation import Observation
+from terramechanics.simulation.plant import Plant
+from terramechanics.simulation.simulation import simulate
+from terramechanics.terrain.soil import load_soil
+from terramechanics.vehicle.rover import Rover
+from tests.hidden.cases import drive_ends
+from tests.hidden.generators import GENERATORS, Draw, sizes_of
+from tests.hidden.ground import uniform
+
+Record = dict[str, NDArray[Any]]
+"""What was published in N drives:
+
+``truth``, ``mean``, ``deviation`` [N, 2] of c [Pa] and tan phi at the end; ``inside`` [N, 2] 1
+where the last 95 % interval holds the truth; ``status`` [N] the last one; ``wrong`` [N] the share
+of answers that were IDENTIFIED with a parameter outside its interval; ``excess`` [N] see
+:func:`excess_of`; ``seconds`` [N] that were closed.
+"""
+ROVER = "mars_rover"
+WINDOW_S = 10.0
+"""[s] Of driving, over which the design asks for an excess of 20 where an effect can be seen."""
+
+
+def drive_batch(world: World, drives: int, seed: int) -> Record:
+    """Return the record of a batch of drives over hills; the same seed draws the same ground."""
+    model = load_model(ROVER)
+    drawing, hiding = (torch.Generator().manual_seed(2 * seed + k) for k in range(2))
+    ground = random_ground(load_soil(world.soil or SOILS[0]), drives, drawing)
+    if not world.soil:
+        ground = unknown_ground(ground.patches[0].strength, hiding)
+    rover = misstated(model.rover, hiding) if world.rover else model.rover
+    plant = _plant(world, rover, drives, hiding)
+    drive = simulate(rover, ground, "S1", SECONDS, drawing, drives, plant=plant)
+    readings = measured(world, rover, drive.seen, hiding)
+    ends = drive_ends(drive).tolist()
+    truth = ground.patches[0].strength.numpy()
+    return joined(
+        _published(model, observations_of(readings, k)[: ends[k]], truth[k]) for k in range(drives)
+    )
+
+
+def _plant(world: World, rover: Rover, drives: int, generator: torch.Generator) -> Plant | None:
+    if not world.parts:
+        return None
+    axle = torch.randint(rover.axles, (drives,), generator=generator)
+    place = uniform((2.0, 5.0), (drives,), generator)
+    effects = []
+    for name, share in world.parts:
+        sizes = sizes_of(GENERATORS[name], share, drives, generator)
+        effects.append(GENERATORS[name].make(Draw(sizes, axle, place)))
+    return Plant(effects)
+
+
+def joined(parts: Any) -> Record:  # noqa: ANN401 - any iterable of records
+    """Return the drives of all parts."""
+    every = list(parts)
+    return {name: np.concatenate([part[name] for part in every]) for name in every[0]}
+
+
+def _published(
+    model: LoadedModel, observations: Sequence[Observation], truth: NDArray[np.float64]
+) -> Record:
+    core = CoreConfig()
+    seen, watch = watched(model)
+    estimator, rows = Estimator(seen, core), usable_rows(model.rows, core)
+    wrong, misfits, degrees, status = 0, [], [], Status.PRIOR_ONLY
+    estimate = None
+    for observation in observations:
+        update = estimator.update(observation)
+        estimate, status = update.estimate, status_of(update, rows)
+        inside = (estimate.lower_95 <= truth) & (truth <= estimate.upper_95)
+        wrong += status is Status.IDENTIFIED and not inside.all()
+        _note(watch, misfits, degrees)
+    assert estimate is not None
+    values = {
+        "truth": truth,
+        "mean": estimate.mean,
+        "deviation": np.sqrt(np.diag(estimate.covariance)),
+        "inside": (estimate.lower_95 <= truth) & (truth <= estimate.upper_95),
+        "status": int(status),
+        "wrong": wrong / len(observations),
+        "excess": excess_of(misfits, degrees),
+        "seconds": len(misfits),
+    }
+    return {name: np.asarray(value, np.float64)[np.newaxis] for name, value in values.items()}
+
+
+def _note(watch: Watched, misfits: list[float], degrees: list[float]) -> None:
+    closed = watch.take()
+    if closed is not None:
+        misfits.append(float(closed.after["misfit"]))
+        degrees.append(float(closed.after["degrees"]))
+
+
+def excess_of(misfits: Sequence[float], degrees: Sequence[float]) -> float:
+    """Return by how much the squared distances of 10 s exceed their degrees of freedom [1].
+
+    The mean over a drive's closed seconds estimates the non-centrality that what is hidden leaves
+    in the rows beside c and tan phi; NaN without a closed second.
+    """
+    if not misfits:
+        return math.nan
+    return WINDOW_S * float(np.mean(np.subtract(misfits, degrees)))

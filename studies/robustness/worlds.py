@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""The worlds of the study: one thing in each that the estimator is not told."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from terrain_estimator.learning.tasks import SOILS
+from terramechanics.simulation.sample import TIME_STEP, Sample
+from terramechanics.simulation.sensors import Measurement, Noise, measure_drive
+from terramechanics.terrain.ground import Ground, Patch
+from terramechanics.vehicle.rover import Rover
+from tests.hidden.generators import GENERATORS
+
+AS_MODELLED, EFFECT, OUTSIDE, NOISE, SOIL, ROVER, TOGETHER = (
+    "nothing hidden",
+    "hidden effects",
+    "effects outside the library",
+    "misstated noise",
+    "unknown soil",
+    "misstated rover",
+    "all together",
+)
+"""Kinds of worlds, as the page names them."""
+SECONDS = 60.0
+SOIL_RANGES = (
+    (0.5, 1.3),  # n [1]
+    (500.0, 2000.0),  # k_c [Pa/m^(n-1)]
+    (0.6e6, 2.0e6),  # k_phi [Pa/m^n]
+    (0.012, 0.045),  # K [m]
+    (0.15, 0.45),  # c1 [1]
+    (0.1, 0.35),  # c2 [1]
+)
+"""Constants of an unknown soil: those of the three soils that the model knows span most of it."""
+STATED_MASS = 0.3
+"""[1] Largest error of the mass and of the wheels' radius and width in a misstated rover file."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """What is hidden from the estimator."""
+
+    kind: str
+    name: str
+    parts: tuple[tuple[str, float], ...] = ()  # effects, each with a share of the size that matters
+    noise: float = 1.0  # times what is stated
+    noise_time: float = 0.0  # [s] time constant of the noise, 0: white
+    steps: float = 0.0  # width of a reading's steps, in stated deviations
+    soil: str = "loose_sand"  # empty: an unknown one
+    rover: bool = False  # a misstated one
+
+
+def worlds() -> list[World]:
+    """Return every world in the order of the page."""
+    library = [name for name, hidden in GENERATORS.items() if hidden.known]
+    others = [name for name, hidden in GENERATORS.items() if not hidden.known]
+    return [
+        *(World(AS_MODELLED, soil, soil=soil) for soil in SOILS),
+        *(World(EFFECT, name, ((name, 1.0),)) for name in library),
+        *(World(OUTSIDE, name, ((name, 1.0),)) for name in others),
+        World(NOISE, "half of what is stated", noise=0.5),
+        World(NOISE, "twice what is stated", noise=2.0),
+        World(NOISE, "three times what is stated", noise=3.0),
+        World(NOISE, "correlated over 0.5 s", noise_time=0.5),
+        World(NOISE, "steps of two deviations", steps=2.0),
+        World(SOIL, "constants drawn", soil=""),
+        World(ROVER, "mass, radius, width up to 30 % off", rover=True),
+    ]
+
+
+def together(generator: torch.Generator) -> World:
+    """Draw a world in which everything is hidden at once."""
+    names = list(GENERATORS)
+    share, noise = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+    coloured, stepped = (torch.rand(2, generator=generator) < 0.5).tolist()
+    name = names[int(torch.randint(len(names), (1,), generator=generator))]
+    return World(
+        TOGETHER,
+        TOGETHER,
+        ((name, 1.5 * share),),
+        noise=0.5 * 6.0**noise,
+        noise_time=0.5 if coloured else 0.0,
+        steps=2.0 if stepped else 0.0,
+        soil="",
+        rover=True,
+    )
+
+
+def unknown_ground(strength: Tensor, generator: torch.Generator) -> Ground:
+    """Return ground of this strength [N, 2] whose constants are drawn from SOIL_RANGES."""
+    low, high = torch.tensor(SOIL_RANGES, dtype=torch.float64).unbind(1)
+    share = torch.rand((strength.shape[0], len(low)), generator=generator, dtype=torch.float64)
+    return Ground([Patch(low + (high - low) * share, strength)])
+
+
+def misstated(rover: Rover, generator: torch.Generator) -> Rover:
+    """Return the rover that drives where ``rover`` is what its file says."""
+    draw = torch.rand(3, generator=generator, dtype=torch.float64)
+    mass, radius, width = (1.0 + STATED_MASS * (2.0 * draw - 1.0)).tolist()
+    return dataclasses.replace(
+        rover,
+        mass=mass * rover.mass,
+        wheel_radius=radius * rover.wheel_radius,
+        wheel_width=width * rover.wheel_width,
+    )
+
+
+def measured(world: World, rover: Rover, sample: Sample, generator: torch.Generator) -> Measurement:
+    """Measure a batch of drives with the world's noise, but the usual stated deviations."""
+    correlation = math.exp(-TIME_STEP / world.noise_time) if world.noise_time else 0.0
+    noise = Noise(factor=world.noise)
+    found = measure_drive(rover, sample, noise, generator, correlation)
+    values = {item.name: getattr(found, item.name) for item in dataclasses.fields(Measurement)}
+    for name in [name for name in values if name.endswith("_sd")]:
+        values[name] = values[name] / world.noise
+        signal = name.removesuffix("_sd")
+        if world.steps and signal != "acceleration":  # whose deviation holds a constant bias, too
+            width = world.steps * values[name].amin((0, 1))
+            values[signal] = torch.round(values[signal] / width) * width
+    return Measurement(**values)
