@@ -43,7 +43,7 @@ class Estimate:
     covariance: Floats  # [2, 2] marginal, Pa^2, Pa, 1
     lower_95: Floats  # [2] never below zero
     upper_95: Floats  # [2]
-    identified: tuple[bool, bool]
+    identified: tuple[bool, bool]  # by the data, whose fit confirms the model
     mass_below_zero: float
     change_probability: float  # [1] of a ground change in the last three seconds of driving
     soils: tuple[str, ...]  # those of the model
@@ -103,4 +103,5 @@ class Update:
     decision: Decision
     condition_number: float
     disagreements: tuple[Disagreement, ...] = ()
+    unconfirmed: str = ""  # why an estimate that is sharp enough is not called identified
     warnings: tuple[str, ...] = field(default=())

@@ -9,16 +9,19 @@ distributed, with as many degrees of freedom as it has rows less one (Bar-Shalom
 2001, section 5.4, on the normalised innovation squared), and seconds are independent. So their sums
 over some windows are tested.
 
+The test has two levels. Seconds that honest noise hardly ever gives DISAGREE with the model. To
+pass that test does not show that the model fits. So seconds that honest noise gives in one of fifty
+cases leave the estimate unconfirmed, and no parameter is called identified.
+
 A change of the ground makes seconds misfit, too, until the posterior has followed it. So seconds
 are judged after a delay, and those before an accepted change are forgotten. A model that is wrong
 looks like a ground that changes all the time: only one change in REST seconds is let be.
 """
 
 import functools
-import itertools
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +36,8 @@ WINDOWS = (10, 20, 60, 300)
 """
 FALSE_ALARM = 1e-6
 """[1] Probability that honest seconds fail one test: one in 3 days of four tests a second."""
+DOUBTFUL = 0.02
+"""[1] Probability that honest seconds fail one test of what confirms an estimate."""
 LARGEST = 1e-5
 """[1] A second contributes no more than honest ones exceed with this probability."""
 DELAY = 5
@@ -91,22 +96,40 @@ class Consistency:
 
     def disagreements(self) -> tuple[Disagreement, ...]:
         """Return the reason why the model does not fit; empty where it does."""
+        failed = self._failed(FALSE_ALARM)
+        return (
+            (Disagreement(f"the model does not fit this rover or ground: {failed}", ADVICE),)
+            if failed
+            else ()
+        )
+
+    def doubt(self) -> str:
+        """Return why the last seconds do not confirm that the model fits; empty where they do."""
+        if len(self.judged) < WINDOWS[0]:
+            needed = WINDOWS[0] + DELAY
+            return f"the fit is judged from {needed} seconds of driving on one ground"
+        return self._failed(DOUBTFUL)
+
+    def _failed(self, probability: float) -> str:
+        """Return in words which window honest seconds exceed with less than ``probability``."""
+        for window, (total, degrees) in self._sums():
+            most = limit(probability, degrees)
+            if total > most:
+                return (
+                    f"the last {window} seconds of driving miss it by {total / degrees:.3g} times"
+                    f" their stated variance, where noise explains {most / degrees:.3g}"
+                )
+        return ""
+
+    def _sums(self) -> Iterator[tuple[int, Fit]]:
+        """Yield every window that is full, and the sum of its seconds."""
         newest_first = list(reversed(self.judged))
         for window in WINDOWS:
             if len(newest_first) < window:
-                break
-            seconds = itertools.islice(newest_first, window)
-            bounded = [(min(each.misfit, limit(LARGEST, each.degrees)), each) for each in seconds]
-            total = sum(value for value, _ in bounded)
-            degrees = sum(each.degrees for _, each in bounded)
-            if total > limit(FALSE_ALARM, degrees):
-                finding = (
-                    f"the model does not fit this rover or ground: the last {window} seconds of"
-                    f" driving miss it by {total / degrees:.2g} times their stated variance, where"
-                    f" noise explains {limit(FALSE_ALARM, degrees) / degrees:.2g}"
-                )
-                return (Disagreement(finding, ADVICE),)
-        return ()
+                return
+            seconds = newest_first[:window]
+            total = sum(min(each.misfit, limit(LARGEST, each.degrees)) for each in seconds)
+            yield window, Fit(total, sum(each.degrees for each in seconds))
 
 
 @functools.lru_cache

@@ -78,7 +78,7 @@ class Estimator:
         """Forget everything but the sequence number."""
         self._intake = Intake()
         self._consistency = Consistency()
-        self._inconsistent: tuple[Disagreement, ...] = ()  # as of the last closed block
+        self._judge()
         self._forecasting = Forecasting()
         self._reopen()
         self._last_stamp: int | None = None  # the last one that came
@@ -197,7 +197,7 @@ class Estimator:
         self._change, self._doubt = counts.change, counts.doubt
         self._forecasting = counts.forecasting
         self._intake, self._consistency = counts.intake, counts.consistency
-        self._inconsistent = self._consistency.disagreements()
+        self._judge()
 
     def unlink(self) -> None:
         """Accept any stamp next, as after a pause of unknown length; the posterior stays."""
@@ -221,6 +221,11 @@ class Estimator:
         """Reasons why the model does not fit, each of which withholds the estimate."""
         # seconds are refused for their misfit: one of both reasons says all
         return mostly_refused(self._intake.seconds) or self._inconsistent
+
+    def _judge(self) -> None:
+        """Judge the fit of the last closed blocks."""
+        self._inconsistent = self._consistency.disagreements()
+        self._unconfirmed = self._consistency.doubt()
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
@@ -297,7 +302,7 @@ class Estimator:
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
         self._consistency.add(Fit(report.misfit, degrees), self._change)
-        self._inconsistent = self._consistency.disagreements()
+        self._judge()
         threshold = limit(self._config.gate_probability, degrees)
         if report.misfit <= threshold:
             self._contradictions, self._doubt = 0, 0.0
@@ -398,8 +403,11 @@ class Estimator:
 
     def _update(self, stamp_ns: int, decision: Decision, prediction: Prediction) -> Update:
         intake, disagreements = self._intake, self._disagreements
+        known = self._prior if disagreements else self._published.estimate
+        sharp = any(known.identified)
         estimate = dataclasses.replace(
-            self._prior if disagreements else self._published.estimate,
+            known,
+            identified=(False, False) if self._unconfirmed else known.identified,
             observations_used=intake.used,
             observations_waiting=intake.waiting,
             time_used_s=intake.time_used_s,
@@ -414,6 +422,7 @@ class Estimator:
             decision=decision,
             condition_number=self._published.condition,
             disagreements=disagreements,
+            unconfirmed=self._unconfirmed if sharp else "",
         )
 
 

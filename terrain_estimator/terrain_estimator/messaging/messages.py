@@ -64,6 +64,8 @@ def status_text(
     if update.disagreements:
         parts += [f"{each.finding}; {each.advice}" for each in update.disagreements]
         parts.append("c and tan phi are the prior's")
+    elif update.unconfirmed:
+        parts.append(f"not identified yet: the model is not confirmed: {update.unconfirmed}")
     elif not all(estimate.identified):
         open_names = [
             name

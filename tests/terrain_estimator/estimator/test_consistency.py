@@ -10,6 +10,7 @@ from terrain_estimator.estimator.consistency import (
     CHANGING,
     CROSSING,
     DELAY,
+    DOUBTFUL,
     FALSE_ALARM,
     LARGEST,
     REST,
@@ -68,8 +69,49 @@ def test_the_sum_over_a_window_decides() -> None:
     assert not after([just * 1.001] * (enough - 1)).disagreements()
     (found,) = after([just * 1.001] * enough).disagreements()
     assert found.finding.startswith("the model does not fit this rover or ground: the last 10 sec")
-    assert f"by {just * 1.001 / DEGREES:.2g} times" in found.finding
+    assert f"by {just * 1.001 / DEGREES:.3g} times" in found.finding
     assert "find_missing_effect" in found.advice
+
+
+def test_nothing_is_confirmed_before_enough_seconds_are_judged() -> None:
+    enough = WINDOWS[0] + DELAY
+    assert "judged from 15 seconds of driving" in Consistency().doubt()
+    assert after([6.0] * (enough - 1)).doubt() == Consistency().doubt()
+    assert after([6.0] * enough).doubt() == ""
+
+
+def test_a_sum_that_honest_seconds_seldom_reach_leaves_the_estimate_unconfirmed() -> None:
+    just, enough = limit(DOUBTFUL, 10 * DEGREES) / 10.0, WINDOWS[0] + DELAY
+    assert after([just * 0.999] * enough).doubt() == ""
+    doubted = after([just * 1.001] * enough)
+    assert "the last 10 seconds of driving miss it by" in doubted.doubt()
+    assert f"where noise explains {just / DEGREES:.3g}" in doubted.doubt()
+    assert not doubted.disagreements()
+
+
+def test_a_small_misfit_is_found_in_the_longest_window() -> None:
+    """1.1 times the stated variance: with 2100 degrees of freedom 3.2 standard deviations."""
+    assert "the last 300 seconds" in after([1.1 * DEGREES] * (300 + DELAY)).doubt()
+
+
+def test_honest_seconds_are_seldom_doubted() -> None:
+    """In 36 000 seconds: four tests of 2 % each, of which neighbours share most seconds."""
+    consistency, doubted = Consistency(), 0
+    for misfit in np.random.default_rng(10).chisquare(DEGREES, 36_000):
+        consistency.add(Fit(float(misfit), DEGREES), 0.0)
+        doubted += bool(consistency.doubt())
+    assert DOUBTFUL < doubted / 36_000 < 4 * DOUBTFUL
+
+
+def test_after_a_change_of_the_ground_the_fit_has_to_be_confirmed_anew() -> None:
+    consistency = after([6.0] * 100)
+    assert not consistency.doubt()
+    consistency.add(Fit(30.0, DEGREES), CHANGING + 0.1)
+    waited = 0
+    while consistency.doubt():
+        consistency.add(Fit(6.0, DEGREES), 0.0)
+        waited += 1
+    assert waited == WINDOWS[0] + DELAY
 
 
 def test_one_second_however_wrong_is_no_disagreement() -> None:

@@ -70,6 +70,26 @@ def test_noise_of_twice_its_stated_deviation_disagrees(model: LoadedModel) -> No
         assert found[0].estimate.identified == (False, False)
 
 
+def test_nothing_is_identified_until_the_fit_confirms_it(model: LoadedModel) -> None:
+    """The data are enough for an honest rover after some seconds, the seconds judged are not."""
+    updates = answered(model, drive(model, 0))
+    sharp = [each.unconfirmed != "" or any(each.estimate.identified) for each in updates]
+    confirmed = [any(each.estimate.identified) for each in updates]
+    assert sharp.index(True) < 140 <= confirmed.index(True) < 200
+    early = updates[sharp.index(True)]
+    assert "judged from 15 seconds of driving" in early.unconfirmed
+    assert early.estimate.identified == (False, False)
+    assert np.mean(confirmed[200:]) > 0.8
+
+
+def test_noise_that_is_too_large_is_unconfirmed_before_it_disagrees(model: LoadedModel) -> None:
+    for seed in range(DRIVES):
+        updates = doubted(model, seed)
+        first = next(k for k, each in enumerate(updates) if each.disagreements)
+        assert not any(any(each.estimate.identified) for each in updates[:first])
+        assert updates[first].unconfirmed == ""  # the prior is published
+
+
 def test_a_rover_that_states_too_much_noise_agrees(model: LoadedModel) -> None:
     updates = answered(model, [claimed(each, 2.0) for each in drive(model, 0)])
     assert not any(each.disagreements for each in updates)

@@ -221,6 +221,16 @@ def test_a_model_that_does_not_fit_is_the_status_and_is_named_first(outcome: Out
     assert f"{outcome.name}: a wild row" in text
 
 
+def test_an_estimate_that_no_fit_confirms_says_so() -> None:
+    sharp = dataclasses.replace(
+        updated(identified=(False, False)), unconfirmed="the last 20 seconds are odd"
+    )
+    status = status_of(sharp, ROWS)
+    assert status is Status.CONVERGING
+    text = status_text(sharp, status, ROWS, ())
+    assert "not identified yet: the model is not confirmed: the last 20 seconds are odd" in text
+
+
 def test_the_messages_tell_what_became_of_the_seconds() -> None:
     decision = dataclasses.replace(decided(Outcome.GATED), settled=9)
     told = updated(decision, observations_waiting=3)
