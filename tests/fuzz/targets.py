@@ -42,7 +42,7 @@ from terrain_estimator.model.model_file import (
     load_model,
     read_metadata,
 )
-from terrain_estimator.state_files import read_state
+from terrain_estimator.offline.state_files import read_state
 from terramechanics.presets import PRESETS
 from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import load_rover

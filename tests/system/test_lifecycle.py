@@ -20,7 +20,7 @@ from terrain_estimator.config.estimator import EstimatorConfig
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import MODELS, load_model
 from terrain_estimator.nodes.common import message_types
-from terrain_estimator.state_files import read_state
+from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES
 from tests.drives import Event, drive_messages
 from tests.system.listening import Listener

@@ -42,7 +42,7 @@ from terrain_estimator.nodes.common.state_file import (
     in_thread,
     restore,
 )
-from terrain_estimator.state_files import read_state
+from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.topics import HEALTH, INPUT_TYPES, OUTPUT_TYPES, Message
 
 DEPTH = 50  # messages; 5 s at 10 Hz

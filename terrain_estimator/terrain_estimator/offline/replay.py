@@ -41,8 +41,8 @@ from terrain_estimator.messaging.sequence_numbers import Sequences
 from terrain_estimator.messaging.settled import SettledOutcomes
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.offline.estimation_process import Answered, Converted, answering
+from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.offline.topic_mapping import check_inputs
-from terrain_estimator.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from terrain_estimator.update import Disagreement
 

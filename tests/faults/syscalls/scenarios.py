@@ -26,7 +26,7 @@ from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.nodes.common.bag_thread import BagThread
 from terrain_estimator.nodes.common.state_file import StateFileWriter, restore
-from terrain_estimator.state_files import read_state
+from terrain_estimator.offline.state_files import read_state
 from tests.drives import drive_messages, write_bag
 
 MESSAGES, SIZE = 30, 100_000

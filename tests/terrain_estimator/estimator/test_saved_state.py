@@ -21,7 +21,7 @@ from terrain_estimator.estimator.saved_state import StateFileError, pack_state, 
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
-from terrain_estimator.state_files import read_state
+from terrain_estimator.offline.state_files import read_state
 from tests.terrain_estimator.drives import drive_observations
 
 SAVED_AFTER = 63  # in the middle of a block

@@ -21,9 +21,9 @@ from terrain_estimator.messaging.messages import Status
 from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.offline.replay import Replay
+from terrain_estimator.offline.state_files import read_state
 from terrain_estimator.offline.summary import print_table
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.state_files import read_state
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES
 from tests.drives import START_NS, STEP_NS, Event, drive_messages, write_bag
 from tests.terrain_estimator.offline.replays import SECONDS, estimates, identical, run

@@ -23,7 +23,7 @@ from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.messaging.diagnostics import SAVING, CheckResult
 from terrain_estimator.messaging.pipeline import Pipeline
-from terrain_estimator.state_files import is_foreign, read_state
+from terrain_estimator.offline.state_files import is_foreign, read_state
 
 REFUSED, LOADED = ".refused", ".loaded"
 """Endings of the names of a state file that was put aside, and of a copy for replays."""
