@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tools.measures.__main__ import END, START, write
-from tools.measures.imports import circles, depth, without_shortcuts
+from tools.measures.__main__ import END, ROOT, START, write
+from tools.measures.imports import circles, depth, graph, without_shortcuts
 from tools.measures.measures import complexity, measures
 from tools.measures.source import Function, lines_of_code, read
 from tools.pictures.packages import packages_picture, rooms
@@ -103,6 +103,23 @@ def test_the_picture_has_a_box_for_each_room_and_an_arrow_for_each_import(root: 
     drawn = packages_picture(modules)
     assert [drawn.count(f">{room}</text>") for room in rooms(modules)] == [1, 1, 1]
     assert drawn.count('class="arrow"') == 2
+
+
+def test_folders_that_import_in_a_circle_have_no_picture(root: Path) -> None:
+    for folder, other in (("learning", "pages"), ("pages", "learning")):
+        (root / OURS / folder).mkdir()
+        text = f"from terrain_estimator.{other} import here\n"
+        (root / OURS / folder / "there.py").write_text(text, encoding="utf-8")
+        (root / OURS / folder / "here.py").write_text("x = 1\n", encoding="utf-8")
+    modules = read(root)
+    assert not circles(graph(modules))
+    with pytest.raises(ValueError, match=r"in a circle: learning, pages$"):
+        packages_picture(modules)
+
+
+def test_neither_modules_nor_folders_of_ours_import_in_a_circle() -> None:
+    modules = read(ROOT)
+    assert (circles(graph(modules)), circles(rooms(modules))) == ([], [])
 
 
 def test_the_table_replaces_what_stands_between_the_marks(tmp_path: Path) -> None:

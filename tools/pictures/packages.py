@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
-from tools.measures.imports import Graph, graph, without_shortcuts
+from tools.measures.imports import Graph, circles, graph, without_shortcuts
 from tools.measures.source import Module
 from tools.pictures.svg import Drawing
 
@@ -31,8 +31,16 @@ def rooms(modules: list[Module]) -> Graph:
 
 
 def packages_picture(modules: list[Module]) -> str:
-    """Return the picture as SVG. An arrow that other arrows replace is left out."""
-    arrows = without_shortcuts(rooms(modules))
+    """Return the picture as SVG. An arrow that other arrows replace is left out.
+
+    Raises:
+        ValueError: folders import one another in a circle, so that none of them is at the top.
+    """
+    every = rooms(modules)
+    if found := circles(every):
+        named = "; ".join(", ".join(sorted(circle)) for circle in found)
+        raise ValueError(f"no picture: these folders import one another in a circle: {named}")
+    arrows = without_shortcuts(every)
     layers, links = _layers(arrows)
     places = _places(layers, links)
     drawing = Drawing(
