@@ -22,8 +22,7 @@ from terrain_estimator.bags import Types
 from terrain_estimator.cli import replay
 from terrain_estimator.model.model_file import load_model
 from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.drives import write_bag
 
 STEEPEST = 1.1

@@ -14,13 +14,13 @@ from benchmarks import numpy_rover
 from benchmarks.lines import BenchmarkLine, Effort
 from benchmarks.numpy_rover import Floats, NumpyTrack
 from terramechanics.effects import make_effect
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.simulation import simulate, start
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Hills
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 
 BAR = 5e4  # rover-steps a second, on two cores
 ROVERS = 1500

@@ -16,8 +16,7 @@ from terrain_estimator.learning.regression import Regression, distinct_rows
 from terrain_estimator.learning.training import Recipe, build_model, train
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.palpaca import PAlpaca
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 BAR_MS = 30.0
 """[ms] Bar for a step of 20 tasks x 40 blocks on one core: 1000 of them in half a minute."""

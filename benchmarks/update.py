@@ -14,7 +14,7 @@ import torch
 
 from studies.accuracy.scores import draw_drives
 from terrain_estimator.model.model_file import DEFAULT_MODEL, LoadedModel, load_model
-from terramechanics.terrain.soil import load_soil
+from terramechanics.presets import load_soil
 
 DRIVES = 12
 ROUNDS = 3  # the fastest counts: what else the machine does only slows it down

@@ -28,7 +28,7 @@ from terrain_estimator.nodes.terrain_map import TOPICS as MAPPED
 from terrain_estimator.nodes.watch import TOPICS as WATCHED
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES, OUTPUT_TYPES, RECORDED_TOPICS
-from terramechanics.terrain.soil import load_soil
+from terramechanics.presets import load_soil
 from tests.launch_stand_in import declared
 from tools.pictures.nodes import PICTURE, nodes_picture
 from tools.site.links import lead, source_of

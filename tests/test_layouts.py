@@ -16,7 +16,7 @@ from ament_index_python import get_package_share_directory
 
 from terrain_estimator.bags import Types
 from terrain_estimator.messaging.map_track import POINT
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 ROOT = Path(__file__).parents[1]
 LAYOUTS = ROOT / "terrain_estimator/layouts"

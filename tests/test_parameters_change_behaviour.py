@@ -26,8 +26,7 @@ from terrain_estimator.config.recorder import RecorderConfig
 from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.outcome import Outcome
-from terramechanics.presets import PRESETS
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import PRESETS, load_rover
 from tests.drives import Event, drive_messages
 
 TESTS = Path(__file__).parent

@@ -13,6 +13,7 @@ from rover_parameters.records import ConfigError
 from rover_sim_node.config import FOLLOW, SimulatorConfig
 from rover_sim_node.velocity_commands import VelocityCommands
 from terramechanics.effects import describe, make_effect
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.schedules import PROFILES, SCHEDULES
@@ -26,8 +27,7 @@ from terramechanics.simulation.sensors import (
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Profile, Ramp, StepProfile
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 
 MIDDLE = 1
 """The axle whose ground is the published truth."""

@@ -33,8 +33,7 @@ from terrain_estimator.model.model_file import load_model, model_names
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import regression_rows
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 WRONG = 0.05
 """[1] Largest relative error of each soil constant where the constants are wrong."""

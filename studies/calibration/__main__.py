@@ -39,13 +39,12 @@ from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis, 
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics.effects import describe, make_effect
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation import sample as simulated
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import simulate
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 SOILS = ("loose_sand", "regolith")
 DRIVES, SECONDS = 4, 60.0

@@ -24,11 +24,11 @@ from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Estimate
+from terramechanics.presets import load_soil
 from terramechanics.simulation.sample import TIME_STEP, Drive
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 
 HORIZON_S = 45

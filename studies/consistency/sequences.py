@@ -14,10 +14,10 @@ from studies.foreign.residuals import kinds, residuals_of, whitened
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terrain_estimator.model.packing import pack_measurement
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import simulate
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import EACH, Plan, drive_ends, simulate_cases
 from tests.hidden.matters import axle_means
 

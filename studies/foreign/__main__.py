@@ -27,7 +27,7 @@ from studies.records import Piece, compute, read_record, write_record, write_res
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.model.model_file import LoadedModel
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 Place = tuple[str, str, int]
 """Model, log, and the seed of the noise."""

@@ -20,8 +20,9 @@ import yaml
 from numpy.typing import NDArray
 
 from docs.provenance import ROOT
+from terramechanics.presets import load_rover
 from terramechanics.simulation.sensors import Noise
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 
 FOLDER = ROOT / "bags" / "foreign" / "logs"
 ENDING = ".csv.gz"

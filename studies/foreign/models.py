@@ -15,8 +15,8 @@ import torch
 from terrain_estimator.learning.export import export
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.model_file import LoadedModel, Training, load_model
+from terramechanics.presets import load_rover
 from terramechanics.terrain.soil import Soil
-from terramechanics.vehicle.rover import load_rover
 
 SHIPPED, CONTROL = "shipped", "control"
 MODELS = (SHIPPED, CONTROL)

@@ -19,8 +19,7 @@ from studies.baselines.palpaca import PaperPAlpaca
 from studies.paper.plants import NARROW, TESTING, TRAINING, PaperPlant, draw_drives, vehicle
 from studies.paper.training import PaperRecipe, train
 from terrain_estimator.learning.loss import Orthogonality
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 ROVER = "paper_rover"
 SOILS = ("loose_sand", "compact_sand")

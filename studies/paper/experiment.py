@@ -27,7 +27,7 @@ from studies.paper.cases import (
 from studies.paper.plants import PaperPlant, vehicle
 from studies.paper.scores import Scores, quartiles, relative_errors, score
 from studies.workers import workers
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 Report = Callable[[float, str], None]
 """Receives the share that is done, and the present step."""

@@ -44,9 +44,10 @@ from studies.paper.scores import Scores, score
 from studies.paper.training import PaperRecipe, train
 from studies.workers import workers
 from terrain_estimator.learning.tasks import degrees
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import TIME_STEP
-from terramechanics.terrain.soil import Soil, load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 
 SEEDS = 10
 """Draws of training, test and network."""

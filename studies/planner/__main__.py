@@ -26,7 +26,7 @@ from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.model.model_file import LoadedModel, ModelFileError, load_model
-from terramechanics.terrain.soil import load_soil
+from terramechanics.presets import load_soil
 
 COLUMNS = (
     "drives",

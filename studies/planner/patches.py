@@ -28,13 +28,13 @@ from terrain_estimator.planning.table import TractionTable
 from terrain_estimator.update import Update
 from terramechanics.contact.sinkage import drawbar_capability
 from terramechanics.effects import make_effect
+from terramechanics.presets import load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import TIME_STEP, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import STUCK_TIME, simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import random_hills
-from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 
 FIRM = StrengthRange(((1500.0, 5000.0),), (degrees(30.0, 45.0),))

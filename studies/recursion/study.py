@@ -26,8 +26,7 @@ from studies.recursion.readout import PriorOf, read_out
 from studies.recursion.statistic import Statistic
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.palpaca import PAlpaca
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 ROVER, SOIL = "mars_rover", "loose_sand"
 ROW_SETS = ("v+L", EVERY_ROW)

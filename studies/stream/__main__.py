@@ -24,7 +24,7 @@ from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import load_model
-from terramechanics.terrain.soil import load_soil
+from terramechanics.presets import load_soil
 
 BATCH = 5
 """Drives that are computed at once."""

@@ -14,11 +14,10 @@ from benchmarks.simulation import same_drives
 from benchmarks.training import model_of, random_data, tasks_of, weights_of
 from terrain_estimator.learning.training import Recipe, _Learnt, _losses
 from terramechanics.contact.sinkage import WheelGround
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 ROVERS, STEPS, SEED = 2, 10, 5
 TASKS = 4

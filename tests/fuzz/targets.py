@@ -43,9 +43,7 @@ from terrain_estimator.model.model_file import (
     read_metadata,
 )
 from terrain_estimator.offline.state_files import read_state
-from terramechanics.presets import PRESETS
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import PRESETS, load_rover, load_soil
 from tests.terrain_estimator.bags.support import finished_bag, killed_recording
 
 DEFINED = "nav_msgs/msg/Odometry"

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from terramechanics.presets import load_rover
 from terramechanics.simulation.plant import Effect, Plant
 from terramechanics.simulation.sample import TIME_STEP, Drive
 from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
 from terramechanics.simulation.simulation import STUCK_TIME, simulate
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 from tests.hidden.equivalent import equivalent_size
 from tests.hidden.generators import GENERATORS, Draw, sizes_of
 from tests.hidden.ground import SOILS, draw_ground, draw_terrain, uniform

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.sinkage import drawbar_capability
+from terramechanics.presets import load_soil
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Hills, Profile, Shape, random_hills
-from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 
 SOILS = ("loose_sand", "regolith")

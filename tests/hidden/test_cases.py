@@ -16,8 +16,8 @@ from terrain_estimator.messaging.pipeline import Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.effects import EFFECTS
+from terramechanics.presets import soil_names
 from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
-from terramechanics.terrain.soil import soil_names
 from tests.hidden.cases import DRIVES, Case, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.sealing import seal

@@ -13,13 +13,12 @@ import torch
 from torch import Tensor
 
 from terramechanics.effects import EFFECTS
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs, Plant, Situation
 from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 from tests.hidden.generators import GENERATORS, Draw, sizes_of
 from tests.samples import sampled
 

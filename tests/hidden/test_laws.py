@@ -8,13 +8,12 @@ import torch
 from torch import Tensor
 
 from terramechanics.effects import make_effect
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Effect, Plant
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 from tests.hidden.cases import DRIVES
 from tests.hidden.equivalent import equivalent_size
 from tests.hidden.generators import GENERATORS, Draw

@@ -10,8 +10,7 @@ from terrain_estimator.learning.adding import Sized, with_effects
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.effects import LAWS
 from terrain_estimator.model.model_file import load_model
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 
 def models() -> Iterator[nn.Module]:

@@ -10,9 +10,7 @@ import yaml
 
 from rover_parameters.records import ConfigError
 from terramechanics.contact.stresses import CONSTANTS
-from terramechanics.presets import PRESETS
-from terramechanics.terrain.soil import load_soil, soil_names
-from terramechanics.vehicle.rover import load_rover, rover_names
+from terramechanics.presets import PRESETS, load_rover, load_soil, rover_names, soil_names
 
 MARS = (PRESETS / "rovers" / "mars_rover.yaml").read_text(encoding="utf-8")
 LOOSE = (PRESETS / "soils" / "loose_sand.yaml").read_text(encoding="utf-8")

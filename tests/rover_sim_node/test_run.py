@@ -16,10 +16,9 @@ from rover_sim_node.config import GroundChange, SimulatorConfig, SoilOverrides
 from rover_sim_node.messages import clock_message, step_messages, truth_message
 from rover_sim_node.run import SimulatedReading, SimulatedRun
 from terrain_estimator.offline import run_report
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 CONFIG = SimulatorConfig(seed=5)
 

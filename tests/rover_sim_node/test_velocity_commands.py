@@ -9,7 +9,7 @@ import pytest
 from rover_parameters.records import ConfigError
 from rover_sim_node.config import SimulatorConfig
 from rover_sim_node.velocity_commands import VelocityCommands
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 ROVER = load_rover("mars_rover")
 NOTHING = (0.0, 0.0, 0.0)

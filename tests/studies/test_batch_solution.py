@@ -14,8 +14,7 @@ from studies.batched import run
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.learning.tasks import CONSTANTS_SPREAD, draw_tasks
 from terrain_estimator.model.palpaca import PAlpaca
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.studies.whole_drive import WholeDrive, in_one_chain
 
 ROVER, SOIL, ROWS = load_rover("mars_rover"), load_soil("loose_sand"), row_mask("v+L+M+B", 3)

@@ -6,8 +6,7 @@ from studies.accuracy.scores import draw_drives, observation_times, row_mask
 from studies.batched import run
 from studies.reference import grid_posterior
 from terrain_estimator.learning.restore import physics_alone
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.samples import sampled
 
 

@@ -19,8 +19,8 @@ from terrain_estimator.model.gaussian import mixture
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.state import State
-from terramechanics.terrain.soil import Soil, load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.terrain.soil import Soil
 from tests.studies.whole_drive import WholeDrive, in_one_chain
 
 BLOCKS = 10

@@ -43,7 +43,7 @@ from terrain_estimator.messaging.slip_source import (
 from terrain_estimator.offline.bag_options import add_parameters, parameters_of
 from terrain_estimator.offline.topic_mapping import TopicError, absolute
 from terrain_estimator.topics import INPUT_TYPES
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 SLIP = "wheel_slip"
 WRONG = 2

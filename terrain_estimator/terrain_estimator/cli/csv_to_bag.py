@@ -27,7 +27,8 @@ from terrain_estimator.importing.plausibility import Plausibility
 from terrain_estimator.importing.samples import CsvError, read_samples
 from terrain_estimator.importing.units import factor
 from terrain_estimator.messaging.averaging import RateCounts, RateWindow, Treatment
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.presets import load_rover
+from terramechanics.vehicle.rover import Rover
 
 WRONG = 2
 

@@ -49,8 +49,7 @@ from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workp
 from terrain_estimator.offline.finding_content import finding_content, finding_sentence
 from terrain_estimator.offline.finding_file import FINDING, asked, provenance, write_finding
 from terrain_estimator.offline.topic_mapping import TopicError
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 WRONG = 2
 FEWEST = 2

@@ -46,8 +46,7 @@ from terrain_estimator.offline.finding_file import FINDING, write_finding
 from terrain_estimator.offline.wheel_finding_content import wheel_content, wheel_sentence
 from terrain_estimator.pages.wheel_finding import wheel_page
 from terramechanics.effects import describe
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 LARGEST = 2.0
 """[m] Largest wheel of a testbed; a larger number is in another unit."""

@@ -31,8 +31,9 @@ from terrain_estimator.model.model_file import Metadata, ModelFileError, Trainin
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.prior import DEFAULT_PRIOR
 from terrain_estimator.offline.cluster import cluster
-from terramechanics.terrain.soil import Soil, load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 
 _ENDINGS = (".pt", ".json")
 """Endings of the two files of a model."""

@@ -38,7 +38,8 @@ from terrain_estimator.topics import (
     stamp_ns,
 )
 from terrain_estimator.update import Update
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.presets import load_rover
+from terramechanics.vehicle.rover import Rover
 
 MOST_WHEELS = 4
 """[1] Names in a message, over the rover's wheels, beyond which it is refused unread."""

@@ -28,7 +28,7 @@ from terrain_estimator.nodes.common.message_types import make, message_class
 from terrain_estimator.nodes.common.qos import subscribe
 from terrain_estimator.nodes.common.running import guarded, serve
 from terrain_estimator.topics import INPUT_TYPES, Message
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 QOS = QoSProfile(depth=50)  # reliable, volatile, keep last
 

@@ -4,15 +4,12 @@
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from rover_parameters.records import number
-from rover_parameters.yaml_files import load
 from terramechanics.contact.stresses import CONSTANTS
-from terramechanics.presets import preset_names, preset_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +48,3 @@ class Soil:
     def with_values(self, **values: float) -> "Soil":
         """Return a copy with some of its numbers replaced."""
         return dataclasses.replace(self, **values)  # type: ignore[arg-type]
-
-
-def load_soil(name: str | Path) -> Soil:
-    """Load a preset by its name, or a soil from a YAML file. Raises ConfigError."""
-    return load(Soil, preset_path("soils", name))
-
-
-def soil_names() -> tuple[str, ...]:
-    """Return the names of the soils that come with the package."""
-    return preset_names("soils")

@@ -3,11 +3,8 @@
 """Rover: mass, wheels, and the geometry of its rocker-bogie suspension."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from rover_parameters.records import ConfigError, entry, number
-from rover_parameters.yaml_files import load
-from terramechanics.presets import preset_names, preset_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +106,3 @@ class Rover:
     def wheel_axle(self) -> tuple[int, ...]:
         """Axle of every wheel, in the order of wheel_names."""
         return tuple(wheel.axle for wheel in self.wheels)
-
-
-def load_rover(name: str | Path) -> Rover:
-    """Load a preset by its name, or a rover from a YAML file. Raises ConfigError."""
-    return load(Rover, preset_path("rovers", name))
-
-
-def rover_names() -> tuple[str, ...]:
-    """Return the names of the rovers that come with the package."""
-    return preset_names("rovers")

@@ -32,8 +32,7 @@ from terrain_estimator.discovery import (
 )
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.offline.discovery_runs import read_blocks
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.hidden.cases import Case, Plan, Truth, draw_cases
 from tests.hidden.judge.strata import TOGETHER, Batch
 from tests.hidden.sealing import seal

@@ -16,8 +16,7 @@ from studies.accuracy import __main__ as accuracy
 from studies.accuracy import cells as study
 from studies.accuracy.cells import seed_of, settings
 from studies.accuracy.scores import PAPER_BAND, ROWS, draw_drives, row_mask, share_of
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.samples import sampled
 
 EPISODES, BATCHES = sampled((20, 1), (40, 2))

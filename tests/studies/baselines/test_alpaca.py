@@ -10,8 +10,7 @@ from studies.baselines.drives import closed_form_forces
 from studies.baselines.features import LearntModel
 from studies.baselines.palpaca import PaperPAlpaca
 from studies.paper.plants import TESTING, PaperPlant, draw_drives, vehicle
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 GENERATOR = torch.Generator().manual_seed(12)
 ROVER, SOIL = load_rover("paper_rover"), load_soil("loose_sand")

@@ -21,8 +21,8 @@ from studies.baselines.interface import BaselinePrior
 from studies.baselines.least_squares import RecursiveLeastSquares
 from studies.baselines.linear import LinearModel
 from studies.paper.plants import NARROW, PaperNoise, PaperPlant, draw_drives, vehicle
-from terramechanics.terrain.soil import Soil, load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
+from terramechanics.terrain.soil import Soil
 
 ROVER, PRIOR = load_rover("paper_rover"), BaselinePrior()
 VEHICLE = vehicle(ROVER, PaperPlant.CLOSED_FORM)

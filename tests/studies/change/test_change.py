@@ -17,7 +17,7 @@ from studies.change.scores import quantile_of, rate_limits, score_change
 from studies.change.table import ChangeRun, page
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.model.model_file import load_model
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 NONE = np.zeros(2)
 

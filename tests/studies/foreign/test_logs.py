@@ -13,7 +13,7 @@ from studies.foreign.drives import drive, observations_of
 from studies.foreign.logs import TRUTH, log_names, measured_columns, read_log
 from terrain_estimator.cli import replay
 from terrain_estimator.model.model_file import load_model
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 ROVER = load_rover("mars_rover")
 TIMES = 500

@@ -16,8 +16,7 @@ from studies.foreign.residuals import (
 from studies.foreign.watch import Closed
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.learning.tasks import draw_tasks
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 DRIVES, BLOCKS = 6, 20
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")

@@ -10,8 +10,7 @@ from studies.baselines.features import FeatureSpan, LearntModel
 from studies.paper.plants import TRAINING, PaperPlant, draw_drives, vehicle
 from studies.paper.training import PaperRecipe, train
 from terrain_estimator.learning.loss import Orthogonality, paper_penalty, shortfall
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 ROVER, SOIL, PLANT = load_rover("paper_rover"), load_soil("loose_sand"), PaperPlant.CLOSED_FORM
 DRIVES = draw_drives(

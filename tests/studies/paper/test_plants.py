@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from studies.paper.plants import TRAINING, Draw, PaperPlant, closed_form_motion, draw_drives
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 ROVER, SOIL = load_rover("paper_rover"), load_soil("loose_sand")
 

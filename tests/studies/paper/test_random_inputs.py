@@ -16,8 +16,7 @@ from studies.paper.random_inputs import (
     random_motion,
 )
 from terramechanics.contact.stresses import wheel_forces_linear_stress
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 ROVER, SOIL = load_rover("paper_rover"), load_soil("loose_sand")
 TASKS, STEPS = 400, 20

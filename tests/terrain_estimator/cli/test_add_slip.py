@@ -14,7 +14,7 @@ from terrain_estimator.cli import add_slip, replay
 from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource
 from terrain_estimator.topics import INPUT_TYPES
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 from tests.drives import drive_messages
 
 VISUAL = "visual_odometry"

@@ -13,7 +13,7 @@ from terrain_estimator.cli.find_missing_effect import main
 from terrain_estimator.learning.finding_model import write_model
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.model.rows import row_names
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 from tests.hidden.cases import Plan, draw_cases
 from tests.hidden.sealing import seal
 

@@ -23,14 +23,13 @@ from terrain_estimator.discovery.single_wheel.investigation import (
     by_probability,
 )
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table, rim_slip
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import (
     ContactInputs,
     Effect,
     Situation,
     with_stiffness,
 )
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 RADIUS, WIDTH = 0.1, 0.08
 SLIPS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65)

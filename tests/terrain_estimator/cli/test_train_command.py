@@ -15,8 +15,7 @@ from terrain_estimator.cli import train
 from terrain_estimator.learning.generation import Order
 from terrain_estimator.learning.restore import restore
 from terrain_estimator.model.model_file import MODELS, ModelFileError, load_model
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 SMALL = [
     "--rover",

@@ -9,12 +9,11 @@ import torch
 from terrain_estimator.discovery import RecordedRun, Study, cut, nominal_of
 from terrain_estimator.learning.tasks import measure_tasks
 from terramechanics.effects import make_effect
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
 SIZES = {"drive_drag": 0.5, "slope_bias": 0.01}

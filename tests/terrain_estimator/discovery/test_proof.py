@@ -32,13 +32,12 @@ from terrain_estimator.discovery.proof.terrain import track_of
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.learning.tasks import measure_tasks
 from terramechanics.effects import make_effect
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.sensors import Noise
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 MARS, LOOSE = load_rover("mars_rover"), load_soil("loose_sand")
 DRAG = (0.3, 0.3, 0.3, 0.0)

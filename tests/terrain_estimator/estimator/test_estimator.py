@@ -21,10 +21,10 @@ from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.update import Update
+from terramechanics.presets import load_soil
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
 from tests.samples import sampled
 from tests.terrain_estimator.drives import drive_observations
 

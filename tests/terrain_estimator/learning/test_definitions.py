@@ -34,8 +34,7 @@ from terrain_estimator.model.packing import PACKED_SCALAR_FIELDS, PACKED_WHEEL_F
 from terrain_estimator.model.rows import row_names
 from terramechanics.effects import EFFECTS
 from terramechanics.effects.simulated import SimulatedEffect
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 A = ROVER.axles

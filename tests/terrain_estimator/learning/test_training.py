@@ -13,8 +13,7 @@ from terrain_estimator.learning.regression import Regression
 from terrain_estimator.learning.tasks import PAPER
 from terrain_estimator.learning.training import Recipe, build_model, train
 from terrain_estimator.model.palpaca import PAlpaca
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 SMALL = Recipe(seed=3, iterations=60, batch=8, columns=2, hidden=8)
 ORDER = Order(

@@ -20,12 +20,11 @@ from terrain_estimator.messaging.pipeline import Answer, Pipeline
 from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 from terrain_estimator.outcome import Outcome
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 START_NS = 7_000_000_000
 PIPELINE = cache(lambda: Pipeline(load_model(), EstimatorConfig()))

@@ -18,7 +18,8 @@ from terrain_estimator.nodes.common import message_types
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import PITCH_IN_ORIENTATION, PITCH_IN_POSE, Make
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.presets import load_rover
+from terramechanics.vehicle.rover import Rover
 
 ROVER: Rover = load_rover("mars_rover")
 WHEELS = list(ROVER.wheel_names)

@@ -16,7 +16,7 @@ from terrain_estimator.config.slip_source import SlipSourceConfig
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.slip_source import JOINTS, VELOCITY, SlipSource, SlipSourceError
 from terrain_estimator.topics import Message
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 from tests.drives import drive_messages
 
 ROVER = load_rover("mars_rover")

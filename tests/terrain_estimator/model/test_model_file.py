@@ -24,8 +24,7 @@ from terrain_estimator.model.model_file import (
     model_names,
 )
 from terrain_estimator.model.packing import packed_size
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 # What a program in another language would do, with torch alone: no package of this project, no
 # NumPy of ours.

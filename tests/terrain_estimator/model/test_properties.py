@@ -23,7 +23,7 @@ from terrain_estimator.model.model_file import load_model
 from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Observation
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 from tests.soundness import unsound
 from tests.terrain_estimator.estimator.test_screening import observe
 

@@ -19,8 +19,7 @@ from terrain_estimator.model.rows import (
     row_names,
     rows_at,
 )
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.samples import sampled
 
 EPISODES = 20

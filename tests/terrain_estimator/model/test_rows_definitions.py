@@ -32,8 +32,7 @@ from terrain_estimator.model.rows import (
 )
 from terrain_estimator.model.stencil import OWN, stencil
 from terramechanics.contact.stresses import CONSTANTS, wheel_forces
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 A = len(ROVER.axle_x)

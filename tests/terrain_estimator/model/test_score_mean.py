@@ -19,9 +19,9 @@ from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.physics import Physics
 from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import frame_of, rows_at
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sensors import Noise
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 
 A, N = 3, 10
 DRIVES, STARTS, PAIRS, SEED = 8, (20, 60, 100), 20, 41

@@ -15,8 +15,7 @@ from terrain_estimator.cli.train import main
 from terrain_estimator.learning.generation import Chunk, Order, draw_chunk, generate
 from terrain_estimator.learning.regression import Regression
 from terrain_estimator.offline.cluster import ClusterError, cluster
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover, load_soil
 from tests.samples import sampled
 
 ORDER = Order(

@@ -12,12 +12,11 @@ from terrain_estimator.model.model_file import MODELS, read_metadata
 from terrain_estimator.observation import Observation
 from terrain_estimator.planning.belief import Belief
 from terrain_estimator.planning.table import TractionTable
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 ROVER = load_rover("mars_rover")
 METADATA = read_metadata(MODELS / "mars_rover.json")

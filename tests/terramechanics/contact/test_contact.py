@@ -21,8 +21,8 @@ from terramechanics.contact.stresses import (
     wheel_forces,
     wheel_forces_linear_stress,
 )
-from terramechanics.terrain.soil import Soil, load_soil, soil_names
-from terramechanics.vehicle.rover import load_rover, rover_names
+from terramechanics.presets import load_rover, load_soil, rover_names, soil_names
+from terramechanics.terrain.soil import Soil
 
 SLIPS = (-0.4, -0.2, -0.05, -0.003, 0.0, 0.02, 0.2, 0.5, 0.9)
 SINKAGES = {"paper_rover": (1.4e-4, 0.005, 0.03), "mars_rover": (0.003, 0.018, 0.06)}

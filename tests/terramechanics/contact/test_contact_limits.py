@@ -29,11 +29,10 @@ from terramechanics.contact.stresses import (
 from terramechanics.effects import EFFECTS, describe, make_effect
 from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.effects.vehicle import REAR, ExtraMass
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs, Situation
 from terramechanics.terrain.profile import MEAN_SLOPE, STEEPEST, random_hills
-from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.climbing import climb
-from terramechanics.vehicle.rover import load_rover
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 R, B = ROVER.wheel_radius, ROVER.wheel_width

@@ -15,9 +15,8 @@ from scipy.integrate import quad
 from terramechanics.contact.stresses import quadrature, wheel_forces
 from terramechanics.effects import describe, make_effect
 from terramechanics.effects.soil import side_resistance
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs, Situation
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 
 RADIUS, WIDTH, SINKAGE = 0.13, 0.16, 0.02
 SOIL = load_soil("loose_sand")

@@ -18,8 +18,8 @@ from terramechanics.contact.sinkage import (
     free_rolling,
     slip_under_torque,
 )
-from terramechanics.terrain.soil import Soil, load_soil, soil_names
-from terramechanics.vehicle.rover import load_rover, rover_names
+from terramechanics.presets import load_rover, load_soil, rover_names, soil_names
+from terramechanics.terrain.soil import Soil
 
 MARS = load_rover("mars_rover")
 

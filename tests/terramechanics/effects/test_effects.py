@@ -12,13 +12,12 @@ from torch import Tensor
 from terramechanics.contact.sinkage import WheelGround
 from terramechanics.contact.stresses import entry_angle, quadrature, wheel_forces
 from terramechanics.effects import EFFECTS, make_effect
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs, Effect, Plant, Pull, Situation
 from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Flat
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 from tests.samples import sampled
 
 MARS = load_rover("mars_rover")

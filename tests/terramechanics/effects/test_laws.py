@@ -28,6 +28,7 @@ from terramechanics.effects.soil import (
     side_resistance,
 )
 from terramechanics.effects.vehicle import CoulombDrag, DriveDrag
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import (
     ContactInputs,
     Effect,
@@ -40,8 +41,6 @@ from terramechanics.simulation.plant import (
 from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 from terramechanics.vehicle.suspension import BodyLoad
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")

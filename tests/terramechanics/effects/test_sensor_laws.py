@@ -8,7 +8,7 @@ import torch
 from terramechanics.effects import EFFECTS, describe
 from terramechanics.effects.law import Readings
 from terramechanics.effects.sensing import Latency
-from terramechanics.vehicle.rover import load_rover
+from terramechanics.presets import load_rover
 
 MARS = load_rover("mars_rover")
 VALUES = {"slope_bias": [0.02], "odometry_scale": [0.06, 0.3], "sinkage_bias": [0.002]}

@@ -7,7 +7,7 @@ import torch
 from terrain_estimator.model.gaussian import cholesky
 from terramechanics.contact.stresses import quadrature, wheel_forces
 from terramechanics.numerics.batching import any_of
-from terramechanics.terrain.soil import load_soil
+from terramechanics.presets import load_soil
 
 
 def test_one_flag_in_one_mapped_call_decides_for_all() -> None:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.sinkage import WheelGround, free_rolling
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.schedules import (
     Command,
     Schedule,
@@ -19,8 +20,7 @@ from terramechanics.simulation.schedules import (
 )
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Flat, Hills
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 
 BATCH = 200
 ROVER = load_rover("mars_rover")

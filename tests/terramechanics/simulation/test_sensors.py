@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import ConfigError, build
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Sample
 from terramechanics.simulation.sensors import (
     Measurement,
@@ -25,8 +26,7 @@ from terramechanics.simulation.sensors import (
 )
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 
 SAMPLES = 40_000
 DEGREE = math.pi / 180.0

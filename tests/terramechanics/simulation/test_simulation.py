@@ -12,14 +12,15 @@ from torch import Tensor
 
 from terramechanics.contact.sinkage import WheelGround
 from terramechanics.contact.stresses import quadrature, wheel_forces
+from terramechanics.presets import load_rover, load_soil, rover_names, soil_names
 from terramechanics.simulation.sample import TIME_STEP, Drive, Sample
 from terramechanics.simulation.schedules import Command, make_schedule
 from terramechanics.simulation.simulation import Simulation, simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Flat, Ramp
-from terramechanics.terrain.soil import Soil, load_soil, soil_names
+from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.equilibrium import StepEquations, _search_rates, solve_rates
-from terramechanics.vehicle.rover import Rover, load_rover, rover_names
+from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import level_pose, wheel_loads
 from tests.samples import sampled
 

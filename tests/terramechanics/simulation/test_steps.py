@@ -12,6 +12,7 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError
 from terramechanics.contact.sinkage import DEEPEST, WheelGround, equilibrium_sinkage, free_rolling
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs, Effect, Plant, Situation
 from terramechanics.simulation.sample import SLOWEST, TIME_STEP, Sample
 from terramechanics.simulation.schedules import (
@@ -24,8 +25,8 @@ from terramechanics.simulation.schedules import (
 from terramechanics.simulation.simulation import Simulation, simulate, start
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Flat, Profile, Ramp, Sampled, random_hills
-from terramechanics.terrain.soil import Soil, load_soil
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.terrain.soil import Soil
+from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import (
     BodyLoad,
     TerrainError,

@@ -7,8 +7,8 @@ import math
 import pytest
 import torch
 
+from terramechanics.presets import load_soil
 from terramechanics.terrain.ground import Ground, Patch
-from terramechanics.terrain.soil import load_soil
 
 LOOSE, COMPACT = load_soil("loose_sand"), load_soil("compact_sand")
 WHEELS = torch.tensor([[5.4, 5.0, 4.6]], dtype=torch.float64)

@@ -8,12 +8,11 @@ import pytest
 import torch
 
 from terramechanics.contact.sinkage import WheelGround, equilibrium_sinkage
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
 from terramechanics.terrain.profile import Ramp
-from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.climbing import climb
-from terramechanics.vehicle.rover import load_rover
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")
 

@@ -20,9 +20,9 @@ from terramechanics.contact.sinkage import (
 )
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP
 from terramechanics.numerics.roots import bracketed_root, quasi_newton
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.terrain.profile import Flat
-from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle import equilibrium
 from terramechanics.vehicle.equilibrium import (
     StepEquations,
@@ -31,7 +31,6 @@ from terramechanics.vehicle.equilibrium import (
     solve_rates,
     solve_torques,
 )
-from terramechanics.vehicle.rover import load_rover
 from terramechanics.vehicle.suspension import level_pose, solve_pose, wheel_loads
 
 ROVER, SOIL = load_rover("mars_rover"), load_soil("loose_sand")

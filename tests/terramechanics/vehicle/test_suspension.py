@@ -9,8 +9,9 @@ import pytest
 import torch
 from scipy import optimize
 
+from terramechanics.presets import load_rover
 from terramechanics.terrain.profile import Flat, Profile, Ramp, StepProfile, random_hills
-from terramechanics.vehicle.rover import Rover, load_rover
+from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import (
     BodyLoad,
     Pose,
