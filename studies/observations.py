@@ -7,7 +7,7 @@ import dataclasses
 import torch
 
 from terrain_estimator.observation import Observation
-from terramechanics.simulation.sensors import Measurement
+from terramechanics.simulation.sample import Measurement
 
 STEP_NS = 100_000_000
 

@@ -13,8 +13,8 @@ import torch
 from terrain_estimator.bags import BagWriter, Types
 from terrain_estimator.topics import INPUT_TYPES, Make, Message
 from terramechanics.presets import load_rover, load_soil
-from terramechanics.simulation.sample import Sample
-from terramechanics.simulation.sensors import Measurement, Noise, measure_drive
+from terramechanics.simulation.sample import Measurement, Sample
+from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.vehicle.rover import Rover

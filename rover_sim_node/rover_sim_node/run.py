@@ -15,15 +15,9 @@ from rover_sim_node.velocity_commands import VelocityCommands
 from terramechanics.effects import describe, make_effect
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import Plant
-from terramechanics.simulation.sample import Sample
+from terramechanics.simulation.sample import Measurement, Sample
 from terramechanics.simulation.schedules import PROFILES, SCHEDULES
-from terramechanics.simulation.sensors import (
-    Measurement,
-    Noise,
-    acceleration_bias,
-    measure,
-    per_wheel,
-)
+from terramechanics.simulation.sensors import Noise, acceleration_bias, measure, per_wheel
 from terramechanics.simulation.simulation import start
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.terrain.profile import Profile, Ramp, StepProfile

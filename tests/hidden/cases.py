@@ -16,8 +16,8 @@ from torch import Tensor
 
 from terramechanics.presets import load_rover
 from terramechanics.simulation.plant import Effect, Plant
-from terramechanics.simulation.sample import TIME_STEP, Drive
-from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
+from terramechanics.simulation.sample import TIME_STEP, Drive, Measurement
+from terramechanics.simulation.sensors import Noise, measure_drive, per_wheel
 from terramechanics.simulation.simulation import STUCK_TIME, simulate
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.equivalent import equivalent_size

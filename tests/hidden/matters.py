@@ -23,7 +23,7 @@ from studies.batched import Trace, run
 from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.packing import pack_measurement
 from terramechanics.presets import load_soil
-from terramechanics.simulation.sensors import Measurement
+from terramechanics.simulation.sample import Measurement
 from tests.hidden.cases import DRIVES, EACH, Plan, Simulated, drive_ends, simulate_cases
 from tests.hidden.generators import GENERATORS
 

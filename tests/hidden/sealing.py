@@ -20,8 +20,7 @@ from terrain_estimator.importing.mapping import (
 )
 from terrain_estimator.importing.messages import SampleWriter
 from terrain_estimator.importing.samples import MeasuredValue, TableSample
-from terramechanics.simulation.sample import TIME_STEP
-from terramechanics.simulation.sensors import Measurement
+from terramechanics.simulation.sample import TIME_STEP, Measurement
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case
 

@@ -17,7 +17,8 @@ from terrain_estimator.model.model_file import load_model
 from terrain_estimator.topics import INPUT_TYPES
 from terramechanics.effects import EFFECTS
 from terramechanics.presets import soil_names
-from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
+from terramechanics.simulation.sample import Measurement
+from terramechanics.simulation.sensors import Noise, measure_drive, per_wheel
 from tests.hidden.cases import DRIVES, Case, Plan, draw_cases, simulate_cases
 from tests.hidden.generators import GENERATORS
 from tests.hidden.sealing import seal

@@ -12,8 +12,7 @@ from torch import Tensor
 
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.estimator.screening import screen
-from terrain_estimator.model.block import BLOCK
-from terrain_estimator.model.packing import ground_torque, link, pack, view_of, without_link
+from terrain_estimator.model.packing import BLOCK, ground_torque, link, pack, view_of, without_link
 from terrain_estimator.model.rows import ContactModel, usable_wheels
 from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome

@@ -11,7 +11,6 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.model_file import (
     FORMAT,
     Metadata,
@@ -21,7 +20,7 @@ from terrain_estimator.model.model_file import (
     load_model,
     write_metadata,
 )
-from terrain_estimator.model.packing import PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
+from terrain_estimator.model.packing import BLOCK, PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.prior import UNCERTAIN
 from terrain_estimator.model.rows import row_names

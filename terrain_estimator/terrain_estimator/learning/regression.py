@@ -14,9 +14,8 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.learning.tasks import Tasks
-from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.gaussian import cholesky
-from terrain_estimator.model.packing import view_of
+from terrain_estimator.model.packing import BLOCK, view_of
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.physics_with_effects import nominal_of
 from terrain_estimator.model.rows import PA_PER_UNIT, regression_rows, row_names

@@ -10,9 +10,6 @@ from torch import Tensor, nn
 from terrain_estimator.model.gaussian import cholesky, log_determinant, symmetrize
 from terrain_estimator.model.rows import Rows, row_names
 
-BLOCK = 10
-"""Observations in a block: one second at 10 Hz."""
-
 
 class Posterior(NamedTuple):
     """A bank of H Gaussians over D parameters k.

@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.observation import Floats, Observation
-from terramechanics.simulation.sample import TIME_STEP
-from terramechanics.simulation.sensors import Measurement
+from terramechanics.simulation.sample import TIME_STEP, Measurement
 
 PACKED_WHEEL_FIELDS = (
     "slip",
@@ -54,6 +53,8 @@ MEASURED = PACKED_SCALAR_FIELDS.index("step")
 """Number of measured scalars; behind them stand the wheel rates, where a model takes them."""
 TIMING = len(PACKED_SCALAR_FIELDS) - MEASURED
 """Number of scalars about the time, which stand last."""
+BLOCK = 10
+"""Observations in a block: one second at 10 Hz."""
 
 
 def scalar_fields(wheels: int, *, rates: bool) -> tuple[str, ...]:

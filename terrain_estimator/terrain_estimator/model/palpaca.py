@@ -36,11 +36,12 @@ import torch
 from torch import Tensor, nn
 
 from terrain_estimator.model.bank import Bank, Solved, join, members_of, restarted, take, taken
-from terrain_estimator.model.block import BLOCK, Posterior, Solution, solve_block
+from terrain_estimator.model.block import Posterior, Solution, solve_block
 from terrain_estimator.model.gaussian import mixture, project
 from terrain_estimator.model.hypotheses import Hypotheses
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.packing import (
+    BLOCK,
     PackedView,
     packed_size,
     view_of,

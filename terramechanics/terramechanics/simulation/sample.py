@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""True values of a simulated rover: a sample, and the samples of a whole drive."""
+"""Values of a simulated rover: a true sample, those of a whole drive, and a measured one."""
 
 from dataclasses import dataclass
 
@@ -61,3 +61,28 @@ class Drive:
     def measurable(self) -> Tensor:
         """Return where the rover moves and the model holds for every wheel, [batch, time]."""
         return ~self.sample.stuck & ~self.sample.standing & self.sample.valid.all(-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Measured values and standard deviations (``_sd``); shapes as in the Sample.
+
+    Wheel rates are exact, as is the bogie's angle.
+    """
+
+    slip: Tensor
+    slip_sd: Tensor
+    sinkage: Tensor
+    sinkage_sd: Tensor
+    contact_angle: Tensor
+    contact_angle_sd: Tensor
+    wheel_rate: Tensor
+    torque: Tensor
+    torque_sd: Tensor
+    velocity: Tensor
+    velocity_sd: Tensor
+    pitch: Tensor
+    pitch_sd: Tensor
+    acceleration: Tensor  # specific force dv/dt + g sin ab
+    acceleration_sd: Tensor  # noise and bias together
+    bogie_angle: Tensor  # [rad] an encoder's, exact

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from rover_parameters.records import number
-from terramechanics.simulation.sample import Sample
+from terramechanics.simulation.sample import Measurement, Sample
 from terramechanics.vehicle.rover import Rover
 
 
@@ -37,31 +37,6 @@ class Noise:
     factor: float = number(
         "factor of all of them, for what is added to the true values", "1", 0.0, default=1.0
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """Measured values and standard deviations (``_sd``); shapes as in the Sample.
-
-    Wheel rates are exact, as is the bogie's angle.
-    """
-
-    slip: Tensor
-    slip_sd: Tensor
-    sinkage: Tensor
-    sinkage_sd: Tensor
-    contact_angle: Tensor
-    contact_angle_sd: Tensor
-    wheel_rate: Tensor
-    torque: Tensor
-    torque_sd: Tensor
-    velocity: Tensor
-    velocity_sd: Tensor
-    pitch: Tensor
-    pitch_sd: Tensor
-    acceleration: Tensor  # specific force dv/dt + g sin ab
-    acceleration_sd: Tensor  # noise and bias together
-    bogie_angle: Tensor  # [rad] an encoder's, exact
 
 
 LEAST_FACTOR = 1e-3

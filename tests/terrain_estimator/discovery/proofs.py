@@ -17,8 +17,7 @@ import torch
 from terrain_estimator.discovery import Proof, RecordedRun, Study, cut, nominal_of, prove, singles
 from terrain_estimator.model.packing import pack_measurement
 from terramechanics.presets import load_soil
-from terramechanics.simulation.sample import TIME_STEP
-from terramechanics.simulation.sensors import Measurement
+from terramechanics.simulation.sample import TIME_STEP, Measurement
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import Case, Plan, draw_cases
 from tests.hidden.generators import GENERATORS

@@ -29,8 +29,7 @@ from terrain_estimator.learning.tasks import (
     random_ground,
     uniform,
 )
-from terrain_estimator.model.block import BLOCK
-from terrain_estimator.model.packing import PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
+from terrain_estimator.model.packing import BLOCK, PACKED_SCALAR_FIELDS, PACKED_WHEEL_FIELDS
 from terrain_estimator.model.rows import row_names
 from terramechanics.effects import EFFECTS
 from terramechanics.effects.simulated import SimulatedEffect

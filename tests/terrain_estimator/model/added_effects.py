@@ -30,8 +30,8 @@ from terrain_estimator.observation import Observation
 from terrain_estimator.update import Estimate
 from terramechanics.effects import describe, make_effect
 from terramechanics.simulation.plant import Plant
-from terramechanics.simulation.sample import Drive
-from terramechanics.simulation.sensors import Measurement, Noise, measure_drive, per_wheel
+from terramechanics.simulation.sample import Drive, Measurement
+from terramechanics.simulation.sensors import Noise, measure_drive, per_wheel
 from terramechanics.simulation.simulation import simulate
 from tests.hidden.cases import EACH, Simulated, drive_ends, simulate_cases
 from tests.hidden.cases import Plan as Hidden

@@ -15,9 +15,8 @@ from torch import Tensor
 
 from rover_parameters.records import ConfigError, build
 from terramechanics.presets import load_rover, load_soil
-from terramechanics.simulation.sample import Sample
+from terramechanics.simulation.sample import Measurement, Sample
 from terramechanics.simulation.sensors import (
-    Measurement,
     Noise,
     acceleration_bias,
     measure,

@@ -39,7 +39,7 @@ from terrain_estimator.discovery.proof.scores import Predicted, RowScore, joined
 from terrain_estimator.discovery.proof.signals import compared
 from terrain_estimator.discovery.proof.signals import names as signal_names
 from terrain_estimator.discovery.runs import PIECE, Blocks
-from terrain_estimator.model.block import BLOCK
+from terrain_estimator.model.packing import BLOCK
 
 LIKELIER = 8.0
 """[nat] Log Bayes factor of held-out runs that proves an effect, as "anything" in the verdict."""

@@ -18,9 +18,8 @@ from terrain_estimator.discovery.proof.held_out import GroundEstimate, Half, Mod
 from terrain_estimator.discovery.proof.signals import MeasuredSignals, measured
 from terrain_estimator.discovery.proof.terrain import noisier, profile_of, track_of
 from terrain_estimator.discovery.runs import PIECE
-from terrain_estimator.model.block import BLOCK
 from terrain_estimator.model.gaussian import cholesky
-from terrain_estimator.model.packing import view_of
+from terrain_estimator.model.packing import BLOCK, view_of
 from terrain_estimator.model.rows import PA_PER_UNIT
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.schedules import Command

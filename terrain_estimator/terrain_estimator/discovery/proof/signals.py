@@ -10,8 +10,7 @@ from torch import Tensor
 
 from terrain_estimator.discovery.proof.scores import Predicted
 from terrain_estimator.discovery.runs import PIECE
-from terrain_estimator.model.block import BLOCK
-from terrain_estimator.model.packing import view_of
+from terrain_estimator.model.packing import BLOCK, view_of
 
 
 @dataclass(frozen=True, slots=True)
