@@ -24,18 +24,16 @@ from studies.calibration.thresholds import CalibrationCase, sample, thresholds
 from terrain_estimator.console.arguments import SEED
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.discovery import (
-    Blocks,
-    Nominal,
-    RecordedRun,
-    RunError,
-    Study,
-    cut,
-    nominal_of,
+from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.verdict import Gains
+from terrain_estimator.discovery.hypotheses.library import (
+    TYPICAL,
+    Hypothesis,
+    LibraryEffect,
     testable,
 )
-from terrain_estimator.discovery.evidence.verdict import Gains
-from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis, LibraryEffect
+from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
+from terrain_estimator.discovery.runs import Blocks, RecordedRun, RunError, cut
 from terrain_estimator.files.atomic import write_file
 from terrain_estimator.learning.tasks import measure_tasks, random_ground
 from terramechanics.effects import describe, make_effect

@@ -25,20 +25,13 @@ from terrain_estimator.console.arguments import (
 )
 from terrain_estimator.console.interrupting import interruptible
 from terrain_estimator.console.progress import ProgressReport
-from terrain_estimator.discovery import (
-    Finding,
-    Nominal,
-    Proof,
-    Study,
-    Verdict,
-    diagnose,
-    investigate,
-    nominal_of,
-    prove,
-    settled,
-    singles,
-)
-from terrain_estimator.discovery.evidence.verdict import read_thresholds
+from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
+from terrain_estimator.discovery.hypotheses.library import singles
+from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
+from terrain_estimator.discovery.proof.proof import Proof, prove
+from terrain_estimator.discovery.report.diagnosis import diagnose, settled
+from terrain_estimator.discovery.report.finding import Finding, investigate
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.files.results import ResultFolder
 from terrain_estimator.learning.finding_model import check_model, prior_of, write_model

@@ -26,14 +26,12 @@ from terrain_estimator.console.arguments import (
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.single_wheel import (
-    Rig,
-    Row,
+from terrain_estimator.discovery.single_wheel.cells import Rig, Row, cells_of, wheel_alone
+from terrain_estimator.discovery.single_wheel.investigation import (
     investigate_wheel,
     of_one_wheel,
     shown_by_one_wheel,
 )
-from terrain_estimator.discovery.single_wheel.cells import cells_of, wheel_alone
 from terrain_estimator.discovery.single_wheel.table import (
     SIDEWAYS_DEG,
     SLIP_DEFINITIONS,

@@ -6,7 +6,8 @@ import math
 from pathlib import Path
 
 from rover_parameters.records import ConfigError
-from terrain_estimator.discovery import Finding, Verdict
+from terrain_estimator.discovery.evidence.verdict import Verdict
+from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.learning.adding import Sized, add_effects, restored
 from terrain_estimator.model.model_file import (
     ModelFileError,

@@ -14,17 +14,10 @@ from pathlib import Path
 from typing import cast
 
 from terrain_estimator.bags import BagError, BagReader
-from terrain_estimator.discovery import (
-    Blocks,
-    Contributions,
-    Nominal,
-    RecordedRun,
-    RunError,
-    cut,
-    here,
-)
+from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
+from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.proof.held_out import long_enough
-from terrain_estimator.discovery.runs import Refusals, run_of
+from terrain_estimator.discovery.runs import Blocks, RecordedRun, Refusals, RunError, cut, run_of
 from terrain_estimator.messaging.averaging import Averager, averaged
 from terrain_estimator.messaging.conversion import Converter
 from terrain_estimator.messaging.pairing import MessageSet, input_synchronizer

@@ -10,9 +10,8 @@ import numpy as np
 
 from terrain_estimator.discovery.evidence.verdict import Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.single_wheel import Rig, Row, WheelFinding
-from terrain_estimator.discovery.single_wheel.cells import ROWS, cells_of
-from terrain_estimator.discovery.single_wheel.investigation import FLOOR, HeldOut
+from terrain_estimator.discovery.single_wheel.cells import ROWS, Rig, Row, cells_of
+from terrain_estimator.discovery.single_wheel.investigation import FLOOR, HeldOut, WheelFinding
 from terrain_estimator.observation import Floats
 from terrain_estimator.offline.effect_entries import effect_entries
 from terrain_estimator.pages.wheel_finding import undescribed

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from terrain_estimator.cli.find_missing_effect import main
-from terrain_estimator.discovery.single_wheel import cells_of
+from terrain_estimator.discovery.single_wheel.cells import cells_of
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table
 
 MEASURED = Path(__file__).parents[4] / "shared" / "data" / "single_wheel"

@@ -15,12 +15,12 @@ import torch
 from terrain_estimator.cli import single_wheel
 from terrain_estimator.cli.find_missing_effect import main
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
-from terrain_estimator.discovery.single_wheel import Rig, Row, cells_of, of_one_wheel
-from terrain_estimator.discovery.single_wheel.cells import wheel_alone
+from terrain_estimator.discovery.single_wheel.cells import Rig, Row, cells_of, wheel_alone
 from terrain_estimator.discovery.single_wheel.investigation import (
     BY_RATE,
     BY_SLIP,
     by_probability,
+    of_one_wheel,
 )
 from terrain_estimator.discovery.single_wheel.table import WheelTableError, read_table, rim_slip
 from terramechanics.presets import load_rover, load_soil

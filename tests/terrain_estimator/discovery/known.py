@@ -6,7 +6,9 @@ from functools import cache
 
 import torch
 
-from terrain_estimator.discovery import RecordedRun, Study, cut, nominal_of
+from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.hypotheses.rows import nominal_of
+from terrain_estimator.discovery.runs import RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
 from terramechanics.effects import make_effect
 from terramechanics.presets import load_rover, load_soil

@@ -14,7 +14,11 @@ import sys
 
 import torch
 
-from terrain_estimator.discovery import Proof, RecordedRun, Study, cut, nominal_of, prove, singles
+from terrain_estimator.discovery.evidence.search import Study
+from terrain_estimator.discovery.hypotheses.library import singles
+from terrain_estimator.discovery.hypotheses.rows import nominal_of
+from terrain_estimator.discovery.proof.proof import Proof, prove
+from terrain_estimator.discovery.runs import RecordedRun, cut
 from terrain_estimator.model.packing import pack_measurement
 from terramechanics.presets import load_soil
 from terramechanics.simulation.sample import TIME_STEP, Measurement

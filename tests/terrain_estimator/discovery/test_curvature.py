@@ -5,13 +5,14 @@
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery import LibraryEffect, cut, nominal_of
+from terrain_estimator.discovery.hypotheses.library import LibraryEffect
 from terrain_estimator.discovery.hypotheses.rows import (
     Expansion,
     HypothesisRows,
     LinearizationPoint,
+    nominal_of,
 )
-from terrain_estimator.discovery.runs import Blocks, RecordedRun
+from terrain_estimator.discovery.runs import Blocks, RecordedRun, cut
 from terrain_estimator.learning.tasks import measure_tasks
 from terrain_estimator.model.packing import view_of
 from terramechanics.effects import make_effect

@@ -7,21 +7,17 @@ import math
 import pytest
 import torch
 
-from terrain_estimator.discovery import (
-    Candidate,
-    LibraryEffect,
-    RecordedRun,
-    RunError,
-    cut,
-    nominal_of,
-    singles,
-)
+from terrain_estimator.discovery.evidence.search import Candidate
 from terrain_estimator.discovery.hypotheses.library import (
     OTHER_LAW,
     OTHER_SOIL_LAW,
     SOIL_LAWS,
     Hypothesis,
+    LibraryEffect,
+    singles,
 )
+from terrain_estimator.discovery.hypotheses.rows import nominal_of
+from terrain_estimator.discovery.runs import RecordedRun, RunError, cut
 from tests.terrain_estimator.discovery.known import LOOSE, MARS, SIZES, drives, study
 
 

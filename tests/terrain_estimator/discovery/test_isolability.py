@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from terrain_estimator.discovery import singles
 from terrain_estimator.discovery.evidence.expected import Stage, loss
 from terrain_estimator.discovery.evidence.isolability import isolability
+from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES
 from terrain_estimator.discovery.next_drive.next_drive import next_drives
 from tests.terrain_estimator.discovery.known import study

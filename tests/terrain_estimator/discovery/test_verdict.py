@@ -12,7 +12,7 @@ from studies.calibration.thresholds import CalibrationCase, thresholds
 from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds, Verdict, is_pair, judge
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, LibraryEffect
 from terrain_estimator.discovery.next_drive.next_drive import BESIDES, NextDrive, advise
-from terrain_estimator.discovery.single_wheel import shown_by_one_wheel
+from terrain_estimator.discovery.single_wheel.investigation import shown_by_one_wheel
 from terrain_estimator.discovery.single_wheel.separation import separate_by
 from terramechanics.effects import EFFECTS
 

@@ -8,8 +8,7 @@ import torch
 from scipy.stats import binomtest
 from torch import Tensor
 
-from terrain_estimator.discovery import disagreements
-from terrain_estimator.discovery.locate.where import LEVEL, holm, tests, two_sided
+from terrain_estimator.discovery.locate.where import LEVEL, disagreements, holm, tests, two_sided
 from terrain_estimator.discovery.locate.whitening import innovations, whitening
 from tests.terrain_estimator.discovery.known import SIZES, study
 

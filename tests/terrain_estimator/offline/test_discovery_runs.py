@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from terrain_estimator.bags import Types
-from terrain_estimator.discovery import RecordedRun, RunError
+from terrain_estimator.discovery.runs import RecordedRun, RunError
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.discovery_runs import read_run

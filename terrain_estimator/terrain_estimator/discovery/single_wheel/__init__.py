@@ -9,22 +9,3 @@
 
 c and tan phi are nuisances here: without drive torque they are not identified.
 """
-
-from terrain_estimator.discovery.single_wheel.cells import Cells, Rig, Row, cells_of
-from terrain_estimator.discovery.single_wheel.investigation import (
-    WheelFinding,
-    investigate_wheel,
-    of_one_wheel,
-    shown_by_one_wheel,
-)
-
-__all__ = [
-    "Cells",
-    "Rig",
-    "Row",
-    "WheelFinding",
-    "cells_of",
-    "investigate_wheel",
-    "of_one_wheel",
-    "shown_by_one_wheel",
-]

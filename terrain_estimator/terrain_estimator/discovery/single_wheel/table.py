@@ -11,7 +11,7 @@ from pathlib import Path
 from rover_parameters.csv_rows import csv_rows
 from rover_parameters.numerals import parse_number
 from rover_parameters.records import shortened
-from terrain_estimator.discovery.single_wheel import Row
+from terrain_estimator.discovery.single_wheel.cells import Row
 from terrain_estimator.discovery.single_wheel.fit import DATUM_SD
 
 UNITS: Mapping[str, Mapping[str, float]] = {
