@@ -9,9 +9,11 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.discovery.evidence.search import Candidate, Progress, Study, search
-from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds, gains_of
+from terrain_estimator.discovery.evidence.search import Candidate, Study, search
+from terrain_estimator.discovery.evidence.verdict import Gains, Thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
+from terrain_estimator.discovery.progress import ProgressCallback
+from terrain_estimator.discovery.report.finding import gains_of
 
 MARGIN = 1.5
 """[1] By how much more than the worst null case something has to gain."""
@@ -28,7 +30,7 @@ class CalibrationCase:
     without_truth: Gains | None  # the same with a library that lacks the truth
 
 
-def sample(study: Study, truth: str, progress: Progress) -> CalibrationCase:
+def sample(study: Study, truth: str, progress: ProgressCallback) -> CalibrationCase:
     """Investigate a case twice: with the whole library, and with one that lacks the truth."""
     free = study.with_discrepancy(study.nothing)
 

@@ -29,8 +29,8 @@ from terrain_estimator.discovery.evidence.search import Study
 from terrain_estimator.discovery.evidence.verdict import Verdict, read_thresholds
 from terrain_estimator.discovery.hypotheses.library import singles
 from terrain_estimator.discovery.hypotheses.rows import Nominal, nominal_of
-from terrain_estimator.discovery.proof.proof import Proof, prove
-from terrain_estimator.discovery.report.diagnosis import diagnose, settled
+from terrain_estimator.discovery.proof.proof import Proof, prove, settled
+from terrain_estimator.discovery.report.diagnosis import diagnose
 from terrain_estimator.discovery.report.finding import Finding, investigate
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.files.results import ResultFolder

@@ -15,6 +15,10 @@
     diagnosis = diagnose(study, singles(), finding, progress)
     # whether it helps on unseen runs
     proof = prove(nominal, finding.best, held_out)
+    # the verdict with these runs counted
+    finding = settled(finding, proof)
+
+Each name stands in its module:
 
 - ``runs``: a Run is the packed observations of one drive; Blocks are its seconds.
 - ``library``: the registry's effects as hypotheses.
@@ -37,6 +41,7 @@
 - ``next_drive``: which of some short drives (``manoeuvres``) would separate the effects in doubt
   best, and advice in words.
 - ``separation``: manoeuvres by hand, for tables of one wheel.
+- ``progress``: what a search reports to.
 
 No files, no clock, no ROS. The generator of hidden effects in tests/hidden shares no module and no
 number with it.

@@ -16,6 +16,7 @@ from typing import cast
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
 from terrain_estimator.discovery.hypotheses.rows import Nominal
+from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.proof.held_out import long_enough
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, Refusals, RunError, cut, run_of
 from terrain_estimator.messaging.averaging import Averager, averaged
@@ -44,9 +45,6 @@ class Runs:
     left_out: list[str]
 
 
-Progress = Callable[[float, str], None]
-
-
 class Workplace:
     """Place where bags are read and searched: this process, or workers that keep what they read."""
 
@@ -63,7 +61,7 @@ class Workplace:
         bags: Sequence[Path],
         nominal: Nominal,
         reading: BagOptions,
-        say: Progress,
+        say: ProgressCallback,
         *,
         held_out: bool = False,
     ) -> Runs:
@@ -93,7 +91,7 @@ def workplace(bags: int, scheduler: str, workers: int) -> Iterator[Workplace]:
 
 
 def _sorted_out(
-    found: Iterable[Blocks | str], bags: Sequence[Path], say: Progress
+    found: Iterable[Blocks | str], bags: Sequence[Path], say: ProgressCallback
 ) -> tuple[list[Blocks], list[int], list[str]]:
     """Sort out the runs: usable ones, their numbers, and the reasons for the others."""
     blocks, numbers, left_out = [], [], []

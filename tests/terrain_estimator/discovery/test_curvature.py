@@ -23,7 +23,7 @@ from terramechanics.terrain.ground import Ground
 from tests.terrain_estimator.discovery.known import LOOSE, MARS
 
 DRIVES, PAYLOAD_KG = 16, 40.0
-NOMINAL, EFFECTS = nominal_of(MARS, LOOSE), (LibraryEffect("payload"),)
+NOMINAL, LAWS = nominal_of(MARS, LOOSE), [LibraryEffect("payload").on(MARS)]
 
 
 def shifts() -> tuple[Tensor, Tensor]:
@@ -50,11 +50,11 @@ def shifts_of(seen: Blocks, true: Blocks, strength: Tensor) -> tuple[Tensor, Ten
     strength = strength / NOMINAL.contact.column_unit[:2]
     kappa = torch.zeros(len(NOMINAL.uncertain), dtype=torch.float64)
     point = LinearizationPoint(strength, kappa, (PAYLOAD_KG, 0.0, 0.0))
-    rows = HypothesisRows(NOMINAL, seen, EFFECTS)
+    rows = HypothesisRows(NOMINAL, seen, LAWS)
     around = rows.expansion(point, torch.ones(8, dtype=torch.float64))
     certain = Expansion(around.input_correction, torch.zeros_like(around.doubt))
     here = Expansion(torch.zeros_like(around.input_correction), certain.doubt)
-    exact = HypothesisRows(NOMINAL, true, EFFECTS).rows(point, here, changes_too=False)
+    exact = HypothesisRows(NOMINAL, true, LAWS).rows(point, here, changes_too=False)
     theta = torch.cat([strength, torch.ones(1, dtype=torch.float64)])
     linear = exact.noise[0, :, 0] @ theta
     known = exact.features[0, :, 0] @ theta + (linear[:, :-1] * errors(seen, true)).sum(1)

@@ -13,11 +13,10 @@ from terrain_estimator.discovery.evidence.search import Candidate, Study
 from terrain_estimator.discovery.evidence.verdict import Gains, Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import NOTHING, singles
 from terrain_estimator.discovery.hypotheses.rows import nominal_of
-from terrain_estimator.discovery.proof.held_out import Half, Model, halves, long_enough
-from terrain_estimator.discovery.proof.proof import LIKELIER, Proof, better, prove
+from terrain_estimator.discovery.proof.held_out import Half, Model, long_enough
+from terrain_estimator.discovery.proof.proof import LIKELIER, Proof, better, halves, prove, settled
 from terrain_estimator.discovery.proof.rollout import simulated, windows_of
 from terrain_estimator.discovery.proof.terrain import track_of
-from terrain_estimator.discovery.report.diagnosis import settled
 from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import Blocks, RecordedRun, RunError, cut
 from terrain_estimator.learning.tasks import measure_tasks

@@ -163,7 +163,8 @@ def run_signatures(
     """Return the signatures of hypotheses in one run, with the rows expanded ``around``."""
 
     def rows(hypothesis: Hypothesis, values: tuple[float, ...]) -> Tensor:
-        return RunEquations(run, HypothesisRows(nominal, run, hypothesis.effects), mask).shortfall(
+        laws = hypothesis.laws(nominal.rover)
+        return RunEquations(run, HypothesisRows(nominal, run, laws), mask).shortfall(
             unknowns, values, around
         )
 

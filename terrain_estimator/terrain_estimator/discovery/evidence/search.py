@@ -3,7 +3,7 @@
 """Fits of every hypothesis to the same runs: nothing, single effects, pairs, a discrepancy."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -21,6 +21,7 @@ from terrain_estimator.discovery.hypotheses.library import NOTHING, Hypothesis, 
 from terrain_estimator.discovery.hypotheses.rows import Nominal
 from terrain_estimator.discovery.hypotheses.unknowns import Point, start_of
 from terrain_estimator.discovery.leftover.flexible import Flexible, flexible, no_columns
+from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.packing import view_of
 from terrain_estimator.model.rows import row_names
@@ -67,9 +68,7 @@ class Study:
         self.nothing = self._nothing()
 
     def _evaluate(self, hypothesis: Hypothesis) -> Evaluate:
-        return partial(
-            self.contributions, ContributionTask(self.nominal, hypothesis.effects, self.mask)
-        )
+        return partial(self.contributions, ContributionTask(self.nominal, hypothesis, self.mask))
 
     def _nothing(self) -> Candidate:
         velocities = [velocities_of(run) for run in self.runs]
@@ -226,7 +225,6 @@ def velocities_of(run: Blocks) -> Tensor:
     return velocity
 
 
-Progress = Callable[[float, str], None]
 FITTED, REFINED = 5, 2
 """Hypotheses that are fitted in full at most, and those that are fitted until nothing moves."""
 PROMISING = 0.25
@@ -240,7 +238,7 @@ WORTHLESS = 2.0
 def search(
     study: Study,
     hypotheses: Sequence[Hypothesis],
-    progress: Progress,
+    progress: ProgressCallback,
     after: Candidate | None = None,
 ) -> list[Candidate]:
     """Return the most probable hypotheses, best first.

@@ -21,17 +21,13 @@ The thresholds are calibrated by ``studies.calibration``.
 
 import json
 import math
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.resources import files
 
 import torch
 
-from terrain_estimator.discovery.evidence.search import Candidate
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.leftover.flexible import Column
 
 
 class Verdict(StrEnum):
@@ -158,56 +154,3 @@ def _probabilities(gains: Gains, thresholds: Thresholds) -> dict[str, float]:
 
 def _rise(x: float) -> float:
     return 1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, x))))
-
-
-@dataclass(frozen=True, slots=True)
-class Leftover:
-    """The row and signal on which a discrepancy depends."""
-
-    column: Column
-    strength: float  # [1] decrease of the objective: squared standard deviations
-    degrees: int  # functions of that signal
-
-
-def leftovers(candidate: Candidate) -> list[Leftover]:
-    """Return the dependences of a candidate's discrepancy, the strongest first.
-
-    Signals of one name in one row (of several axles) count as one.
-    """
-    if candidate.weights is None:
-        return []
-    first = candidate.fit.point.shared.shape[0] - len(candidate.weights.names)
-    weights, covariance = (
-        candidate.fit.point.shared[first:],
-        candidate.fit.covariance[first:, first:],
-    )
-    groups: dict[Column, list[int]] = {}
-    for index, column in enumerate(candidate.weights.names):
-        groups.setdefault(Column(column.row, _signal(column.signal)), []).append(index)
-    found = [
-        Leftover(
-            column,
-            float(weights[index] @ torch.linalg.solve(covariance[index][:, index], weights[index])),
-            len(index),
-        )
-        for column, index in groups.items()
-    ]
-    return sorted(found, key=lambda each: -each.strength)
-
-
-def _signal(name: str) -> str:
-    """Return ``slip`` for ``slip^2_1``: powers, axles and positions are one signal."""
-    base = re.split("[_^]", name, maxsplit=1)[0]
-    return "distance" if base.startswith("distance") else base
-
-
-def gains_of(
-    nothing: Candidate, named: Sequence[Candidate], nothing_with: Candidate, best_with: Candidate
-) -> Gains:
-    """Return the numbers of the rule from fits; ``named`` the most probable first."""
-    base = nothing.fit.log_evidence
-    return Gains(
-        tuple((each.hypothesis, each.fit.log_evidence - base) for each in named),
-        nothing_with.fit.log_evidence - base,
-        best_with.fit.log_evidence - base,
-    )

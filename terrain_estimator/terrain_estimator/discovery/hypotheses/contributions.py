@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.discovery.hypotheses.equations import Equations, Query, RunEquations
-from terrain_estimator.discovery.hypotheses.library import LibraryEffect
+from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import HypothesisRows, Nominal
 from terrain_estimator.discovery.runs import Blocks
 
@@ -23,15 +23,15 @@ class ContributionTask:
     """A hypothesis to evaluate on one run after the other."""
 
     nominal: Nominal
-    effects: tuple[LibraryEffect, ...]
+    hypothesis: Hypothesis
     mask: Tensor  # [R] 1 for rows that may be used
 
     @torch.inference_mode()
     def __call__(self, blocks: Blocks, query: Query) -> Equations:
         """Return the equations of a run at a point."""
-        return RunEquations(
-            blocks, HypothesisRows(self.nominal, blocks, self.effects), self.mask
-        ).at(query)
+        laws = self.hypothesis.laws(self.nominal.rover)
+        rows = HypothesisRows(self.nominal, blocks, laws)
+        return RunEquations(blocks, rows, self.mask).at(query)
 
 
 class Contributions(Protocol):

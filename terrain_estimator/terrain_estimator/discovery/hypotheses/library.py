@@ -111,6 +111,10 @@ class Hypothesis:
         """Label such as ``payload + failed_wheel (axle 2)``."""
         return " + ".join(effect.label for effect in self.effects) or "none"
 
+    def laws(self, rover: Rover) -> list[Law]:
+        """Return the laws of the effects on a rover."""
+        return [effect.on(rover) for effect in self.effects]
+
     def acting(self, values: Sequence[float]) -> list[SimulatedEffect]:
         """Return the effects with these values for a simulation."""
         rest = iter(values)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from terrain_estimator.discovery.hypotheses.library import LibraryEffect
 from terrain_estimator.discovery.runs import Blocks
 from terrain_estimator.model.agreement import agreement
 from terrain_estimator.model.effect_rows import EffectRows, Observed
@@ -23,6 +22,7 @@ from terrain_estimator.model.rows import (
 )
 from terrain_estimator.model.stencil import stencil
 from terramechanics.contact.stresses import quadrature
+from terramechanics.effects.law import Law
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
@@ -91,12 +91,10 @@ class Expansion(NamedTuple):
 class HypothesisRows:
     """The rows of one run under one hypothesis, at any point."""
 
-    def __init__(
-        self, nominal: Nominal, blocks: Blocks, effects: tuple[LibraryEffect, ...]
-    ) -> None:
-        """Prepare what does not depend on the point."""
+    def __init__(self, nominal: Nominal, blocks: Blocks, laws: Sequence[Law]) -> None:
+        """Prepare what does not depend on the point; ``laws`` are those of the hypothesis."""
         self._nominal, self._observed = nominal, observed_of(blocks)
-        self._rows = effect_rows(nominal.rover, effects, RememberedIntegrals())
+        self._rows = EffectRows(laws, nominal.rover.mass, RememberedIntegrals())
 
     def expansion(self, point: LinearizationPoint, chosen: Tensor) -> Expansion:
         """Return the inputs at which the ``chosen`` rows agree best, see :func:`agreement`."""
@@ -134,13 +132,6 @@ class HypothesisRows:
         return nominal.contact._replace(constants=constants)
 
 
-def effect_rows(
-    rover: Rover, effects: Sequence[LibraryEffect], integrals: nn.Module | None = None
-) -> EffectRows:
-    """Return the row building of ``rover`` under ``effects``."""
-    return EffectRows([effect.on(rover) for effect in effects], rover.mass, integrals)
-
-
 def observed_of(blocks: Blocks) -> Observed:
     """Return the observations of a run one by one, with the slopes between neighbouring blocks."""
     per_block, signals = blocks.packed.shape[1], blocks.signals
@@ -152,11 +143,9 @@ def observed_of(blocks: Blocks) -> Observed:
     )
 
 
-def corrected(
-    rover: Rover, effects: Sequence[LibraryEffect], values: Sequence[float], blocks: Blocks
-) -> Tensor:
+def corrected(rover: Rover, laws: Sequence[Law], values: Sequence[float], blocks: Blocks) -> Tensor:
     """Return the packed observations [n, P] of a run without effects on sensors and drives."""
-    return effect_rows(rover, effects).corrected(observed_of(blocks), _tensor(values))
+    return EffectRows(laws, rover.mass).corrected(observed_of(blocks), _tensor(values))
 
 
 def _tensor(values: Sequence[float]) -> Tensor:

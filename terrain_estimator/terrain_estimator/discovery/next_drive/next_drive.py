@@ -24,7 +24,7 @@ from terrain_estimator.discovery.evidence.isolability import (
 )
 from terrain_estimator.discovery.evidence.search import Candidate, Study, velocities_of
 from terrain_estimator.discovery.hypotheses.equations import Query, RunEquations
-from terrain_estimator.discovery.hypotheses.library import NOTHING, TYPICAL, Hypothesis
+from terrain_estimator.discovery.hypotheses.library import TYPICAL, Hypothesis
 from terrain_estimator.discovery.hypotheses.rows import HypothesisRows
 from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.next_drive.manoeuvres import MANOEUVRES, SECONDS, Manoeuvre, drive
@@ -148,9 +148,7 @@ def _seen(
     )
     columns = torch.zeros(blocks.packed.shape[0], len(study.mask) + 1, 0, dtype=torch.float64)
     query = Query(unknowns, (), torch.zeros(0, dtype=torch.float64), columns, (), None)
-    equations = RunEquations(
-        blocks, HypothesisRows(nominal, blocks, NOTHING.effects), study.mask
-    ).at(query)
+    equations = RunEquations(blocks, HypothesisRows(nominal, blocks, ()), study.mask).at(query)
     return stage(equations, unknowns, excess), run_signatures(
         nominal, blocks, study.mask, doubtful, unknowns, equations.around
     )

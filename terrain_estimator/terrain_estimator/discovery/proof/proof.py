@@ -17,17 +17,29 @@ halves are alike, a ground that the whole run need not allow.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from terrain_estimator.discovery.evidence.search import Candidate
+from terrain_estimator.discovery.evidence.fit import Fit
+from terrain_estimator.discovery.evidence.search import Candidate, Study
+from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
+from terrain_estimator.discovery.hypotheses.equations import Equations, assembled
 from terrain_estimator.discovery.hypotheses.library import NOTHING
 from terrain_estimator.discovery.hypotheses.rows import Nominal
+from terrain_estimator.discovery.hypotheses.unknowns import Unknowns
 from terrain_estimator.discovery.proof.gap import Gap, gap_of
-from terrain_estimator.discovery.proof.held_out import Half, Model, equations_of, evidences, halves
+from terrain_estimator.discovery.proof.held_out import (
+    GroundEstimate,
+    Half,
+    Model,
+    equations_of,
+    halved,
+    long_enough,
+)
 from terrain_estimator.discovery.proof.one_step import names, one_step
 from terrain_estimator.discovery.proof.rollout import (
     SimulatedSignals,
@@ -38,7 +50,9 @@ from terrain_estimator.discovery.proof.rollout import (
 from terrain_estimator.discovery.proof.scores import Predicted, RowScore, joined, regions_of, scores
 from terrain_estimator.discovery.proof.signals import compared
 from terrain_estimator.discovery.proof.signals import names as signal_names
+from terrain_estimator.discovery.report.finding import Finding
 from terrain_estimator.discovery.runs import PIECE, Blocks
+from terrain_estimator.model.gaussian import cholesky
 from terrain_estimator.model.packing import BLOCK
 
 LIKELIER = 8.0
@@ -131,6 +145,60 @@ def _judged(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> _Judged
     return _Judged(halves(nominal, models, run), evidences(nominal, models, run))
 
 
+@torch.inference_mode()
+def halves(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> tuple[Half, Half]:
+    """Return both halves of a held-out run; the same procedure for every model.
+
+    Raises:
+        RunError: see ``long_enough``.
+    """
+    parts = halved(long_enough(run))
+    grounds = [_grounds(Study(nominal, [part]), models) for part in parts]
+    return Half(parts[0], grounds[1]), Half(parts[1], grounds[0])
+
+
+def _grounds(study: Study, models: tuple[Model, ...]) -> tuple[GroundEstimate, ...]:
+    fits = _fits(study, models)
+    return tuple(
+        GroundEstimate(fit.point.runs[0], _covariance(fit.point.runs[0], fit.equations[0], model))
+        for fit, model in zip(fits, models, strict=True)
+    )
+
+
+def _fits(study: Study, models: tuple[Model, ...]) -> list[Fit]:
+    return [
+        (
+            study.given(model.hypothesis, model.values)
+            if model.hypothesis.effects
+            else study.nothing
+        ).fit
+        for model in models
+    ]
+
+
+@torch.inference_mode()
+def evidences(nominal: Nominal, models: tuple[Model, ...], run: Blocks) -> list[float]:
+    """Return the log evidence [nat] of a held-out run under each model, up to a constant."""
+    return [fit.given for fit in _fits(Study(nominal, [run]), models)]
+
+
+def _covariance(unknowns: Unknowns, equations: Equations, model: Model) -> Tensor:
+    """Return the covariance of a run's own unknowns but the velocities, then of the sizes.
+
+    Misfit beyond the sensors' noise counts for nothing.
+    """
+    sizes = model.values.shape[0]
+    weighted = torch.zeros_like(equations.residual).unsqueeze(-1)
+    hessian, _ = assembled(
+        equations.jacobian, cholesky(equations.covariance), weighted, equations.ends, sizes
+    )
+    _, precision = unknowns.prior_moments()
+    size, own = precision.shape[0], 3 + unknowns.kappa.shape[0]
+    covariance = torch.cholesky_inverse(cholesky(hessian[:size, :size] + torch.diag(precision)))
+    parts = covariance[:own, :own], model.covariance
+    return torch.block_diag(*parts)  # type: ignore[no-untyped-call]
+
+
 def prove(
     nominal: Nominal,
     candidate: Candidate | None,
@@ -199,6 +267,24 @@ def better(gap: Gap, step_gap: Gap, likelier: float) -> bool:
     return proven and all(high > 0.0 for _, high in intervals)
 
 
+def settled(finding: Finding, proof: Proof | None) -> Finding:
+    """Return the finding with the held-out runs counted.
+
+    A name that did not prove itself there is no longer the answer.
+
+    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None)
+    the verdict stands unproven.
+    """
+    judgement = finding.judgement
+    if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
+        return finding
+    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
+    refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
+    refuted["unknown"] = 1.0 - sure["none"]
+    unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
+    return replace(finding, judgement=unknown)
+
+
 def _pair(each: Sequence[Predicted]) -> tuple[Predicted, Predicted | None]:
     return each[0], each[1] if len(each) > 1 else None
 
@@ -216,11 +302,11 @@ def _one_step(nominal: Nominal, judged: Sequence[Half], number: int, model: Mode
     )
 
 
-def _joined(regions: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
+def _joined(regions: Sequence[dict[str, Tensor]]) -> dict[str, Tensor]:
     return {name: torch.cat([each[name] for each in regions]) for name in regions[0]}
 
 
-def _seconds(windows: Windows, lengths: Sequence[int]) -> torch.Tensor:
+def _seconds(windows: Windows, lengths: Sequence[int]) -> Tensor:
     """Return the number of every second of all windows among the blocks of halves, [W PIECE]."""
     before = torch.cumsum(torch.tensor([0, *lengths[:-1]]), 0)
     return ((before[windows.half] + windows.first).unsqueeze(1) + torch.arange(PIECE)).flatten()

@@ -92,7 +92,8 @@ def simulated(
     generator = torch.Generator().manual_seed(seed)
     values = tuple(model.values.tolist())
     hypothesis = model.hypothesis
-    clean = [corrected(nominal.rover, hypothesis.effects, values, half.blocks) for half in halves]
+    laws = hypothesis.laws(nominal.rover)
+    clean = [corrected(nominal.rover, laws, values, half.blocks) for half in halves]
     terrain = _terrain(nominal, windows, clean)
     others = [
         _terrain(

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from terrain_estimator.discovery.evidence.isolability import Isolability, isolability
-from terrain_estimator.discovery.evidence.search import Progress, Study
+from terrain_estimator.discovery.evidence.search import Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
 from terrain_estimator.discovery.locate.where import Disagreement, disagreements
 from terrain_estimator.discovery.next_drive.next_drive import NextDrive, advise, next_drives
-from terrain_estimator.discovery.proof.proof import Proof
+from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.report.finding import Finding
 
 
@@ -46,7 +46,7 @@ class Diagnosis:
 
 
 def diagnose(
-    study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, progress: Progress
+    study: Study, hypotheses: Sequence[Hypothesis], finding: Finding, progress: ProgressCallback
 ) -> Diagnosis:
     """Look at the runs of ``study`` after the verdict."""
     progress(0.95, "where it disagrees")
@@ -78,21 +78,3 @@ def in_doubt(
     shared = set.intersection(*(set(each.effects) for each in close)) if len(close) > 1 else set()
     alone = [tuple(effect for effect in each.effects if effect not in shared) for each in close]
     return [Hypothesis(effects) for effects in dict.fromkeys(alone) if len(effects) == 1]
-
-
-def settled(finding: Finding, proof: Proof | None) -> Finding:
-    """Return the finding with the held-out runs counted.
-
-    A name that did not prove itself there is no longer the answer.
-
-    Its probability goes to "unknown"; it stays the closest candidate. Without held-out runs (None)
-    the verdict stands unproven.
-    """
-    judgement = finding.judgement
-    if proof is None or proof.added or judgement.verdict not in (Verdict.NAMED, Verdict.CONFUSABLE):
-        return finding
-    sure = {name: p for name, p in judgement.probabilities.items() if name in ("none", "unknown")}
-    refuted = dict.fromkeys(judgement.probabilities, 0.0) | sure
-    refuted["unknown"] = 1.0 - sure["none"]
-    unknown = Judgement(Verdict.UNKNOWN, judgement.named[:1], refuted)
-    return dataclasses.replace(finding, judgement=unknown)

@@ -3,21 +3,32 @@
 """The whole investigation of some runs: fits, verdict, and what is confusable with what."""
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from terrain_estimator.discovery.evidence.search import Candidate, Progress, Study, search
+import torch
+
+from terrain_estimator.discovery.evidence.search import Candidate, Study, search
 from terrain_estimator.discovery.evidence.verdict import (
     Gains,
     Judgement,
-    Leftover,
     Thresholds,
-    gains_of,
     is_pair,
     judge,
-    leftovers,
 )
 from terrain_estimator.discovery.hypotheses.library import Hypothesis, together
+from terrain_estimator.discovery.leftover.flexible import Column
+from terrain_estimator.discovery.progress import ProgressCallback
+
+
+@dataclass(frozen=True, slots=True)
+class Leftover:
+    """The row and signal on which a discrepancy depends."""
+
+    column: Column
+    strength: float  # [1] decrease of the objective: squared standard deviations
+    degrees: int  # functions of that signal
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +52,10 @@ class Finding:
 
 
 def investigate(
-    study: Study, hypotheses: Sequence[Hypothesis], thresholds: Thresholds, progress: Progress
+    study: Study,
+    hypotheses: Sequence[Hypothesis],
+    thresholds: Thresholds,
+    progress: ProgressCallback,
 ) -> Finding:
     """Fit all hypotheses, pairs with the best one where it leaves something, and judge."""
     progress(0.05, "nothing missing")
@@ -78,7 +92,7 @@ def investigate(
 
 
 def _beside(
-    study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, progress: Progress
+    study: Study, hypotheses: Sequence[Hypothesis], first: Candidate, progress: ProgressCallback
 ) -> list[Candidate]:
     """Return the most probable pairs of ``first`` and another effect."""
     names = set(first.hypothesis.names)
@@ -86,3 +100,47 @@ def _beside(
         together(first.hypothesis, each) for each in hypotheses if not names & set(each.names)
     ]
     return search(study, others, progress, after=first) if others else []
+
+
+def gains_of(
+    nothing: Candidate, named: Sequence[Candidate], nothing_with: Candidate, best_with: Candidate
+) -> Gains:
+    """Return the numbers of the rule from fits; ``named`` the most probable first."""
+    base = nothing.fit.log_evidence
+    return Gains(
+        tuple((each.hypothesis, each.fit.log_evidence - base) for each in named),
+        nothing_with.fit.log_evidence - base,
+        best_with.fit.log_evidence - base,
+    )
+
+
+def leftovers(candidate: Candidate) -> list[Leftover]:
+    """Return the dependences of a candidate's discrepancy, the strongest first.
+
+    Signals of one name in one row (of several axles) count as one.
+    """
+    if candidate.weights is None:
+        return []
+    first = candidate.fit.point.shared.shape[0] - len(candidate.weights.names)
+    weights, covariance = (
+        candidate.fit.point.shared[first:],
+        candidate.fit.covariance[first:, first:],
+    )
+    groups: dict[Column, list[int]] = {}
+    for index, column in enumerate(candidate.weights.names):
+        groups.setdefault(Column(column.row, _signal(column.signal)), []).append(index)
+    found = [
+        Leftover(
+            column,
+            float(weights[index] @ torch.linalg.solve(covariance[index][:, index], weights[index])),
+            len(index),
+        )
+        for column, index in groups.items()
+    ]
+    return sorted(found, key=lambda each: -each.strength)
+
+
+def _signal(name: str) -> str:
+    """Return ``slip`` for ``slip^2_1``: powers, axles and positions are one signal."""
+    base = re.split("[_^]", name, maxsplit=1)[0]
+    return "distance" if base.startswith("distance") else base

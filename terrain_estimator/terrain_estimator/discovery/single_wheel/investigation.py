@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from terrain_estimator.discovery.evidence.search import Progress
 from terrain_estimator.discovery.evidence.verdict import (
     Gains,
     Judgement,
@@ -25,6 +24,7 @@ from terrain_estimator.discovery.hypotheses.library import (
     LibraryEffect,
     together,
 )
+from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.single_wheel.cells import ROWS, Cells, Rig, Row, cells_of
 from terrain_estimator.discovery.single_wheel.fit import Explained, Floats, WheelModel, explain
 from terrain_estimator.discovery.single_wheel.separation import separate_by
@@ -126,7 +126,7 @@ def investigate_wheel(
     given: Hypothesis,
     names: Sequence[str],
     thresholds: Thresholds,
-    progress: Progress,
+    progress: ProgressCallback,
     *,
     by_trial: bool = False,
     seed: int = 0,
