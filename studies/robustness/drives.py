@@ -20,9 +20,9 @@ from terrain_estimator.messaging.messages import Status, status_of
 from terrain_estimator.messaging.pipeline import usable_rows
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.observation import Observation
+from terramechanics.presets import load_soil
 from terramechanics.simulation.plant import Plant
 from terramechanics.simulation.simulation import simulate
-from terramechanics.terrain.soil import load_soil
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.cases import drive_ends
 from tests.hidden.generators import GENERATORS, Draw, sizes_of
@@ -83,8 +83,9 @@ def _published(
     core = CoreConfig()
     seen, watch = watched(model)
     estimator, rows = Estimator(seen, core), usable_rows(model.rows, core)
-    wrong, misfits, degrees, status = 0, [], [], Status.PRIOR_ONLY
-    estimate = None
+    misfits: list[float] = []
+    degrees: list[float] = []
+    wrong, status, estimate = 0, Status.PRIOR_ONLY, None
     for observation in observations:
         update = estimator.update(observation)
         estimate, status = update.estimate, status_of(update, rows)

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from terrain_estimator.learning.tasks import SOILS
-from terramechanics.simulation.sample import TIME_STEP, Sample
-from terramechanics.simulation.sensors import Measurement, Noise, measure_drive
+from terramechanics.simulation.sample import TIME_STEP, Measurement, Sample
+from terramechanics.simulation.sensors import Noise, measure_drive
 from terramechanics.terrain.ground import Ground, Patch
 from terramechanics.vehicle.rover import Rover
 from tests.hidden.generators import GENERATORS

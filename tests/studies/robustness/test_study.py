@@ -23,11 +23,10 @@ from studies.robustness.worlds import (
     worlds,
 )
 from terrain_estimator.messaging.messages import Status
+from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.sample import Drive
 from terramechanics.simulation.simulation import simulate
 from terramechanics.terrain.ground import Ground
-from terramechanics.terrain.soil import load_soil
-from terramechanics.vehicle.rover import load_rover
 from tests.hidden.generators import GENERATORS
 
 ROVER = load_rover("mars_rover")
@@ -76,7 +75,7 @@ def test_readings_in_steps_are_whole_numbers_of_them(drive: Drive) -> None:
     found = measured(World("", "", steps=2.0), ROVER, drive.sample, generator())
     steps = found.velocity / 0.02
     torch.testing.assert_close(steps, steps.round(), rtol=0.0, atol=1e-9)
-    assert found.acceleration.unique().numel() > 1000
+    assert len(set(found.acceleration.flatten().tolist())) > 1000
 
 
 def test_unknown_soils_lie_in_their_ranges_and_keep_their_strength() -> None:
