@@ -30,7 +30,7 @@ from tests.mutants.judge import LIMIT_S, NOT_COMPILED, Copy, Job, copy_of, judge
 from tests.mutants.mutations import Mutant, files_below, find_mutants
 from tests.mutants.table import Equivalents, Results, Verdict, as_markdown, killed_share, passes
 
-SEED = 20261127
+SEED = 20261204
 NUMBER = 300
 PACKAGES = ("terramechanics/terramechanics", "terrain_estimator/terrain_estimator")
 MUTATED = (PACKAGES[0], *(f"{PACKAGES[1]}/{name}" for name in ("model", "estimator", "messaging")))
