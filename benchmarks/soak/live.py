@@ -52,7 +52,7 @@ class RoverSeries:
         return self.estimates * TIME_STEP / 3600.0
 
 
-class Watched:
+class MonitoredRover:
     """Monitor of one rover."""
 
     def __init__(self, name: str, watch: Node, estimator: Process, simulator: Process) -> None:
@@ -152,7 +152,7 @@ def drive(
             context.try_shutdown()
 
 
-def _rover(name: str, seed: int, watch: Node, start: Starter) -> Watched:
+def _rover(name: str, seed: int, watch: Node, start: Starter) -> MonitoredRover:
     """Give each simulator its own clock topic, as the clocks differ."""
     apart = ("-r", f"__ns:=/{name}", "-r", f"/clock:=/{name}/clock")
     estimator = start("terrain_estimator", "estimator", "--ros-args", *apart)
@@ -166,4 +166,4 @@ def _rover(name: str, seed: int, watch: Node, start: Starter) -> Watched:
     parameters = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
     simulator = start("rover_sim_node", "simulator", "--ros-args", *apart, *parameters)
     simulator.wait_for_output("driving", START_S)
-    return Watched(name, watch, estimator, simulator)
+    return MonitoredRover(name, watch, estimator, simulator)

@@ -32,7 +32,7 @@ FAR = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Rate:
+class AlarmRate:
     """False alarms of honest drives."""
 
     alarms: int
@@ -69,13 +69,13 @@ class Power:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedTest:
     """The test with its calibration and threshold."""
 
     calibrations: tuple[Calibration, ...]
     threshold: float
-    chosen: Rate  # of the half that the threshold was chosen on
-    judged: Rate  # of the other half
+    chosen: AlarmRate  # of the half that the threshold was chosen on
+    judged: AlarmRate  # of the other half
 
     def power(self, name: str, records: Sequence[Record]) -> Power:
         """Return the power on the drives of some records."""
@@ -123,18 +123,18 @@ class Judged:
         )
 
 
-def judge(first: Sequence[Record], second: Sequence[Record]) -> Judged:
+def judge(first: Sequence[Record], second: Sequence[Record]) -> JudgedTest:
     """Return the test with the threshold of one half of the honest drives, judged on the other."""
     white, other = _joined(first), _joined(second)
     known = [calibrated(white, length) for length in WINDOWS]
     hours = [sum(map(closed, records)) / HOUR for records in (first, second)]
     values = score(white, known)[0]
     threshold = threshold_for(values, hours[0], RATE)
-    return Judged(
+    return JudgedTest(
         tuple(known),
         threshold,
-        Rate(int(alarms(values, threshold).sum()), hours[0]),
-        Rate(int(alarms(score(other, known)[0], threshold).sum()), hours[1]),
+        AlarmRate(int(alarms(values, threshold).sum()), hours[0]),
+        AlarmRate(int(alarms(score(other, known)[0], threshold).sum()), hours[1]),
     )
 
 
@@ -156,7 +156,7 @@ def _statistic(index: int) -> str:
     return f"{names[index % len(names)]}, {WINDOWS[index // len(names)]} s"
 
 
-def foreign_power(judged: Judged, folder: Path) -> Iterator[Power]:
+def foreign_power(judged: JudgedTest, folder: Path) -> Iterator[Power]:
     """Yield the power on the foreign logs by model and law, from the records of make foreign."""
     files = sorted(folder.glob("*/*.npz"))
     groups = sorted({_group(path) for path in files})

@@ -25,7 +25,7 @@ SHORTEST = 5
 
 
 @dataclass(frozen=True, slots=True)
-class RowScore:
+class ResidualScore:
     """Whitened residuals of one row kind: of mean 0, deviation 1 and correlation 0 if all holds."""
 
     name: str
@@ -68,8 +68,8 @@ class ModelScore:
     over_persistence: Limited  # rms error, true velocity, over that of "it stays as measured"
     error: float  # [m/s] the same rms error
     persistence: float  # [m/s]
-    rows: tuple[RowScore, ...]  # of all closed blocks
-    rows_taken: tuple[RowScore, ...]  # of those in the posterior
+    rows: tuple[ResidualScore, ...]  # of all closed blocks
+    rows_taken: tuple[ResidualScore, ...]  # of those in the posterior
 
 
 def score(model: str, names: Sequence[str], driven: Sequence[Driven]) -> ModelScore:
@@ -165,7 +165,7 @@ def _resampled(parts: Sequence[Floats], figure: Callable[[Sequence[Floats]], flo
     return Limited(figure(parts), low, high)
 
 
-def _rows(driven: Sequence[Driven], chosen: Sequence[np.ndarray]) -> tuple[RowScore, ...]:
+def _rows(driven: Sequence[Driven], chosen: Sequence[np.ndarray]) -> tuple[ResidualScore, ...]:
     """Return the residuals' figures by row kind; none where no block was chosen."""
     series = [
         whitened(torch.from_numpy(each.residual[here]), torch.from_numpy(each.noise[here])).numpy()
@@ -175,7 +175,7 @@ def _rows(driven: Sequence[Driven], chosen: Sequence[np.ndarray]) -> tuple[RowSc
     if not series:
         return ()
     return tuple(
-        RowScore(
+        ResidualScore(
             name,
             *(_resampled([values[:, k] for values in series], figure) for figure in _FIGURES),
         )

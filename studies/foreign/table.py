@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from studies.foreign.scores import FAR, ModelScore, RowScore
+from studies.foreign.scores import FAR, ModelScore, ResidualScore
 from studies.limited import Limited
 from studies.tables import licence, table
 
@@ -167,7 +167,7 @@ def _drives(score: ModelScore) -> Iterator[Sequence[str]]:
         )
 
 
-def _rows(rows: Sequence[RowScore]) -> Iterator[Sequence[str]]:
+def _rows(rows: Sequence[ResidualScore]) -> Iterator[Sequence[str]]:
     for row in rows:
         figures = (row.mean, row.deviation, row.correlation)
         yield (

@@ -31,7 +31,7 @@ RUNNING_STEPS = 2
 """Gauss-Newton steps after each block, for the weights of the next."""
 
 
-class Variant(NamedTuple):
+class RecursionVariant(NamedTuple):
     """One way to run the recursion."""
 
     mask: Tensor  # [Q] of the block's rows
@@ -68,7 +68,11 @@ def block_mask(rows: Tensor) -> Tensor:
 
 
 def run(
-    model: PAlpaca, packed: Tensor, ends: Tensor, variants: list[Variant], blocks: list[int]
+    model: PAlpaca,
+    packed: Tensor,
+    ends: Tensor,
+    variants: list[RecursionVariant],
+    blocks: list[int],
 ) -> list[list[Statistic]]:
     """Run the variants over packed drives [N, T, P], of which the first ``ends`` [N] count.
 
@@ -95,7 +99,7 @@ def run(
     return found
 
 
-def _start(rows: LiftedRows, variant: Variant, prior: PriorOf) -> Running:
+def _start(rows: LiftedRows, variant: RecursionVariant, prior: PriorOf) -> Running:
     """Return the state before the first block, which takes its weights from the second one."""
     drives = rows.target.shape[0]
     return Running(
@@ -106,7 +110,7 @@ def _start(rows: LiftedRows, variant: Variant, prior: PriorOf) -> Running:
     )
 
 
-def _close(state: Running, rows: LiftedRows, variant: Variant, prior: PriorOf) -> Running:
+def _close(state: Running, rows: LiftedRows, variant: RecursionVariant, prior: PriorOf) -> Running:
     rows = masked(rows, variant.mask)
     psi = lift(state.k).psi
     weights = weights_of(state.sources, psi, state.velocity, rows.present)

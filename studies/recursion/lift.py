@@ -25,7 +25,7 @@ BODY = 2
 """Mass and centre of mass, which stand behind the lifted parameters."""
 
 
-class Point(NamedTuple):
+class LiftedPoint(NamedTuple):
     """Values and derivatives of the lifted parameters at G points k = (c, tan phi, kappa, body)."""
 
     psi: Tensor  # [G, LIFTED + BODY]
@@ -45,7 +45,7 @@ def monomials(kappa: Tensor) -> tuple[Tensor, Tensor]:
     return values, torch.cat([unit, by_pair], 1)
 
 
-def lift(k: Tensor) -> Point:
+def lift(k: Tensor) -> LiftedPoint:
     """Return the lifted parameters at k [G, 2 + M + BODY]."""
     strength, kappa, body = k.split_with_sizes([2, CONSTANTS, BODY], 1)
     theta = torch.cat([strength, torch.ones_like(strength[:, :1])], 1)
@@ -57,7 +57,7 @@ def lift(k: Tensor) -> Point:
     jacobian[:, :LIFTED, :2] = by_theta.flatten(1, 2)
     jacobian[:, :LIFTED, 2 : 2 + CONSTANTS] = by_kappa.flatten(1, 2)
     jacobian[:, LIFTED:, 2 + CONSTANTS :] = torch.eye(BODY, dtype=k.dtype)
-    return Point(psi, jacobian)
+    return LiftedPoint(psi, jacobian)
 
 
 def taylor(constants: Tensor, deviations: Tensor) -> tuple[Tensor, Tensor]:

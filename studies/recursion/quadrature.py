@@ -15,8 +15,8 @@ from torch import Tensor
 
 from studies.recursion.lift import lift
 from studies.recursion.readout import (
-    Estimate,
     PriorOf,
+    ReadOut,
     instruments_at,
     root_of,
     score_variance,
@@ -36,7 +36,7 @@ class GridMoments(NamedTuple):
     edge: Tensor  # [G] mass on the edge of the grid
 
 
-def integrate(statistic: Statistic, estimate: Estimate, prior: PriorOf) -> GridMoments:
+def integrate(statistic: Statistic, estimate: ReadOut, prior: PriorOf) -> GridMoments:
     """Return the moments of the density around the estimates, with the scores J' m at these."""
     axis = torch.linspace(-REACH, REACH, POINTS, dtype=torch.float64)
     unit = torch.cartesian_prod(axis, axis)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from studies.recursion.lift import BODY, CONSTANTS, FIRST, LIFTED, Point, lift
+from studies.recursion.lift import BODY, CONSTANTS, FIRST, LIFTED, LiftedPoint, lift
 from studies.recursion.statistic import PRODUCTS, Statistic
 
 SIZE = 2 + CONSTANTS + BODY
@@ -34,7 +34,7 @@ class PriorOf(NamedTuple):
     precision: Tensor  # [SIZE]
 
 
-class Estimate(NamedTuple):
+class ReadOut(NamedTuple):
     """Estimates of G drives."""
 
     k: Tensor  # [G, SIZE]
@@ -82,14 +82,14 @@ JITTERS = (1e-7, 1e-5, 1e-3, 1e-1, 10.0)
 """[1] Parts of the diagonal that are added until a variance is definite."""
 
 
-def scores_at(statistic: Statistic, point: Point) -> tuple[Tensor, Tensor]:
+def scores_at(statistic: Statistic, point: LiftedPoint) -> tuple[Tensor, Tensor]:
     """Return the scores [G, MOMENTS] and minus their derivatives [G, MOMENTS, SIZE]."""
     net = statistic.information - statistic.correction
     value = statistic.score - (net @ point.psi.unsqueeze(2)).squeeze(2)
     return value, net @ point.jacobian
 
 
-def instruments_at(point: Point) -> Tensor:
+def instruments_at(point: LiftedPoint) -> Tensor:
     """Return J' [G, SIZE, MOMENTS], which combines the scores as least squares would at a point."""
     return torch.cat([point.jacobian[:, :FIRST], point.jacobian[:, LIFTED:]], 1).transpose(1, 2)
 
@@ -160,15 +160,15 @@ def _limited(before: Tensor, after: Tensor) -> Tensor:
 
 def refine(
     statistic: Statistic, k: Tensor, prior: PriorOf, way: str, steps: int = STEPS
-) -> Estimate:
+) -> ReadOut:
     """Return the estimates after this many Gauss-Newton steps from k [G, SIZE]."""
     for _ in range(steps):
         k = _limited(k, WAYS[way](statistic, k, prior).k)
     last = WAYS[way](statistic, k, prior)
-    return Estimate(k, last.covariance, last.misfit, last.clamped)
+    return ReadOut(k, last.covariance, last.misfit, last.clamped)
 
 
-def read_out(statistic: Statistic, prior: PriorOf, way: str) -> Estimate:
+def read_out(statistic: Statistic, prior: PriorOf, way: str) -> ReadOut:
     """Return the best of the estimates that the fixed starts lead to."""
     drives = statistic.score.shape[0]
     spread = prior.precision[:2] ** -0.5
@@ -180,4 +180,4 @@ def read_out(statistic: Statistic, prior: PriorOf, way: str) -> Estimate:
     misfit = torch.stack([torch.nan_to_num(each.misfit, nan=torch.inf) for each in found])
     best = misfit.argmin(0)
     every = torch.arange(drives)
-    return Estimate(*(torch.stack(fields)[best, every] for fields in zip(*found, strict=True)))
+    return ReadOut(*(torch.stack(fields)[best, every] for fields in zip(*found, strict=True)))

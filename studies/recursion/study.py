@@ -20,7 +20,7 @@ from studies.accuracy.scores import (
     row_mask,
 )
 from studies.bound import Known, cramer_rao_at
-from studies.recursion.drive import Variant, block_mask, prior_of, run
+from studies.recursion.drive import RecursionVariant, block_mask, prior_of, run
 from studies.recursion.quadrature import integrate
 from studies.recursion.readout import PriorOf, read_out
 from studies.recursion.statistic import Statistic
@@ -102,7 +102,8 @@ def _lifted(
     prior, unit = prior_of(model), model.hypotheses.unit
     names = [(rows, z) for rows in ROW_SETS for z in INSTRUMENTS]
     variants = [
-        Variant(block_mask(row_mask(rows, model.axles)), INSTRUMENTS[z]) for rows, z in names
+        RecursionVariant(block_mask(row_mask(rows, model.axles)), INSTRUMENTS[z])
+        for rows, z in names
     ]
     blocks = [round(time) for time in times_s]
     statistics = run(model, drawn.tasks.measured, drawn.ends, variants, blocks)

@@ -19,7 +19,7 @@ from docs.provenance import digest, measured
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
 from studies.robustness.drives import Record, drive_batch, joined
-from studies.robustness.table import Line, line, page
+from studies.robustness.table import WorldScore, line, page
 from studies.robustness.worlds import World, together, worlds
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -85,7 +85,7 @@ def _pieces(args: argparse.Namespace) -> Iterator[tuple[World, Piece[Record]]]:
             yield world, Piece(work, folder / f"together-{number}.npz")
 
 
-def _lines(pieces: list[tuple[World, Piece[Record]]]) -> list[Line]:
+def _lines(pieces: list[tuple[World, Piece[Record]]]) -> list[WorldScore]:
     """Return the lines of the worlds, each from its batches that are done."""
     done: dict[str, list[Record]] = {}
     worlds_of: dict[str, World] = {}

@@ -23,7 +23,7 @@ BAR = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class WorldScore:
     """What was published in one world."""
 
     kind: str
@@ -39,14 +39,14 @@ class Line:
     sound_visible: Limited | None
 
 
-def line(world: World, record: Record) -> Line:
+def line(world: World, record: Record) -> WorldScore:
     """Return the figures of a world."""
     identified = record["status"] == Status.IDENTIFIED
     sound = ~identified | (record["inside"] > 0.0).all(1)
     visible = record["excess"] >= VISIBLE
     z = (record["mean"] - record["truth"])[identified] / record["deviation"][identified]
     shift = np.median(z, 0) if len(z) else np.full(2, np.nan)
-    return Line(
+    return WorldScore(
         world.kind,
         world.name,
         len(sound),
@@ -96,7 +96,7 @@ Figures in %:
 """
 
 
-def page(lines: Sequence[Line], measured: str, seed: int) -> str:
+def page(lines: Sequence[WorldScore], measured: str, seed: int) -> str:
     """Return the whole page."""
     head = (
         "hidden",
@@ -118,7 +118,7 @@ def page(lines: Sequence[Line], measured: str, seed: int) -> str:
     return licence("robustness") + text.rstrip() + "\n"
 
 
-def _cells(each: Line) -> list[str]:
+def _cells(each: WorldScore) -> list[str]:
     shift = ", ".join(f"{value:+.1f}" for value in each.shift)
     return [
         each.name,
@@ -135,7 +135,7 @@ def _cells(each: Line) -> list[str]:
     ]
 
 
-def _holds(each: Line) -> str:
+def _holds(each: WorldScore) -> str:
     """Return whether the bar holds for the drives whose effect can be seen."""
     if each.drives < FEWEST:
         return "not judged"

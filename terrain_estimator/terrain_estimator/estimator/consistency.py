@@ -51,7 +51,7 @@ REST = 45
 ADVICE = f"{CHECK}; find_missing_effect names rows and effects from a recording"
 
 
-class Fit(NamedTuple):
+class SecondFit(NamedTuple):
     """How one closed second fitted."""
 
     misfit: float  # [1] squared Mahalanobis distance
@@ -62,7 +62,10 @@ class Consistency:
     """The fits of the last closed seconds of driving."""
 
     def __init__(
-        self, judged: Iterable[Fit] = (), pending: Iterable[Fit] = (), since_change: int = REST
+        self,
+        judged: Iterable[SecondFit] = (),
+        pending: Iterable[SecondFit] = (),
+        since_change: int = REST,
     ) -> None:
         """Start with seconds in their order: those that count, and those that wait.
 
@@ -72,7 +75,7 @@ class Consistency:
         self.pending = deque(pending, maxlen=DELAY)
         self.since_change = since_change
 
-    def add(self, fit: Fit, changed: float) -> None:
+    def add(self, fit: SecondFit, changed: float) -> None:
         """Take a closed second; ``changed`` [1] is the probability of a change around it."""
         self.since_change = min(self.since_change + 1, REST)
         if changed > CHANGING:
@@ -87,10 +90,10 @@ class Consistency:
         self.pending.append(fit)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what to keep, as arrays; ``judged`` and ``pending`` are [n, 2] as Fit."""
+        """Return what to keep, as arrays; ``judged`` and ``pending`` are [n, 2] as SecondFit."""
         return {
-            "judged": np.array(self.judged, dtype=np.float64).reshape(-1, len(Fit._fields)),
-            "pending": np.array(self.pending, dtype=np.float64).reshape(-1, len(Fit._fields)),
+            "judged": np.array(self.judged, dtype=np.float64).reshape(-1, len(SecondFit._fields)),
+            "pending": np.array(self.pending, dtype=np.float64).reshape(-1, len(SecondFit._fields)),
             "since_change": np.array(self.since_change, dtype=np.int64),
         }
 
@@ -121,7 +124,7 @@ class Consistency:
                 )
         return ""
 
-    def _sums(self) -> Iterator[tuple[int, Fit]]:
+    def _sums(self) -> Iterator[tuple[int, SecondFit]]:
         """Yield every window that is full, and the sum of its seconds."""
         newest_first = list(reversed(self.judged))
         for window in WINDOWS:
@@ -129,7 +132,7 @@ class Consistency:
                 return
             seconds = newest_first[:window]
             total = sum(min(each.misfit, limit(LARGEST, each.degrees)) for each in seconds)
-            yield window, Fit(total, sum(each.degrees for each in seconds))
+            yield window, SecondFit(total, sum(each.degrees for each in seconds))
 
 
 @functools.lru_cache

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rover_parameters.records import ConfigError
 from terrain_estimator.config.estimator import CoreConfig
-from terrain_estimator.estimator.consistency import Consistency, Fit, limit
+from terrain_estimator.estimator.consistency import Consistency, SecondFit, limit
 from terrain_estimator.estimator.forecasting import Forecast, Forecasting
 from terrain_estimator.estimator.intake import Intake, mostly_refused
 from terrain_estimator.estimator.restored_state import ADVICE, Counts, EstimatorParts, judged
@@ -301,7 +301,7 @@ class Estimator:
         """Return the reason why the closed block is left out; a lasting contradiction re-opens."""
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
-        self._consistency.add(Fit(report.misfit, degrees), self._change)
+        self._consistency.add(SecondFit(report.misfit, degrees), self._change)
         self._judge()
         threshold = limit(self._config.gate_probability, degrees)
         if report.misfit <= threshold:

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency, Fit
+from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency, SecondFit
 from terrain_estimator.estimator.forecasting import (
     LARGEST_DISTANCE,
     Forecast,
@@ -250,10 +250,10 @@ def _since_change(arrays: Arrays) -> int:
     return int(array)
 
 
-def _fits(arrays: Arrays, name: str, most: int) -> list[Fit]:
+def _fits(arrays: Arrays, name: str, most: int) -> list[SecondFit]:
     """Return an array [n, 2] of misfits and degrees of freedom of the last closed seconds."""
     array = arrays.get(name)
-    shaped = array is not None and array.ndim == 2 and array.shape[1] == len(Fit._fields)
+    shaped = array is not None and array.ndim == 2 and array.shape[1] == len(SecondFit._fields)
     if array is None or not shaped or array.dtype.name != "float64" or len(array) > most:
         raise StateFileError(f"the state's {name} is missing or has another shape: {ADVICE}")
     degrees = array[:, 1]
@@ -261,7 +261,7 @@ def _fits(arrays: Arrays, name: str, most: int) -> list[Fit]:
     whole = bool((degrees == degrees.round()).all()) and degrees.max(initial=0.0) <= MOST_DEGREES
     if not (sound and whole):
         raise _refused(name, array.tolist(), "no misfits with their degrees of freedom")
-    return [Fit(misfit, int(number)) for misfit, number in array.tolist()]
+    return [SecondFit(misfit, int(number)) for misfit, number in array.tolist()]
 
 
 def _check_range(name: str, tensor: Tensor, parts: EstimatorParts) -> None:

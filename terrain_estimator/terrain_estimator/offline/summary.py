@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -174,30 +174,35 @@ def _interval(value: dict[str, Any] | None, scale: float, *, narrow: bool) -> st
 
 def remarks(replay: Replay) -> list[str]:
     """Return remarks on a run for the user, one for each line."""
-    lines, settled = list(replay.notes), replay.settled
+    lines = list(replay.notes)
     if replay.missing_s:
         lines.append(f"{replay.bag}: the last {replay.missing_s:.1f} s are missing")
     lines += [f"{replay.name}: {line}" for line in replay.rates.lines()]
-    lines += [
-        f"{replay.name}: {count} x {outcome.name}: {outcome.advice}"
-        for outcome, count in sorted(settled.outcomes.items())
-        if outcome.advice
-    ]
-    lines += [
-        f"{replay.name}: NO ESTIMATE, {each.finding}: {each.advice}"
-        for each in replay.disagreements
-    ]
+    lines += [f"{replay.name}: {line}" for line in _about_the_fit(replay)]
+    return lines + _about_the_inputs(replay)
+
+
+def _about_the_fit(replay: Replay) -> Iterator[str]:
+    settled = replay.settled
+    for outcome, count in sorted(settled.outcomes.items()):
+        if outcome.advice:
+            yield f"{count} x {outcome.name}: {outcome.advice}"
+    for each in replay.disagreements:
+        yield f"NO ESTIMATE, {each.finding}: {each.advice}"
     if replay.estimates and not replay.learnt:
         waiting = replay.last is not None and replay.last.update.estimate.observations_waiting > 0
         short = "the drive ended before its first second" if waiting else Outcome.STANDSTILL.advice
-        reason = replay.refusals.words() or short
-        lines.append(f"{replay.name}: NO ESTIMATE, no observation was used: {reason}")
+        yield f"NO ESTIMATE, no observation was used: {replay.refusals.words() or short}"
     refused, judged = settled.seconds_refused, settled.seconds >= FEWEST
     if judged and refused > SUSPICIOUS_SHARE * settled.seconds and not replay.disagreements:
-        lines.append(
-            f"{replay.name}: {refused} of {settled.seconds} seconds of driving were refused: check"
-            " that the model (--model) is for this rover and soil"
+        yield (
+            f"{refused} of {settled.seconds} seconds of driving were refused: check that the model"
+            " (--model) is for this rover and soil"
         )
+
+
+def _about_the_inputs(replay: Replay) -> list[str]:
+    lines = []
     for topic, counters in replay.inputs.items():
         troubles = {
             "unpaired": counters.unpaired,

@@ -227,7 +227,7 @@ def wheel_forces(
     return rows.movedim([0, 1], [-2, -1])
 
 
-class WheelForces(Protocol):
+class WheelForceFunction(Protocol):
     """A function with the arguments and the result of :func:`wheel_forces`."""
 
     def __call__(
@@ -245,12 +245,12 @@ class WheelForces(Protocol):
 
 
 @cache
-def compiled_wheel_forces() -> WheelForces:
+def compiled_wheel_forces() -> WheelForceFunction:
     """Return :func:`wheel_forces` compiled by TorchScript: the same numbers, sooner for few wheels.
 
     It is compiled once a process, in 0.2 s. It cannot be mapped by ``torch.vmap``.
     """
-    return cast("WheelForces", torch.jit.script(wheel_forces))
+    return cast("WheelForceFunction", torch.jit.script(wheel_forces))
 
 
 def wheel_forces_linear_stress(

@@ -16,7 +16,7 @@ from terrain_estimator.estimator.consistency import (
     REST,
     WINDOWS,
     Consistency,
-    Fit,
+    SecondFit,
     limit,
 )
 
@@ -27,7 +27,7 @@ def after(misfits: list[float], changed: float = 0.0) -> Consistency:
     """Return the test after seconds with these misfits."""
     consistency = Consistency()
     for misfit in misfits:
-        consistency.add(Fit(misfit, DEGREES), changed)
+        consistency.add(SecondFit(misfit, DEGREES), changed)
     return consistency
 
 
@@ -35,7 +35,7 @@ def first_alarm(misfits: list[float]) -> int:
     """Return the number of seconds at the first disagreement, 0 where there is none."""
     consistency = Consistency()
     for number, misfit in enumerate(misfits, start=1):
-        consistency.add(Fit(misfit, DEGREES), 0.0)
+        consistency.add(SecondFit(misfit, DEGREES), 0.0)
         if consistency.disagreements():
             return number
     return 0
@@ -98,7 +98,7 @@ def test_honest_seconds_are_seldom_doubted() -> None:
     """In 36 000 seconds: four tests of 2 % each, of which neighbours share most seconds."""
     consistency, doubted = Consistency(), 0
     for misfit in np.random.default_rng(10).chisquare(DEGREES, 36_000):
-        consistency.add(Fit(float(misfit), DEGREES), 0.0)
+        consistency.add(SecondFit(float(misfit), DEGREES), 0.0)
         doubted += bool(consistency.doubt())
     assert DOUBTFUL < doubted / 36_000 < 4 * DOUBTFUL
 
@@ -106,10 +106,10 @@ def test_honest_seconds_are_seldom_doubted() -> None:
 def test_after_a_change_of_the_ground_the_fit_has_to_be_confirmed_anew() -> None:
     consistency = after([6.0] * 100)
     assert not consistency.doubt()
-    consistency.add(Fit(30.0, DEGREES), CHANGING + 0.1)
+    consistency.add(SecondFit(30.0, DEGREES), CHANGING + 0.1)
     waited = 0
     while consistency.doubt():
-        consistency.add(Fit(6.0, DEGREES), 0.0)
+        consistency.add(SecondFit(6.0, DEGREES), 0.0)
         waited += 1
     assert waited == WINDOWS[0] + DELAY
 
@@ -123,31 +123,31 @@ def test_one_second_however_wrong_is_no_disagreement() -> None:
 def test_seconds_before_a_change_of_the_ground_are_forgotten() -> None:
     wrong = after([30.0] * 30)
     assert wrong.disagreements()
-    wrong.add(Fit(30.0, DEGREES), CHANGING + 0.1)
+    wrong.add(SecondFit(30.0, DEGREES), CHANGING + 0.1)
     assert not wrong.disagreements()
     for _ in range(100):
-        wrong.add(Fit(6.0, DEGREES), CHANGING - 0.1)
+        wrong.add(SecondFit(6.0, DEGREES), CHANGING - 0.1)
         assert not wrong.disagreements()
 
 
 def test_a_change_within_the_delay_comes_before_a_disagreement() -> None:
     consistency = after([6.0] * 100)
     for _ in range(DELAY):
-        consistency.add(Fit(1e3, DEGREES), 0.0)
+        consistency.add(SecondFit(1e3, DEGREES), 0.0)
         assert not consistency.disagreements()
-    consistency.add(Fit(1e3, DEGREES), 1.0)
+    consistency.add(SecondFit(1e3, DEGREES), 1.0)
     for _ in range(100):
-        consistency.add(Fit(6.0, DEGREES), 0.0)
+        consistency.add(SecondFit(6.0, DEGREES), 0.0)
         assert not consistency.disagreements()
 
 
 def test_a_change_explains_a_misfit_while_the_axles_cross_and_then_for_a_while_none_does() -> None:
     consistency = after([6.0] * 100)
     for _ in range(CROSSING):
-        consistency.add(Fit(1e3, DEGREES), 1.0)
+        consistency.add(SecondFit(1e3, DEGREES), 1.0)
         assert not consistency.disagreements()
     for _ in range(WINDOWS[0] + DELAY):
-        consistency.add(Fit(1e3, DEGREES), 1.0)
+        consistency.add(SecondFit(1e3, DEGREES), 1.0)
     assert consistency.disagreements()
 
 
@@ -155,7 +155,7 @@ def test_a_change_explains_a_misfit_while_the_axles_cross_and_then_for_a_while_n
 def test_a_ground_that_changes_all_the_time_is_a_wrong_model(period: int) -> None:
     consistency, found = Consistency(), 0
     for second in range(120):
-        consistency.add(Fit(20.0, DEGREES), float(second % period < 4))
+        consistency.add(SecondFit(20.0, DEGREES), float(second % period < 4))
         found += bool(consistency.disagreements())
     assert found > 30
 
@@ -164,7 +164,7 @@ def test_one_change_in_a_while_is_none() -> None:
     consistency = Consistency()
     for second in range(1, 400):
         crossing = second % (REST + 5) < 8
-        consistency.add(Fit(40.0 if crossing else 6.0, DEGREES), float(crossing))
+        consistency.add(SecondFit(40.0 if crossing else 6.0, DEGREES), float(crossing))
         assert not consistency.disagreements()
 
 
@@ -175,5 +175,5 @@ def test_what_is_kept_is_bounded_and_enough_to_go_on() -> None:
     part = after(drawn[:350])
     on = Consistency(part.judged, part.pending, part.since_change)
     for misfit in drawn[350:]:
-        on.add(Fit(misfit, DEGREES), 0.0)
+        on.add(SecondFit(misfit, DEGREES), 0.0)
     assert (on.judged, on.pending) == (whole.judged, whole.pending)

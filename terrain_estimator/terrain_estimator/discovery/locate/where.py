@@ -37,7 +37,7 @@ LARGEST = 0.97
 
 
 @dataclass(frozen=True, slots=True)
-class Disagreement:
+class RowDisagreement:
     """A row that does not agree with the model in a region of a signal."""
 
     row: str
@@ -62,7 +62,7 @@ class Tests:
     blocks: Tensor  # [R + 1] seconds
 
 
-def disagreements(study: Study) -> list[Disagreement]:
+def disagreements(study: Study) -> list[RowDisagreement]:
     """Return the disagreements, the surest first, each beside those before it."""
     equations = study.equations_of_nothing()
     points = study.nothing.fit.point.runs
@@ -73,7 +73,7 @@ def disagreements(study: Study) -> list[Disagreement]:
         left.append(innovations(white, equation, unknowns))
         columns.append(white.of(own))
     alike = torch.tensor([region.alike for region in tried.names], dtype=torch.float64)
-    listed: list[Disagreement] = []
+    listed: list[RowDisagreement] = []
     while len(listed) < MOST:
         found = tests(left, columns)
         chance = two_sided(found, alike)
@@ -187,7 +187,7 @@ def holm(chance: Floats) -> Floats:
 
 def _described(
     study: Study, region: Region, k: int, found: Tests, chance: Floats, adjusted: Floats
-) -> Disagreement:
+) -> RowDisagreement:
     """Describe a region in words.
 
     It is a run's own where all runs together are less sure than that run.
@@ -206,7 +206,7 @@ def _described(
         )
     factor, unit = unit_of(region.row, study.nominal)
     strength, p = factor * size, float(adjusted[which, k])
-    return Disagreement(
+    return RowDisagreement(
         region.row,
         region.signal,
         region.words,

@@ -11,7 +11,7 @@ from terrain_estimator.discovery.evidence.isolability import Isolability, isolab
 from terrain_estimator.discovery.evidence.search import Study
 from terrain_estimator.discovery.evidence.verdict import Judgement, Verdict
 from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.locate.where import Disagreement, disagreements
+from terrain_estimator.discovery.locate.where import RowDisagreement, disagreements
 from terrain_estimator.discovery.next_drive.next_drive import NextDrive, advise, next_drives
 from terrain_estimator.discovery.progress import ProgressCallback
 from terrain_estimator.discovery.report.finding import Finding
@@ -21,7 +21,7 @@ from terrain_estimator.discovery.report.finding import Finding
 class Diagnosis:
     """The results beside a Finding."""
 
-    where: tuple[Disagreement, ...]
+    where: tuple[RowDisagreement, ...]
     isolability: Isolability
     next_drives: tuple[NextDrive, ...]  # the best first; empty where nothing is in doubt
 
