@@ -25,9 +25,9 @@ from tests.mutants.mutations import Mutant
 
 KILLED, SURVIVED, TIMED_OUT, NOT_COMPILED = "killed", "survived", "timed out", "does not compile"
 LIMIT_S = 60.0
-LAST_START = 0.65
+LAST_START = 0.8
 """Share of the limit after which no other test begins: a machine may be slower than measured."""
-UNMUTATED = 0.85
+UNMUTATED = 0.95
 """Share of the limit in which the tests must end unmutated for time to be the mutant's fault."""
 _NO_SCRIPT = 100  # exit status, beside pytest's
 _PRELOAD = ["torch", "pytest", "scipy.stats", "yaml"]  # pytest loads its own plugins

@@ -160,6 +160,22 @@ def test_a_ground_that_changes_all_the_time_is_a_wrong_model(period: int) -> Non
     assert found > 30
 
 
+def test_a_change_explains_fifteen_seconds_from_its_first_sign() -> None:
+    """Then five wait, so that ten judged ones need thirty in all."""
+    consistency, first = after([6.0] * 100), 0
+    for second in range(1, 60):
+        consistency.add(SecondFit(1e3, DEGREES), 1.0)
+        if consistency.disagreements() and not first:
+            first = second
+    assert first == 15 + 5 + 10
+
+
+def test_a_change_that_is_as_probable_as_not_explains_nothing() -> None:
+    consistency = after([30.0] * 30)
+    consistency.add(SecondFit(30.0, DEGREES), CHANGING)
+    assert consistency.disagreements()
+
+
 def test_one_change_in_a_while_is_none() -> None:
     consistency = Consistency()
     for second in range(1, 400):

@@ -193,6 +193,17 @@ def test_updates_are_numbered_from_zero(model: LoadedModel, drive: list[Observat
     assert [update.sequence for update in run(model, drive[:3])] == [0, 1, 2]
 
 
+def test_what_could_not_be_formed_is_answered_without_a_distance(model: LoadedModel) -> None:
+    update = Estimator(model, CoreConfig()).reject(5, Outcome.NOT_FINITE, "slip is nan")
+    decision = update.decision
+    assert (update.stamp_ns, decision.outcome, decision.detail) == (
+        5, Outcome.NOT_FINITE, "slip is nan",
+    )  # fmt: skip
+    assert (decision.rows_used, decision.degrees_of_freedom, decision.settled) == ((), 0, 0)
+    assert math.isnan(decision.mahalanobis_squared)
+    assert math.isnan(decision.threshold)
+
+
 def test_a_pause_of_unknown_length_judges_no_forecast(
     model: LoadedModel, drive: list[Observation]
 ) -> None:

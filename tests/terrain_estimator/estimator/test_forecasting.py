@@ -104,6 +104,12 @@ def test_a_forecast_that_no_variance_explains_stays_finite() -> None:
     assert math.isfinite(hindsight.corrected(Forecast(0.0, 1.0, NOISE), 0.0).variance)
 
 
+def test_one_miss_counts_as_no_more_than_a_thousand_deviations() -> None:
+    assert Hindsight().after(1e4, 1.0, 0.0).distance == 1e6
+    assert Hindsight().after(1e3, 1.0, 0.0).distance == 1e6
+    assert Hindsight().after(9e2, 1.0, 0.0).distance == pytest.approx(8.1e5)
+
+
 def test_nothing_is_judged_across_a_gap_or_without_a_forecast() -> None:
     forecasting = Forecasting()
     forecasting.observed(0, 0.1, DEVIATION, STEP_S)

@@ -21,6 +21,7 @@ from terrain_estimator.estimator.restored_state import EstimatorParts, _check_ra
 from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.estimator.soundness import unsound
 from terrain_estimator.model.model_file import LoadedModel, load_model
+from terrain_estimator.model.packing import view_of
 from terrain_estimator.observation import Observation
 from terrain_estimator.outcome import Outcome
 from tests.faults.states import Saved, refused_honest, run
@@ -153,6 +154,66 @@ def test_a_number_of_a_state_has_its_range(
         beyond = value + math.copysign(1e-6 + 1e-3 * abs(value), value - 0.5 * (least + most))
         with pytest.raises(StateFileError, match=f"the state's {name} is .*, not within"):
             _check_range(name, torch.tensor([most, beyond], dtype=torch.float64), parts)
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "words"),
+    [
+        ("torque", 1e13, ""),
+        ("torque", 1.5e13, "a torque of"),
+        ("step", 0.25, ""),
+        ("step", 0.26, "step 0.26, linked 1"),
+        ("step", -0.01, "step -0.01"),
+        ("linked", 0.5, "linked 0.5"),
+    ],
+)
+def test_an_open_second_holds_what_can_be_measured(
+    model: LoadedModel, saved: Saved, part: str, value: float, words: str
+) -> None:
+    block = torch.from_numpy(saved["state.block"].copy())
+    getattr(view_of(block, model.rover.axles), part)[2] = value
+    arrays = saved | {"state.block": block.numpy()}
+    if not words:
+        Estimator(model, CoreConfig()).restore(arrays)
+        return
+    with pytest.raises(StateFileError, match=words):
+        Estimator(model, CoreConfig()).restore(arrays)
+
+
+def test_a_precision_is_symmetric_but_for_rounding(model: LoadedModel, saved: Saved) -> None:
+    def skewed(by: float) -> Saved:
+        precision = saved["state.precision"].copy()
+        root = np.sqrt(precision[0, 0, 0] * precision[0, 1, 1])
+        precision[0, 0, 1] += by * root
+        return saved | {"state.precision": precision}
+
+    with pytest.raises(StateFileError, match="precision is no matrix, not symmetric"):
+        Estimator(model, CoreConfig()).restore(skewed(2e-4))
+    Estimator(model, CoreConfig()).restore(skewed(1e-9))
+
+
+@pytest.mark.parametrize(("by", "taken"), [(1.3e-4, True), (2.1e-4, False)])
+def test_a_derived_number_may_differ_by_a_ten_thousandth_of_one_and_its_size(
+    model: LoadedModel, saved: Saved, by: float, *, taken: bool
+) -> None:
+    soils = saved["state.soils"].copy()
+    largest = soils.argmax()
+    assert soils[largest] > 0.4
+    soils[largest] -= by
+    estimator = Estimator(model, CoreConfig())
+    if taken:
+        estimator.restore(saved | {"state.soils": soils})
+        return
+    with pytest.raises(StateFileError, match=r"soils is .*, but its hypotheses give"):
+        estimator.restore(saved | {"state.soils": soils})
+
+
+def test_a_saved_stamp_of_zero_is_one(model: LoadedModel, saved: Saved) -> None:
+    counts = saved["counts"].copy()
+    counts[0] = 0
+    estimator = Estimator(model, CoreConfig())
+    estimator.restore(saved | {"counts": counts})
+    assert estimator.last_stamp_ns == 0
 
 
 def test_a_second_has_no_more_than_a_thousand_degrees_of_freedom(

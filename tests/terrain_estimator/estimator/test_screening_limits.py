@@ -99,6 +99,11 @@ def test_the_worst_reason_of_several_wheels_is_that_of_the_range() -> None:
     assert verdict(**numbers).outcome is Outcome.NOT_FINITE
 
 
+def test_a_sinkage_of_many_radii_is_taken_for_another_unit() -> None:
+    assert ", in mm or cm?" in verdict(sinkage=on_axle("sinkage", 1, 18.0)).detail
+    assert "in mm" not in verdict(sinkage=on_axle("sinkage", 1, 1.01 * RADIUS)).detail
+
+
 @pytest.mark.parametrize(
     ("sinkage", "words"), [(-3.99e-3, "within its noise"), (-4.01e-3, "a sensor error")]
 )

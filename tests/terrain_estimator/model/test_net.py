@@ -22,6 +22,13 @@ def columns(rows: int) -> tuple[Tensor, Tensor]:
         return net(*inputs), net.distinct(*inputs)
 
 
+def test_inputs_are_scaled_to_order_one() -> None:
+    """Slips of 0.3, sinkages of the given size, angles of 0.1 rad."""
+    net = NetFeatures(AXLES, COLUMNS, 4, 0.02, torch.ones(AXLES + 2, dtype=torch.float64))
+    expected = [*[0.3] * AXLES, *[0.02] * AXLES, *[0.1] * (AXLES + 1)]
+    assert net.get_buffer("input_scale").tolist() == pytest.approx(expected, rel=1e-6)
+
+
 @pytest.mark.parametrize("moments", [False, True])
 def test_the_acceleration_has_the_columns_of_the_velocity_and_moments_their_own(
     *, moments: bool

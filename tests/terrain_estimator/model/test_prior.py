@@ -40,3 +40,7 @@ def test_the_hypotheses_together_have_mean_and_variance_of_the_prior() -> None:
     anew = (bank.restart_offsets**2).mean(0) + bank.restart_spread**2
     assert bank.restart_offsets.mean(0).tolist() == pytest.approx([0.0, 0.0])
     assert anew.tolist() == pytest.approx([1.0, 1.0])
+
+
+def test_cohesion_is_in_kilopascal_inside_and_tan_phi_a_plain_number() -> None:
+    assert Hypotheses(DEFAULT_PRIOR, LAYOUT, 1).unit.tolist() == [1000.0, 1.0]

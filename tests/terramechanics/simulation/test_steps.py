@@ -476,7 +476,12 @@ def changed(**values: object) -> Rover:
 
 def test_a_rover_whose_parts_are_out_of_order_is_refused() -> None:
     front, middle, rear = ROVER.axle_x
-    for axle_x in ((middle, front, rear), (front, rear, middle), (front, front, rear)):
+    for axle_x in (
+        (middle, front, rear),
+        (front, rear, middle),
+        (front, front, rear),
+        (front, rear, rear),
+    ):
         with pytest.raises(ConfigError, match="axle_x"):
             changed(axle_x=axle_x)
     for pivot in (middle, rear, middle + 0.1, rear - 0.1):

@@ -326,6 +326,15 @@ def test_an_end_that_stays_put_counts_half_so_that_curved_functions_are_as_quick
     assert len(values) <= 14
 
 
+def test_every_third_trial_halves_the_bracket_of_a_steep_function() -> None:
+    """Chords alone would take 106 evaluations."""
+    value, values = counted(lambda x: torch.exp(60.0 * x) - 1e3)
+    ends = torch.tensor([-1.0]).double(), torch.tensor([1.0]).double()
+    found = bracketed_root(value, *ends, tolerance=1e-6, evaluations=200)
+    assert float(found) == pytest.approx(math.log(1e3) / 60.0, abs=1e-6)
+    assert len(values) <= 36
+
+
 def test_a_root_at_an_end_costs_no_trial() -> None:
     value, values = counted(lambda x: x - torch.tensor([0.0, 1.0, 2.0, -2.0]).double())
     ends = torch.zeros(4).double(), torch.ones(4).double()
