@@ -19,6 +19,7 @@ from terrain_estimator.estimator.consistency import (
     SecondFit,
     limit,
 )
+from tests.samples import sampled
 
 DEGREES = 7
 
@@ -95,12 +96,12 @@ def test_a_small_misfit_is_found_in_the_longest_window() -> None:
 
 
 def test_honest_seconds_are_seldom_doubted() -> None:
-    """In 36 000 seconds: four tests of 2 % each, of which neighbours share most seconds."""
-    consistency, doubted = Consistency(), 0
-    for misfit in np.random.default_rng(10).chisquare(DEGREES, 36_000):
+    """Four tests of 2 % each in every second; neighbours share most of theirs."""
+    consistency, doubted, number = Consistency(), 0, sampled(6_000, 36_000)
+    for misfit in np.random.default_rng(10).chisquare(DEGREES, number):
         consistency.add(SecondFit(float(misfit), DEGREES), 0.0)
         doubted += bool(consistency.doubt())
-    assert DOUBTFUL < doubted / 36_000 < 4 * DOUBTFUL
+    assert DOUBTFUL < doubted / number < 4 * DOUBTFUL
 
 
 def test_after_a_change_of_the_ground_the_fit_has_to_be_confirmed_anew() -> None:
