@@ -126,12 +126,13 @@ class Consistency:
 
     def _sums(self) -> Iterator[tuple[int, SecondFit]]:
         """Yield every window that is full, and the sum of its seconds."""
-        total, degrees = 0.0, 0
-        for number, each in enumerate(reversed(self.judged), 1):
-            total += min(each.misfit, limit(LARGEST, each.degrees))
-            degrees += each.degrees
-            if number in WINDOWS:
-                yield number, SecondFit(total, degrees)
+        newest_first = list(reversed(self.judged))
+        for window in WINDOWS:
+            if len(newest_first) < window:
+                return
+            seconds = newest_first[:window]
+            total = sum(min(each.misfit, limit(LARGEST, each.degrees)) for each in seconds)
+            yield window, SecondFit(total, sum(each.degrees for each in seconds))
 
 
 @functools.lru_cache
