@@ -89,6 +89,8 @@ Figures in %:
   intervals. Brackets are 99 % limits. The bar is 95 %.
 - **Wrong answers**: of all answers, those IDENTIFIED with a truth outside its interval.
 - **Shift**: median error of c and tan phi in published deviations, of drives that end IDENTIFIED.
+  Where the sign of an effect is drawn (slope_bias, odometry_scale, sinkage_bias, rate_dependence),
+  errors of both signs cancel in it.
 - **Excess**: median over drives. By how much the squared distances of ten seconds exceed their
   degrees of freedom. From {visible:g} on an effect can be seen within a drive. What an effect does
   within the reach of c and tan phi leaves no excess: no test can see it.
