@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag consistency robustness pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag robustness pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -52,9 +52,6 @@ foreign: workspace  ## judge the estimator on drives of another engine, 20 minut
 
 foreign-bag: workspace  ## turn one of those drives into a bag: make foreign-bag ARGS="A_cruise_tracks --out out/foreign/A_cruise_tracks"
 	ros2_ws/with python -m studies.foreign.bag $(ARGS)
-
-consistency: workspace  ## judge a candidate test of consistency that names rows, after make foreign: out/consistency.md
-	ros2_ws/with python -m studies.consistency $(ARGS)
 
 robustness: workspace  ## judge what is published where the world is not the model's, 1 h on two cores: docs/robustness.md
 	ros2_ws/with python -m studies.robustness $(ARGS)

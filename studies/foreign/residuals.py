@@ -1,11 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Residuals of the rows of a closed block, at the posterior and as innovations, with covariances.
-
-The row that carries the velocity through the block holds the velocity at its end, which nothing
-else knows: it tells nothing about the fit and is left out. What remains is the mean velocity, load,
-torques, acceleration and the two moments.
-"""
+"""Residuals of a closed block's rows, at the posterior and as innovations, with covariances."""
 
 from typing import NamedTuple
 
@@ -13,14 +8,12 @@ import torch
 from torch import Tensor
 
 from studies.foreign.watch import Closed
-from terrain_estimator.model.block import BlockRows, nuisance_columns, row_noise
+from terrain_estimator.model.block import BlockRows
 from terrain_estimator.model.gaussian import cholesky, symmetrize
+from terrain_estimator.model.innovation import linearised, without_carried
 from terrain_estimator.model.palpaca import PAlpaca
 from terrain_estimator.model.rows import row_names
 from terrain_estimator.model.state import State
-
-CARRIED = 1
-"""Place of the row that carries the velocity among the rows of a block."""
 
 
 class BlockResiduals(NamedTuple):
@@ -53,59 +46,17 @@ def block_residuals(model: PAlpaca, closed: Closed, *, kept: bool) -> BlockResid
 def residuals_of(model: PAlpaca, rows: BlockRows, before: State, after: State) -> BlockResiduals:
     """Return the residuals of a block's ``rows``; the state ``after`` holds the posterior kept."""
     first, known = model.layout.first_constant, before["expected"]
-    rows = _without_carried(rows)
-    innovation, noise, jacobian = _linearised(rows, known, first)
+    rows = without_carried(rows)
+    innovation, noise, jacobian = linearised(rows, known, first)
     spread = symmetrize(noise + jacobian @ before["covariance"] @ jacobian.transpose(0, 1))
     # the posterior holds the velocity at the block's end; that at its start follows from the fit
     start = torch.cat([after["expected"][:-1], known[-1:]])
-    residual, noise, jacobian = _linearised(rows, start, first)
+    residual, noise, jacobian = linearised(rows, start, first)
     column = jacobian[:, -1:]
     weighted = torch.cholesky_solve(column, cholesky(noise)).squeeze(1)
     information = (column.squeeze(1) * weighted).sum() + 1.0 / before["covariance"][-1, -1]
     moved = (weighted * residual).sum() / information
     return BlockResiduals(residual - column.squeeze(1) * moved, noise, innovation, spread)
-
-
-def _without_carried(rows: BlockRows) -> BlockRows:
-    """Return the rows of a block without CARRIED and the velocity at its end."""
-    q, m = rows.target.shape[0], rows.expansion.shape[0]
-    kept = torch.tensor([place for place in range(q) if place != CARRIED])
-    nuisance = rows.nuisance.view(3, q, m)[:, kept].flatten(1)
-    gram = rows.gram.view(3, -1, 3, q, q)[..., kept, :][..., kept].flatten(1)
-    return BlockRows(
-        linear=rows.linear[kept, :-1],
-        offset=rows.offset[kept],
-        nuisance=nuisance,
-        expansion=rows.expansion,
-        gram=gram,
-        target=rows.target[kept],
-        variance=rows.variance[kept],
-        present=rows.present[kept],
-    )
-
-
-def _linearised(rows: BlockRows, mean: Tensor, first: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Return residual [Q], covariance [Q, Q] and Jacobian [Q, D] of the rows at ``mean`` [D].
-
-    ``first`` is the place of the first soil constant.
-    """
-    count = rows.expansion.shape[0]
-    theta = torch.cat([mean[:2], torch.ones_like(mean[:1])]).unsqueeze(0)
-    shift = mean[first : first + count] - rows.expansion
-    _, covariance = row_noise(rows, theta)
-    by_theta, by_constant = nuisance_columns(rows, shift.unsqueeze(0), theta)
-    # the constants' part is bilinear: counted once in the prediction, in both kinds of columns
-    predicted = rows.offset + rows.linear @ mean + by_constant[0] @ shift
-    jacobian = torch.cat(
-        [
-            rows.linear[:, :2] + by_theta[0],
-            rows.linear[:, 2:first],
-            by_constant[0],
-            rows.linear[:, first + count :],
-        ],
-        1,
-    )
-    return rows.target - predicted, covariance[0], jacobian
 
 
 def whitened(residual: Tensor, covariance: Tensor) -> Tensor:

@@ -4,39 +4,57 @@
 
 A small variance says that data are many, not that the model is right: a wrong law or a hidden
 effect gives a sharp and wrong estimate whose seconds fit a little worse than they should, each
-within its gate. The squared Mahalanobis distance of a second from its prediction is chi-square
-distributed, with as many degrees of freedom as it has rows less one (Bar-Shalom, Li and Kirubarajan
-2001, section 5.4, on the normalised innovation squared), and seconds are independent. So their sums
-over some windows are tested.
+within its gate. Where the model is right, the innovations of the rows are white: of mean zero, of
+the predicted covariance, and independent from second to second. Each of the three is tested over
+some windows (Mehra 1970; Bar-Shalom, Li and Kirubarajan 2001, section 5.4):
 
-The test has two levels. Seconds that honest noise hardly ever gives DISAGREE with the model. To
-pass that test does not show that the model fits. So seconds that honest noise gives in one of fifty
-cases leave the estimate unconfirmed, and no parameter is called identified.
+- **size**: the sum of the squared Mahalanobis distances is chi-square distributed, with as many
+  degrees of freedom as there are rows, less one a second;
+- **side**: of the whitened innovations the squares of the means, times their number, add up to a
+  chi-square variable with a degree of freedom for each row;
+- **memory**: their products with those of the LAGS seconds before add up to zero, with a variance
+  of the number of products.
+
+Slow causes (a slope, a load, another law) show in side and memory long before they show in size.
+
+The tests have two levels. Seconds that honest noise hardly ever gives DISAGREE with the model. To
+pass that level does not show that the model fits. So seconds that honest noise gives in one of two
+hundred cases leave the estimate unconfirmed, and no parameter is called identified.
 
 A change of the ground makes seconds misfit, too, until the posterior has followed it. So seconds
 are judged after a delay, and those before an accepted change are forgotten. A model that is wrong
 looks like a ground that changes all the time: only one change in REST seconds is let be.
+
+The row that is named is the one in which the failed test shows most. It tells where to look, not
+what is wrong: an effect shows in more than one row.
 """
 
 import functools
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtri, ndtri
 
 from terrain_estimator.estimator.intake import ADVICE as CHECK
+from terrain_estimator.observation import Floats
 from terrain_estimator.update import Disagreement
 
 WINDOWS = (10, 20, 60, 300)
-"""[seconds of driving] Over which misfits are added: strong ones are found early, weak ones late.
+"""[seconds of driving] That are tested together: strong misfits are found early, weak ones late.
+
+For the second level a window that is not full yet has all seconds that there are.
 """
+FEWEST = 20
+"""[seconds of driving] Fewer are not tested for side and memory."""
+LAGS = 3
+"""[seconds of driving] Between two innovations that are compared."""
 FALSE_ALARM = 1e-6
-"""[1] Probability that honest seconds fail one test: one in 3 days of four tests a second."""
-DOUBTFUL = 0.02
+"""[1] Probability that honest seconds fail one test: one in 28 hours of ten tests a second."""
+DOUBTFUL = 0.005
 """[1] Probability that honest seconds fail one test of what confirms an estimate."""
 LARGEST = 1e-5
 """[1] A second contributes no more than honest ones exceed with this probability."""
@@ -49,13 +67,53 @@ CROSSING = 15
 REST = 45
 """[seconds of driving] From one change to the next; an earlier one explains no misfit."""
 ADVICE = f"{CHECK}; find_missing_effect names rows and effects from a recording"
+_SIGNALS = {
+    "velocity": "slip and odometry",
+    "load": "sinkage and the rover's mass",
+    "torque": "that axle's torque, slip and sinkage",
+    "acceleration": "the IMU's acceleration and pitch",
+    "moment": "pitch and the sinkage of front and rear wheels",
+    "bogie_moment": "the bogie's angle and the sinkage of its wheels",
+}
+"""What to look at first, by the kind of the row."""
 
 
 class SecondFit(NamedTuple):
-    """How one closed second fitted."""
+    """How one closed second fitted; the innovations as in ``terrain_estimator.model.innovation``.
+
+    NaN in them stands for a row that was not there.
+    """
 
     misfit: float  # [1] squared Mahalanobis distance
     degrees: int  # of freedom
+    single: Floats  # [R] of each row alone
+    white: Floats  # [R] uncorrelated
+
+
+class Tested(NamedTuple):
+    """One test of a window, and what honest seconds would have."""
+
+    value: float
+    degrees: int  # of freedom of the chi-square variable; 0: a standard normal one
+    window: int  # [seconds of driving]
+    how: str  # the window misses the model
+    shares: Floats  # [R] in which row it shows most
+
+    def fails(self, probability: float) -> bool:
+        """Return whether honest seconds exceed the value with less than ``probability`` [1]."""
+        return self.value > self.limit(probability)
+
+    def limit(self, probability: float) -> float:
+        """Return what honest seconds exceed with ``probability`` [1]."""
+        return limit(probability, self.degrees) if self.degrees else -float(ndtri(probability))
+
+    def words(self, probability: float) -> str:
+        """Return the failure in words."""
+        times = self.value / self.limit(probability)
+        return (
+            f"the last {self.window} seconds of driving miss it{self.how} by {times:.3g} times"
+            " what noise explains"
+        )
 
 
 class Consistency:
@@ -63,14 +121,17 @@ class Consistency:
 
     def __init__(
         self,
-        judged: Iterable[SecondFit] = (),
-        pending: Iterable[SecondFit] = (),
+        rows: Sequence[str],
+        judged: Iterable[Floats] = (),
+        pending: Iterable[Floats] = (),
         since_change: int = REST,
     ) -> None:
-        """Start with seconds in their order: those that count, and those that wait.
+        """Take the names of the R rows, and seconds in order: those that count, those that wait.
 
-        ``since_change`` [seconds of driving] is the time since a change was let be, up to REST.
+        A second is an array [2 + 2 R], a SecondFit laid end to end. ``since_change`` [seconds of
+        driving] is the time since a change was let be, up to REST.
         """
+        self.rows = tuple(rows)
         self.judged = deque(judged, maxlen=max(WINDOWS))
         self.pending = deque(pending, maxlen=DELAY)
         self.since_change = since_change
@@ -87,52 +148,91 @@ class Consistency:
                 return
         if len(self.pending) == DELAY:
             self.judged.append(self.pending[0])
-        self.pending.append(fit)
+        # no second counts for more than honest ones hardly ever reach
+        reach = math.sqrt(limit(LARGEST, 1))
+        size = [min(fit.misfit, limit(LARGEST, fit.degrees)), fit.degrees]
+        misses = np.clip([*fit.single, *fit.white], -reach, reach)
+        self.pending.append(np.concatenate([size, misses]))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what to keep, as arrays; ``judged`` and ``pending`` are [n, 2] as SecondFit."""
+        """Return what to keep, as arrays; ``judged`` and ``pending`` are [n, 2 + 2 R]."""
+        columns = 2 + 2 * len(self.rows)
         return {
-            "judged": np.array(self.judged, dtype=np.float64).reshape(-1, len(SecondFit._fields)),
-            "pending": np.array(self.pending, dtype=np.float64).reshape(-1, len(SecondFit._fields)),
+            "judged": np.array(self.judged).reshape(-1, columns),
+            "pending": np.array(self.pending).reshape(-1, columns),
             "since_change": np.array(self.since_change, dtype=np.int64),
         }
 
-    def disagreements(self) -> tuple[Disagreement, ...]:
-        """Return the reason why the model does not fit; empty where it does."""
-        failed = self._failed(FALSE_ALARM)
-        return (
-            (Disagreement(f"the model does not fit this rover or ground: {failed}", ADVICE),)
-            if failed
-            else ()
-        )
+    def judge(self) -> tuple[tuple[Disagreement, ...], str]:
+        """Return the reason why the model does not fit, and why nothing confirms that it does.
 
-    def doubt(self) -> str:
-        """Return why the last seconds do not confirm that the model fits; empty where they do."""
+        The first is empty where it does, the second where the last seconds confirm it.
+        """
         if len(self.judged) < WINDOWS[0]:
             needed = WINDOWS[0] + DELAY
-            return f"the fit is judged from {needed} seconds of driving on one ground"
-        return self._failed(DOUBTFUL)
+            return (), f"the fit is judged from {needed} seconds of driving on one ground"
+        tests = list(self._tests())
+        full = (test for test in tests if test.window in WINDOWS)
+        wrong = next((test for test in full if test.fails(FALSE_ALARM)), None)
+        doubted = next((test for test in tests if test.fails(DOUBTFUL)), None)
+        doubt = f"{doubted.words(DOUBTFUL)}, {self._row(doubted)}" if doubted else ""
+        return ((self._disagreement(wrong),) if wrong else ()), doubt
 
-    def _failed(self, probability: float) -> str:
-        """Return in words which window honest seconds exceed with less than ``probability``."""
-        for window, (total, degrees) in self._sums():
-            most = limit(probability, degrees)
-            if total > most:
-                return (
-                    f"the last {window} seconds of driving miss it by {total / degrees:.3g} times"
-                    f" their stated variance, where noise explains {most / degrees:.3g}"
-                )
-        return ""
+    def _disagreement(self, failed: Tested) -> Disagreement:
+        row = self.rows[int(np.argmax(failed.shares))]
+        return Disagreement(
+            "the model does not fit this rover or ground:"
+            f" {failed.words(FALSE_ALARM)}, {self._row(failed)}",
+            f"look at {_SIGNALS[row.rstrip('_0123456789')]} first; then {ADVICE}",
+        )
 
-    def _sums(self) -> Iterator[tuple[int, SecondFit]]:
-        """Yield every window that is full, and the sum of its seconds."""
-        newest_first = list(reversed(self.judged))
-        for window in WINDOWS:
-            if len(newest_first) < window:
-                return
-            seconds = newest_first[:window]
-            total = sum(min(each.misfit, limit(LARGEST, each.degrees)) for each in seconds)
-            yield window, SecondFit(total, sum(each.degrees for each in seconds))
+    def _row(self, failed: Tested) -> str:
+        return f"most in row {self.rows[int(np.argmax(failed.shares))]}"
+
+    def _tests(self) -> Iterator[Tested]:
+        """Yield the tests of every window; one that is not full has all seconds that there are."""
+        every, rows = np.array(self.judged), len(self.rows)
+        misfit, degrees, single, white = np.split(every, [1, 2, 2 + rows], axis=1)
+        for window in dict.fromkeys(min(each, len(every)) for each in WINDOWS):
+            own = single[-window:]
+            yield _size(misfit[-window:], degrees[-window:], own)
+            if window >= FEWEST:
+                yield _side(white[-window:], own)
+                yield _memory(white[-window:], own)
+
+
+def _size(misfit: Floats, degrees: Floats, single: Floats) -> Tested:
+    """Test the squared distances [n, 1]; ``single`` is [n, R]."""
+    shares = np.nansum(single**2, 0)
+    return Tested(float(misfit.sum()), int(degrees.sum()), len(single), "", shares)
+
+
+def _side(white: Floats, single: Floats) -> Tested:
+    """Test the means of whitened innovations [n, R]."""
+    sums, numbers = _sums(white)
+    value, there = float((sums**2 / np.maximum(numbers, 1)).sum()), int((numbers > 0).sum())
+    own, count = _sums(single)
+    shares = own**2 / np.maximum(count, 1)
+    return Tested(value, there, len(white), " to one side,", shares)
+
+
+def _memory(white: Floats, single: Floats) -> Tested:
+    """Test the products of whitened innovations [n, R] with those of seconds before."""
+    sums, numbers = _products(white)
+    value = float(sums.sum() / np.sqrt(np.maximum(numbers.sum(), 1)))
+    return Tested(value, 0, len(white), " alike one after another,", _products(single)[0])
+
+
+def _sums(misses: Floats) -> tuple[Floats, Floats]:
+    """Return the sum [R] of each row's numbers, and how many they are [R]."""
+    return np.nansum(misses, 0), np.isfinite(misses).sum(0)
+
+
+def _products(misses: Floats) -> tuple[Floats, Floats]:
+    """Return the sum [R] of the products over LAGS, and how many they are [R]."""
+    parts = [_sums(misses[lag:] * misses[:-lag]) for lag in range(1, LAGS + 1)]
+    products, numbers = np.sum(parts, 0)
+    return products, numbers
 
 
 @functools.lru_cache

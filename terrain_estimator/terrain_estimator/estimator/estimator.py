@@ -77,7 +77,7 @@ class Estimator:
     def reset(self) -> None:
         """Forget everything but the sequence number."""
         self._intake = Intake()
-        self._consistency = Consistency()
+        self._consistency = Consistency(self._rows)
         self._judge()
         self._forecasting = Forecasting()
         self._reopen()
@@ -178,6 +178,7 @@ class Estimator:
                 start,
                 self._module.initial(),
                 self._module.publish,
+                self._rows,
                 self._rover.axles,
                 self._rover.wheel_radius,
                 self._block,
@@ -224,8 +225,7 @@ class Estimator:
 
     def _judge(self) -> None:
         """Judge the fit of the last closed blocks."""
-        self._inconsistent = self._consistency.disagreements()
-        self._unconfirmed = self._consistency.doubt()
+        self._inconsistent, self._unconfirmed = self._consistency.judge()
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
@@ -301,7 +301,8 @@ class Estimator:
         """Return the reason why the closed block is left out; a lasting contradiction re-opens."""
         self._change = min(report.changed, 1.0)  # rounding
         degrees = int(report.degrees)
-        self._consistency.add(SecondFit(report.misfit, degrees), self._change)
+        fit = SecondFit(report.misfit, degrees, report.single_misses, report.white_misses)
+        self._consistency.add(fit, self._change)
         self._judge()
         threshold = limit(self._config.gate_probability, degrees)
         if report.misfit <= threshold:
@@ -453,6 +454,8 @@ class Report(NamedTuple):
     changed: float  # [1] probability that the ground changed within the last blocks
     usable: list[bool]  # axles
     waiting: int  # observations in the open block
+    single_misses: Floats  # [R] of the rows of the last closed block
+    white_misses: Floats  # [R]
 
     @classmethod
     def of(cls, state: State) -> "Report":
@@ -468,6 +471,8 @@ class Report(NamedTuple):
             changed=state["changed"].item(),
             usable=state["usable"].tolist(),
             waiting=len(state["block"]),
+            single_misses=state["single_misses"].numpy(),
+            white_misses=state["white_misses"].numpy(),
         )
 
     @property

@@ -9,14 +9,14 @@ the model and compared.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency, SecondFit
+from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency
 from terrain_estimator.estimator.forecasting import (
     LARGEST_DISTANCE,
     Forecast,
@@ -31,7 +31,7 @@ from terrain_estimator.model.bank import Bank, weigh
 from terrain_estimator.model.block import Posterior
 from terrain_estimator.model.packing import LONGEST_GAP, PackedView, view_of
 from terrain_estimator.model.state import State
-from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Observation
+from terrain_estimator.observation import AXLE_FIELDS, SCALAR_FIELDS, Floats, Observation
 
 ADVICE = "start without it, from the prior"
 FARTHEST = 100.0
@@ -56,7 +56,7 @@ _BANK = frozenset({"mean", "precision", "log_weight", "weight", "age", "kind"})
 _SCALED_BY = {"strength_mean": "strength_covariance", "expected": "covariance"}
 _MAY_BE_NAN = frozenset(
     {"acceleration", "forecast", "forecast_variance", "innovation", "innovation_variance"}
-    | {"misfit", "degrees"}
+    | {"misfit", "degrees", "single_misses", "white_misses"}
 )
 _LARGEST = 1e30
 """[SI] Larger numbers come from no observation, and their squares overflow."""
@@ -115,6 +115,7 @@ class EstimatorParts(NamedTuple):
     start: State  # at the start, with the estimator's own prior
     default: State  # at the start, with the model's prior
     publish: Callable[[State, Bank], State]  # the model's: the state with all that a bank implies
+    rows: tuple[str, ...]
     axles: int
     wheel_radius_m: float
     block: int  # observations in a full block
@@ -149,7 +150,7 @@ def judged(arrays: Arrays, parts: EstimatorParts) -> Restored:
             value.
     """
     state = _shaped(arrays, parts)
-    counts = _counted(arrays)
+    counts = _counted(arrays, parts.rows)
     if counts.intake.waiting != len(state["block"]):
         reason = f"but the open block has {len(state['block'])} observations"
         raise _refused("waiting", counts.intake.waiting, reason)
@@ -195,8 +196,8 @@ def _shaped(arrays: Arrays, parts: EstimatorParts) -> State:
     return state
 
 
-def _counted(arrays: Arrays) -> Counts:
-    """Return the arrays of counts and numbers, and those of the last seconds."""
+def _counted(arrays: Arrays, rows: Sequence[str]) -> Counts:
+    """Return the arrays of counts and numbers, and those of the last seconds and their ``rows``."""
     found: list[float] = []
     for key, kind, limits in (("counts", "int64", _COUNTS), ("numbers", "float64", _NUMBERS)):
         array = arrays.get(key)
@@ -212,8 +213,9 @@ def _counted(arrays: Arrays) -> Counts:
     used_s, waiting_s, change, doubt, *forecasts = found[len(_COUNTS) :]
     intake = Intake(_flags(arrays, "window", WINDOW))
     consistency = Consistency(
-        _fits(arrays, "judged", max(WINDOWS)),
-        _fits(arrays, "pending", DELAY),
+        rows,
+        _fits(arrays, "judged", max(WINDOWS), len(rows)),
+        _fits(arrays, "pending", DELAY, len(rows)),
         _since_change(arrays),
     )
     intake.used, intake.waiting = used, waiting
@@ -250,18 +252,20 @@ def _since_change(arrays: Arrays) -> int:
     return int(array)
 
 
-def _fits(arrays: Arrays, name: str, most: int) -> list[SecondFit]:
-    """Return an array [n, 2] of misfits and degrees of freedom of the last closed seconds."""
+def _fits(arrays: Arrays, name: str, most: int, rows: int) -> list[Floats]:
+    """Return an array [n, 2 + 2 rows] of how the last closed seconds fitted."""
     array = arrays.get(name)
-    shaped = array is not None and array.ndim == 2 and array.shape[1] == len(SecondFit._fields)
+    shaped = array is not None and array.ndim == 2 and array.shape[1] == 2 + 2 * rows
     if array is None or not shaped or array.dtype.name != "float64" or len(array) > most:
         raise StateFileError(f"the state's {name} is missing or has another shape: {ADVICE}")
-    degrees = array[:, 1]
-    sound = np.isfinite(array).all() and bool((degrees >= 0.0).all())
+    degrees, misses = array[:, 1], array[:, 2:]
+    sound = np.isfinite(array[:, :2]).all() and bool((degrees >= 0.0).all())
     whole = bool((degrees == degrees.round()).all()) and degrees.max(initial=0.0) <= MOST_DEGREES
     if not (sound and whole):
-        raise _refused(name, array.tolist(), "no misfits with their degrees of freedom")
-    return [SecondFit(misfit, int(number)) for misfit, number in array.tolist()]
+        raise _refused(name, array[:, :2].tolist(), "no misfits with their degrees of freedom")
+    if np.isinf(misses).any():
+        raise _refused(name, misses[np.isinf(misses)][0], "no innovation of a row")
+    return list(array)
 
 
 def _check_range(name: str, tensor: Tensor, parts: EstimatorParts) -> None:

@@ -3,10 +3,12 @@
 """Export of a trained model as TorchScript with its metadata, and the check of the file."""
 
 import dataclasses
-import errno
+import io
 import warnings
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import torch
 from torch import Tensor
@@ -28,7 +30,7 @@ from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
-VERSION = "10"
+VERSION = "11"
 """Version of the model's structure and training, part of the model's id."""
 
 
@@ -72,19 +74,31 @@ def export(
 def save(model: PAlpaca, metadata: Metadata, path: Path) -> Metadata:
     """Write ``path`` (.pt) and ``metadata`` beside it, and return that with size and sha256.
 
-    Raises OSError where the disk is full.
+    The same model gives the same bytes. Raises OSError where the disk is full.
     """
+    saved = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"`torch.jit.\w+` is deprecated", DeprecationWarning)
-        module = torch.jit.script(model.eval())
-        try:
-            torch.jit.save(module, str(path))
-        except RuntimeError as error:  # so torch reports what the disk refuses
-            raise OSError(errno.EIO, str(error).splitlines()[0], str(path)) from error
+        torch.jit.save(torch.jit.script(model.eval()), saved)
+    path.write_bytes(without_places(saved))
     sha256, size = fingerprint(path)
     metadata = dataclasses.replace(metadata, sha256=sha256, size=size)
     write_metadata(path.with_suffix(".json"), metadata)
     return metadata
+
+
+def without_places(saved: BinaryIO) -> bytes:
+    """Return a saved module without what tells where its source lies: folders of this machine.
+
+    The debug records hold these. The identity is a hash over all records.
+    """
+    kept = io.BytesIO()
+    with zipfile.ZipFile(saved) as archive, zipfile.ZipFile(kept, "w") as copy:
+        for record in archive.infolist():
+            if not record.filename.endswith((".debug_pkl", ".data/serialization_id")):
+                entry = zipfile.ZipInfo(record.filename)
+                copy.writestr(entry, archive.read(record), record.compress_type)
+    return kept.getvalue()
 
 
 def check_export(model: PAlpaca, path: Path, observations: Tensor) -> None:

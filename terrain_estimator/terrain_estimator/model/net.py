@@ -6,6 +6,15 @@ import torch
 from torch import Tensor, nn
 
 
+class Layer(nn.Linear):
+    """A linear layer whose TorchScript is the same in every process.
+
+    torch writes a module's constants in the order of a set of names, which each process draws anew.
+    """
+
+    __constants__: list[str] = []  # noqa: RUF012 (not a ClassVar in torch)
+
+
 class NetFeatures(nn.Module):
     """tanh network from slip, sinkage, contact angles and pitch to ``width`` columns in every row.
 
@@ -39,11 +48,11 @@ class NetFeatures(nn.Module):
         self.register_buffer("input_scale", scale.to(torch.float64))
         self.register_buffer("row_scale", row_scale)
         self.layers = nn.Sequential(
-            nn.Linear(3 * axles + 1, hidden, dtype=torch.float64),
+            Layer(3 * axles + 1, hidden, dtype=torch.float64),
             nn.Tanh(),
-            nn.Linear(hidden, hidden, dtype=torch.float64),
+            Layer(hidden, hidden, dtype=torch.float64),
             nn.Tanh(),
-            nn.Linear(hidden, self.rows * columns, dtype=torch.float64),
+            Layer(hidden, self.rows * columns, dtype=torch.float64),
         )
 
     def forward(self, slip: Tensor, sinkage: Tensor, angle: Tensor, pitch: Tensor) -> Tensor:

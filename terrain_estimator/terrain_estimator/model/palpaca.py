@@ -39,6 +39,7 @@ from terrain_estimator.model.bank import Bank, Solved, join, members_of, restart
 from terrain_estimator.model.block import Posterior, Solution, solve_block
 from terrain_estimator.model.gaussian import mixture, project
 from terrain_estimator.model.hypotheses import Hypotheses
+from terrain_estimator.model.innovation import Misses, misses
 from terrain_estimator.model.net import NetFeatures
 from terrain_estimator.model.packing import (
     BLOCK,
@@ -148,6 +149,8 @@ class PAlpaca(nn.Module):
             "degrees",
         ):
             state[name] = nothing
+        for name in ("single_misses", "white_misses"):
+            state[name] = torch.full_like(self.every_row, float("nan"))
         return self.publish(state, self.hypotheses.first(state))
 
     @torch.jit.export
@@ -275,10 +278,13 @@ class PAlpaca(nn.Module):
     def close(self, state: dict[str, Tensor]) -> dict[str, Tensor]:
         """Return the state after the open block; of its two velocities the newest goes on."""
         packed = state["block"]
-        state = self.hypotheses.diffuse(state, view_of(packed, self.axles).step.sum())
+        seconds = view_of(packed, self.axles).step.sum()
+        state = self.hypotheses.diffuse(state, seconds)
         learnt = self.learnt(packed)
         solved, soil_rows = self.solve_active(state, packed, learnt)
+        leading = int(state["soils"].argmax())
         first = list(soil_rows.keys())[0]  # noqa: RUF015 (TorchScript has no next)
+        missed = self.missed(state, soil_rows[leading if leading in soil_rows else first], seconds)
         degrees = soil_rows[first].rows.present.sum() - 1.0
         if bool(self.hypotheses.surprised(solved.solution, degrees)):
             solved, soil_rows = self.solve_restarted(state, packed, learnt, solved, soil_rows)
@@ -287,8 +293,19 @@ class PAlpaca(nn.Module):
         leading = int(state["soils"].argmax())
         noise = soil_rows[leading if leading in soil_rows else first].noise
         state = self.finish(state, noise, misfit, degrees)
+        state["single_misses"], state["white_misses"] = missed.single, missed.white
         state["block"] = packed[:0]
         return state
+
+    def missed(self, state: dict[str, Tensor], averaged: SoilRows, seconds: Tensor) -> Misses:
+        """Return how a block's rows on the leading soil miss what the state before it predicts.
+
+        c and tan phi drifted for ``seconds`` [].
+        """
+        others = self.layout.size - 2
+        drift = nn.functional.pad(state["random_walk"] ** 2 * seconds, [0, others])
+        covariance = state["covariance"] + torch.diag(drift)
+        return misses(averaged.rows, state["expected"], covariance, self.layout.first_constant)
 
     def solve_active(
         self, state: dict[str, Tensor], packed: Tensor, learnt: Tensor

@@ -35,13 +35,15 @@ The velocity between blocks, each []:
 - ``change``, ``change_weight``: sum of the square changes of the acceleration a step, and of their
   weights
 
-The report, which a caller reads after each observation, each [] but for the last:
+The report, which a caller reads after each observation, each [] but where said:
 
 - ``forecast`` [m/s], ``forecast_variance``: of the velocity one step ahead; NaN where there is none
 - ``innovation`` [m/s], ``innovation_variance``: measured minus predicted velocity; NaN where there
   was none
 - ``misfit``, ``degrees``: squared Mahalanobis distance of the last block and its degrees of
   freedom; NaN where there was none
+- ``single_misses``, ``white_misses`` [R]: how the rows of the last block missed what was predicted
+  before it, as in ``terrain_estimator.model.innovation``; NaN where there was none
 - ``closed``: 1 where the observation closed a block
 - ``changed``: probability that the ground changed within the last RECENT blocks, as of the last one
   that was closed

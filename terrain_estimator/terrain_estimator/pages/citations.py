@@ -41,13 +41,25 @@ MITCHELL = (
     "T. J. Mitchell, J. J. Beauchamp: Bayesian variable selection in linear regression. "
     "Journal of the American Statistical Association 83, 1988."
 )
+MEHRA = (
+    "R. K. Mehra: On the identification of variances and adaptive Kalman filtering. "
+    "IEEE Transactions on Automatic Control 15, 1970."
+)
+BAR_SHALOM = (
+    "Y. Bar-Shalom, X. R. Li, T. Kirubarajan: Estimation with applications to tracking and"
+    " navigation. Wiley, 2001."
+)
+BAARDA = (
+    "W. Baarda: A testing procedure for use in geodetic networks. "
+    "Netherlands Geodetic Commission, Publications on Geodesy 2, 1968."
+)
 
 
 def citations(
     rows: Sequence[str], parameters: Sequence[str], effects: Sequence[str]
 ) -> Iterator[str]:
     """Yield the citations of a model with these regression rows, parameters and named effects."""
-    yield from (BANERJEE, WONG, BOGGS, ALSPACH, ADAMS, RUNNALLS)
+    yield from (BANERJEE, WONG, BOGGS, ALSPACH, ADAMS, RUNNALLS, MEHRA, BAR_SHALOM, BAARDA)
     if any(row.startswith("torque") for row in rows):
         yield IAGNEMMA
     if any(name.startswith("net") for name in parameters):

@@ -4,6 +4,10 @@
 
 import dataclasses
 import json
+import os
+import subprocess
+import sys
+import zipfile
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +35,32 @@ SMALL = [
     "--hidden",
     "4",
 ]
+
+
+@pytest.mark.parametrize("name", ["mars_rover", "paper_rover"])
+def test_a_model_that_ships_holds_its_options_and_no_folder(name: str) -> None:
+    training = load_model(name).metadata.training
+    assert train.recipe_of(train._parser().parse_args(training.options)) == train.recipe_of(
+        train._parser().parse_args(["--rover", name])
+    )
+    with zipfile.ZipFile(MODELS / f"{name}.pt") as archive:
+        assert not [each for each in archive.namelist() if each.endswith("debug_pkl")]
+
+
+def test_two_processes_give_one_file(tmp_path: Path) -> None:
+    """Python draws the order of a set of names anew in every process."""
+    contents = []
+    for seed in ("1", "2"):
+        folder = tmp_path / seed
+        command = [sys.executable, "-m", train.__name__, *SMALL, "--out", str(folder)]
+        subprocess.run(
+            [*command, "--curves", str(folder)],
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            check=True,
+            capture_output=True,
+        )
+        contents.append((folder / "mars_rover-loose_sand.pt").read_bytes())
+    assert contents[0] == contents[1]
 
 
 def call(folder: Path, *more: str) -> int:
@@ -65,6 +95,9 @@ def test_two_trainings_give_one_file_that_says_how_it_came_about(
         "--hidden-effects=0.4",
     } < set(training["options"])
     assert train.recipe_of(train._parser().parse_args(training["options"])).hidden == 4
+    with zipfile.ZipFile(first) as archive:
+        contents = b"".join(archive.read(name) for name in archive.namelist())
+    assert str(MODELS.parent).encode() not in contents, "folders of this machine"
     loaded = load_model(str(first))
     assert loaded.metadata.parameters == (
         "cohesion_kpa",

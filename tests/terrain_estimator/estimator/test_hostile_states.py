@@ -22,13 +22,18 @@ from terrain_estimator.estimator.saved_state import StateFileError
 from terrain_estimator.estimator.soundness import unsound
 from terrain_estimator.model.model_file import LoadedModel, load_model
 from terrain_estimator.model.packing import view_of
-from terrain_estimator.observation import Observation
+from terrain_estimator.observation import Floats, Observation
 from terrain_estimator.outcome import Outcome
 from tests.faults.states import Saved, refused_honest, run
 from tests.terrain_estimator.drives import drive_observations
 
 SEED = 20
 HOSTILE, HONEST = 60, 40
+
+
+def a_second(misfit: float, degrees: float, miss: float = np.nan) -> Floats:
+    """Return one kept second [1, 18], every row of which missed by ``miss``."""
+    return np.array([[misfit, degrees, *[miss] * 16]])
 
 
 @pytest.fixture(scope="module")
@@ -108,9 +113,11 @@ def full(value: float) -> Callable[[np.ndarray], np.ndarray]:
         ("since_change", lambda _: np.zeros(2), "since_change is missing or has another shape"),
         ("judged", lambda _: np.zeros((301, 2)), "judged is missing or has another shape"),
         ("pending", lambda _: np.zeros(2), "pending is missing or has another shape"),
-        ("pending", lambda _: np.array([[np.nan, 7.0]]), r"pending is \[\[nan, 7.0\]\], no misf"),
-        ("pending", lambda _: np.array([[7.0, 6.5]]), r"pending is \[\[7.0, 6.5\]\], no misfits"),
-        ("judged", lambda _: np.array([[7.0, 1e9]]), r"judged is .*, no misfits with their"),
+        ("judged", lambda _: np.zeros((301, 18)), "judged is missing or has another shape"),
+        ("pending", lambda _: a_second(np.nan, 7.0), r"pending is \[\[nan, 7.0\]\], no misfits"),
+        ("pending", lambda _: a_second(7.0, 6.5), r"pending is \[\[7.0, 6.5\]\], no misfits"),
+        ("judged", lambda _: a_second(7.0, 1e9), r"judged is .*, no misfits with their"),
+        ("judged", lambda _: a_second(7.0, 7.0, -np.inf), "judged is -inf, no innovation of a row"),
         ("last.slip", full(np.inf), "last observation has axle 0: slip is inf"),
         ("last.slip", lambda array: array[:1], r"last slip is float64 \(1,\), another version's"),
     ],
@@ -148,7 +155,7 @@ def test_a_number_of_a_state_has_its_range(
     model: LoadedModel, name: str, least: float, most: float
 ) -> None:
     start = model.module.initial()
-    parts = EstimatorParts(start, start, model.module.publish, 3, 0.13, 10, 0.1)
+    parts = EstimatorParts(start, start, model.module.publish, model.rows, 3, 0.13, 10, 0.1)
     for value in (least, most):
         _check_range(name, torch.tensor([value, most]), parts)
         beyond = value + math.copysign(1e-6 + 1e-3 * abs(value), value - 0.5 * (least + most))
@@ -219,11 +226,9 @@ def test_a_saved_stamp_of_zero_is_one(model: LoadedModel, saved: Saved) -> None:
 def test_a_second_has_no_more_than_a_thousand_degrees_of_freedom(
     model: LoadedModel, saved: Saved
 ) -> None:
-    Estimator(model, CoreConfig()).restore(saved | {"judged": np.array([[9.0, 4.0], [9.0, 1e3]])})
+    Estimator(model, CoreConfig()).restore(saved | {"judged": a_second(9.0, 1e3)})
     with pytest.raises(StateFileError, match="no misfits with their degrees"):
-        Estimator(model, CoreConfig()).restore(
-            saved | {"judged": np.array([[9.0, 4.0], [9.0, 1001.0]])}
-        )
+        Estimator(model, CoreConfig()).restore(saved | {"judged": a_second(9.0, 1001.0)})
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, -1.0, 5e-324, 1e308])

@@ -48,7 +48,8 @@ def changed(change: Callable[[str, bytes], bytes | None], *added: tuple[str, byt
             if data is not None:
                 target.writestr(entry.filename, data)
         for name, data in added:
-            target.writestr(f"{model_names()[0]}/{name}", data)
+            folder = source.namelist()[0].partition("/")[0]
+            target.writestr(f"{folder}/{name}", data)
     return packed.getvalue()
 
 
