@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--seed",
         type=SEED,
-        default=51_000_000,
+        default=52_000_000,
         help="of all that is drawn; not the one of any training or choice",
     )
     add_record_options(parser, "robustness", "batch")

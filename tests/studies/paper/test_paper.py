@@ -9,6 +9,7 @@ import pytest
 
 from studies.paper.__main__ import main
 from studies.paper.published import TRADE_OFF
+from studies.paper.random_inputs import STRENGTHS
 
 
 def test_a_quick_run_writes_every_table_and_picture(
@@ -27,7 +28,7 @@ def test_a_quick_run_writes_every_table_and_picture(
     } <= written
     table = (tmp_path / "random_inputs.md").read_text()
     assert "compact sand, 2 seeds" in table
-    assert table.count("P-ALPaCA + nominal, 0.033") == 2
+    assert table.count("P-ALPaCA + nominal, 0.033 |") == 2
     content = json.loads((tmp_path / "random_inputs.json").read_text())
     assert [(each["soil"], each["seed"]) for each in content["seeds"]] == [
         ("loose_sand", 0),
@@ -48,8 +49,9 @@ def test_a_quick_run_writes_every_table_and_picture(
 def test_only_the_training_on_random_inputs_leaves_the_rest_out(tmp_path: Path) -> None:
     assert main(["--quick", "--only", "random_inputs", "--out", str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"random_inputs.json", "random_inputs.md"}
-    measured, *_ = (tmp_path / "random_inputs.md").read_text().splitlines()
+    measured, *rows = (tmp_path / "random_inputs.md").read_text().splitlines()
     assert '`make paper ARGS="--only random_inputs"`' in measured
+    assert sum("trained on the band" in row for row in rows) == 2 * len(STRENGTHS), "two soils"
 
 
 def test_an_output_folder_that_cannot_be_is_an_error(
