@@ -19,6 +19,8 @@ FINITE = (
     "effect_stddev",
     "time_used",
     "covariance",
+    "fit_offset",
+    "fit_spread",
 )
 PREDICTED = (
     "horizon",

@@ -22,7 +22,7 @@ from terrain_estimator.learning.departures import Family, largest_sizes
 from terrain_estimator.learning.tasks import StrengthRange, degrees, random_ground, uniform
 from terrain_estimator.model.model_file import LoadedModel
 from terrain_estimator.observation import Observation
-from terrain_estimator.planning.belief import Belief
+from terrain_estimator.planning.belief import Belief, widened
 from terrain_estimator.planning.planner import Planner, Reason
 from terrain_estimator.planning.table import TractionTable
 from terrain_estimator.update import Update
@@ -163,7 +163,7 @@ def belief_of(update: Update) -> Belief:
     estimate = update.estimate
     return Belief(
         estimate.mean,
-        estimate.covariance,
+        widened(estimate.covariance, ((each.offset, each.spread) for each in estimate.fit)),
         estimate.soil_probability,
         all(estimate.identified),
         estimate.change_probability,

@@ -27,6 +27,18 @@ class Seconds(NamedTuple):
     taken: int
 
 
+class RowFit(NamedTuple):
+    """How a regression row missed the model's prediction in the last seconds of driving.
+
+    In predicted standard deviations of the row beside the others. Where the model is right the
+    offset is near 0 and the spread near 1.
+    """
+
+    row: str
+    offset: float  # [1] mean
+    spread: float  # [1] standard deviation
+
+
 @dataclass(frozen=True, slots=True)
 class Disagreement:
     """One reason why the model does not fit this rover or ground."""
@@ -53,6 +65,7 @@ class Estimate:
     observations_waiting: int  # of the open second
     time_used_s: float
     seconds: Seconds  # the last ones
+    fit: tuple[RowFit, ...] = ()  # of the rows that at least ten of the last seconds had
 
 
 @dataclass(frozen=True, slots=True)

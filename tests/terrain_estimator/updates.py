@@ -7,7 +7,15 @@ import math
 import numpy as np
 
 from terrain_estimator.outcome import Outcome
-from terrain_estimator.update import Decision, Estimate, NamedEffect, Prediction, Seconds, Update
+from terrain_estimator.update import (
+    Decision,
+    Estimate,
+    NamedEffect,
+    Prediction,
+    RowFit,
+    Seconds,
+    Update,
+)
 
 START_NS, STEP_NS = 50_000_000_000, 100_000_000
 
@@ -37,6 +45,7 @@ def update(
         observations_waiting=0,
         time_used_s=0.1 * number,
         seconds=Seconds(0, 0),
+        fit=(RowFit("velocity", 0.25, 1.5), RowFit("load", -0.5, 0.75)),
     )
     predicted = Prediction(
         outcome.used,

@@ -58,6 +58,9 @@ def _estimate(message: Message) -> Values:
         "time_used": finite(message.time_used),
         "seconds_judged": message.seconds_judged,
         "seconds_taken": message.seconds_taken,
+        "fit_row": _names(message.fit_row),
+        "fit_offset": _all(message.fit_offset),
+        "fit_spread": _all(message.fit_spread),
         "model": message.model_id[:_WORDS],
     }
 

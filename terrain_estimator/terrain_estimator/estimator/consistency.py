@@ -41,7 +41,7 @@ from scipy.special import chdtri, ndtri
 
 from terrain_estimator.estimator.intake import ADVICE as CHECK
 from terrain_estimator.observation import Floats
-from terrain_estimator.update import Disagreement
+from terrain_estimator.update import Disagreement, RowFit
 
 WINDOWS = (10, 20, 60, 300)
 """[seconds of driving] That are tested together: strong misfits are found early, weak ones late.
@@ -58,6 +58,8 @@ DOUBTFUL = 0.005
 """[1] Probability that honest seconds fail one test of what confirms an estimate."""
 LARGEST = 1e-5
 """[1] A second contributes no more than honest ones exceed with this probability."""
+PUBLISHED = 60
+"""[seconds of driving] Over which the fit of each row is published."""
 DELAY = 5
 """[seconds of driving] In which a change of the ground may explain a misfit."""
 CHANGING = 0.5
@@ -162,6 +164,17 @@ class Consistency:
             "pending": np.array(self.pending).reshape(-1, columns),
             "since_change": np.array(self.since_change, dtype=np.int64),
         }
+
+    def fits(self) -> tuple[RowFit, ...]:
+        """Return how each row missed in the last seconds, of the rows that enough of them had."""
+        if len(self.judged) < WINDOWS[0]:
+            return ()
+        single = np.array(self.judged)[-PUBLISHED:, 2 : 2 + len(self.rows)]
+        return tuple(
+            RowFit(row, float(there.mean()), float(there.std(ddof=1)))
+            for row, misses in zip(self.rows, single.T, strict=True)
+            if len(there := misses[np.isfinite(misses)]) >= WINDOWS[0]
+        )
 
     def judge(self) -> tuple[tuple[Disagreement, ...], str]:
         """Return the reason why the model does not fit, and why nothing confirms that it does.

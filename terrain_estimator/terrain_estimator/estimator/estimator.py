@@ -226,6 +226,7 @@ class Estimator:
     def _judge(self) -> None:
         """Judge the fit of the last closed blocks."""
         self._inconsistent, self._unconfirmed = self._consistency.judge()
+        self._fit = self._consistency.fits()
 
     def _learn(self, screening: Screening) -> Update:
         """Answer an observation that passed the screening, by the model where it fits."""
@@ -413,6 +414,7 @@ class Estimator:
             observations_waiting=intake.waiting,
             time_used_s=intake.time_used_s,
             seconds=intake.seconds,
+            fit=self._fit,
             change_probability=0.0 if disagreements else self._change,
         )
         return Update(

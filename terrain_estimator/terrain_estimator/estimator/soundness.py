@@ -21,6 +21,7 @@ def unsound(estimate: Estimate, prediction: Prediction) -> str:
         ("upper_95", estimate.upper_95.tolist()),
         ("time_used", [estimate.time_used_s]),
         ("effect", [number for each in estimate.effects for number in (each.mean, each.sd)]),
+        ("fit", [number for each in estimate.fit for number in (each.offset, each.spread)]),
         ("velocity", [prediction.velocity, prediction.variance] if prediction.valid else []),
     ):
         if not all(map(math.isfinite, values)):

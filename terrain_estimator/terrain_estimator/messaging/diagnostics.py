@@ -144,6 +144,15 @@ MODEL = Check(
     0.1,
     1.0 - LEAST_TAKEN,
 )
+FIT = Check(
+    "fit",
+    "root mean square by which the worst regression row missed the model in the last minute of"
+    " driving, in predicted standard deviations; near 1 where the model is right",
+    "1",
+    "check the signals of that row first: velocity and slip, sinkage and mass, that axle's torque,"
+    " the IMU, or the bogie's angle",
+    2.0,
+)
 NUMERICS = Check(
     "numerics",
     "observations since the last report that failed numerically",
@@ -219,6 +228,7 @@ CHECKS = (
     RATE,
     REFUSED,
     MODEL,
+    FIT,
     NUMERICS,
     FAILURES,
     INNOVATION,

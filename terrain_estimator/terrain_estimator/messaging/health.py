@@ -17,6 +17,7 @@ from terrain_estimator.messaging.averaging import Rate, Treatment
 from terrain_estimator.messaging.diagnostics import (
     CONDITION,
     FAILURES,
+    FIT,
     INNOVATION,
     LATENCY,
     LOSSES,
@@ -238,6 +239,7 @@ class HealthMonitor:
         share = self._refusals.total() / self._recent.total() if self._recent else 0.0
         yield REFUSED.judge(share, text=f"refused: {self._refusals.words() or 'none'}")
         yield self._judge_model()
+        yield self._judge_fit()
         yield NUMERICS.judge(
             self._recent[Outcome.NUMERICAL_FAILURE],
             text=f"{self._recent[Outcome.NUMERICAL_FAILURE]} NUMERICAL_FAILURE",
@@ -251,6 +253,15 @@ class HealthMonitor:
         )
         yield CONDITION.judge(self._condition_number)
         yield LATENCY.judge(max(self._latencies, default=math.nan))
+
+    def _judge_fit(self) -> CheckResult:
+        fits = self._last.estimate.fit if self._last else ()
+        missed, row = max(
+            ((math.hypot(each.offset, each.spread), each.row) for each in fits),
+            default=(math.nan, ""),
+        )
+        words = f"row {row} misses by {missed:.2f} predicted deviations, most of all" if row else ""
+        return FIT.judge(missed, text=words or "not known yet")
 
     def _judge_model(self) -> CheckResult:
         """Judge the last seconds of driving, as the status of the last estimate does."""

@@ -128,6 +128,9 @@ def estimate_message(
         time_used=estimate.time_used_s,
         seconds_judged=estimate.seconds.judged,
         seconds_taken=estimate.seconds.taken,
+        fit_row=[fit.row for fit in estimate.fit],
+        fit_offset=[fit.offset for fit in estimate.fit],
+        fit_spread=[fit.spread for fit in estimate.fit],
         decision=_decision_message(update.decision, make),
     )
 

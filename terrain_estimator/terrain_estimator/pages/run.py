@@ -114,6 +114,7 @@ def _shown(key: str, run: ReplayedRun) -> dict[str, Any]:
         "pictures": _strengths(key, run, truths),
         "estimates": None if run.disagreements else _estimates(last.estimate, truths[-1]),
         "soils": None if run.disagreements else _soils(last.estimate),
+        "fit": _fit(last.estimate),
         "effects": () if run.disagreements else last.estimate.effects,
         "wheels": [
             _wheels(f"{key}-slip", "Slip of the wheels", run, run.slip, "slip [1]", 1.0),
@@ -265,6 +266,11 @@ def _estimates(estimate: Estimate, truth: tuple[float, float]) -> Table:
             )
         )
     return Table(head, tuple(rows))
+
+
+def _fit(estimate: Estimate) -> Table | None:
+    rows = tuple((each.row, each.offset, each.spread) for each in estimate.fit)
+    return Table(("row", "offset [1]", "spread [1]"), rows) if rows else None
 
 
 def _soils(estimate: Estimate) -> Table | None:

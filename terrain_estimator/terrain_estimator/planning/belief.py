@@ -6,6 +6,7 @@ Samples serve functions that are not linear.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ class Belief:
     """Posterior of the ground under the rover, as in terrain_estimate."""
 
     mean: Floats  # [2] c [Pa], tan phi
-    covariance: Floats  # [2, 2]
+    covariance: Floats  # [2, 2] widened by the misfit of the rows
     soil_probability: tuple[float, ...]
     identified: bool
     change_probability: float
@@ -68,6 +69,17 @@ class Samples:
             ),
             tuple(np.concatenate([self.spare[s], other.spare[s]]) for s in soils),
         )
+
+
+def widened(covariance: Floats, fit: Iterable[tuple[float, float]]) -> Floats:
+    """Return a covariance as wide as the rows' misfits ask for, where they exceed their noise.
+
+    ``fit`` has offset and spread of each row, in predicted deviations; the mean of their squares is
+    1 where the model is right (Birge 1932, The calculation of errors by the method of least
+    squares). No covariance gets narrower.
+    """
+    squares = [offset**2 + spread**2 for offset, spread in fit]
+    return covariance * max(1.0, math.fsum(squares) / max(len(squares), 1))
 
 
 def _normal_numbers() -> Floats:

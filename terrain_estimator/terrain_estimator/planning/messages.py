@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from terrain_estimator.messaging.messages import Status
-from terrain_estimator.planning.belief import Belief
+from terrain_estimator.planning.belief import Belief, widened
 from terrain_estimator.planning.planner import Advice, Reason
 from terrain_estimator.topics import ADVICE, Make, Message
 
@@ -41,6 +41,8 @@ def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
         *message.covariance,
         *probability,
         message.change_probability,
+        *message.fit_offset,
+        *message.fit_spread,
     ]
     if not np.isfinite(numbers).all() or min(message.covariance[0], message.covariance[3]) < 0.0:
         raise ValueError("a number is not finite, or a variance is negative")
@@ -49,9 +51,17 @@ def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
             f"soil_probability is {probability}: it needs one number for each soil, none negative"
             " and not all zero"
         )
+    if len(message.fit_offset) != len(message.fit_spread):
+        raise ValueError(
+            f"fit_offset has {len(message.fit_offset)} numbers, fit_spread"
+            f" {len(message.fit_spread)}: they need one for each row"
+        )
     return Belief(
         mean=np.array([message.cohesion, message.tan_phi]),
-        covariance=np.asarray(message.covariance, dtype=np.float64).reshape(2, 2),
+        covariance=widened(
+            np.asarray(message.covariance, dtype=np.float64).reshape(2, 2),
+            zip(message.fit_offset, message.fit_spread, strict=True),
+        ),
         soil_probability=tuple(probability),
         identified=bool(message.cohesion_identified and message.tan_phi_identified),
         change_probability=float(message.change_probability),

@@ -61,6 +61,9 @@ def estimate(make: Make, step: int, **fields: Any) -> Any:
         "time_used": 0.1 * step,
         "seconds_judged": min(step // 10, 60),
         "seconds_taken": min(step // 10, 60),
+        "fit_row": ["velocity", "torque_1"],
+        "fit_offset": [0.0412, -1.2345],
+        "fit_spread": [1.0123, 1.4988],
         "decision": decision,
     }
     return make(ESTIMATE, **values | fields)

@@ -203,6 +203,8 @@ def test_a_model_that_does_not_fit_is_an_event_whatever_the_observation_was() ->
     answer = all_of(model)
     now = answer["now"]["terrain_estimate"]
     assert (now["status"], now["seconds_judged"], now["seconds_taken"]) == ("DISAGREES", 20, 2)
+    assert now["fit_row"] == ["velocity", "torque_1"]
+    assert (now["fit_offset"], now["fit_spread"]) == ([0.0412, -1.2345], [1.0123, 1.4988])
     assert ("error", text) in [(event["level"], event["text"]) for event in answer["journal"]]
     assert column(answer, "status")[-1] == Status.DISAGREES
 

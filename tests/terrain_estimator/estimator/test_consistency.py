@@ -184,6 +184,22 @@ def test_the_advice_begins_with_the_signals_of_the_row() -> None:
         assert signal in found.advice.partition(" first; ")[0]
 
 
+def test_the_fit_of_each_row_is_its_mean_and_deviation_over_the_last_minute() -> None:
+    rng = np.random.default_rng(70)
+    whites = np.concatenate([np.full((40, len(ROWS)), 3.0), rng.standard_normal((65, len(ROWS)))])
+    whites[:, 2] = 0.5 + 1.1 * whites[:, 2]
+    whites[:-12, 3] = np.nan
+    whites[:, 4] = np.nan
+    found = after_rows(whites).fits()
+    judged = whites[-65:-DELAY]
+    assert [each.row for each in found] == [row for k, row in enumerate(ROWS) if k not in (3, 4)]
+    for each in found:
+        own = judged[:, ROWS.index(each.row)]
+        assert each.offset == pytest.approx(own.mean())
+        assert each.spread == pytest.approx(own.std(ddof=1))
+    assert after_rows(whites[-14:]).fits() == ()
+
+
 def test_side_and_memory_wait_for_twenty_judged_seconds() -> None:
     offset = np.full(len(ROWS), 1.0)
     assert doubt(after_rows(np.tile(offset, (FEWEST + DELAY - 1, 1)))) == ""

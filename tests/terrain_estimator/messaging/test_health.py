@@ -10,13 +10,13 @@ import pytest
 from msg_defs.msg import EstimatorHealth
 from terrain_estimator.bags import Types
 from terrain_estimator.estimator.intake import mostly_refused
-from terrain_estimator.messaging.diagnostics import MODEL, REFUSED, Check, Level
+from terrain_estimator.messaging.diagnostics import FIT, MODEL, REFUSED, Check, Level
 from terrain_estimator.messaging.health import Health, HealthMonitor
 from terrain_estimator.messaging.messages import Meta, health_message
 from terrain_estimator.messaging.pairing import Counters
 from terrain_estimator.outcome import Outcome
 from terrain_estimator.topics import INPUT_TYPES
-from terrain_estimator.update import Disagreement, Seconds
+from terrain_estimator.update import Disagreement, RowFit, Seconds
 from tests.terrain_estimator.messaging.test_messages import decided, updated
 
 FRESH = dict.fromkeys(INPUT_TYPES, 0.05)
@@ -126,6 +126,19 @@ def test_seconds_that_were_taken_but_miss_by_too_much_are_an_error_of_the_model(
     health = monitor.report(counters(), FRESH)
     assert health.level is Level.ERROR
     assert "the last 20 seconds miss it" in health.summary
+
+
+def test_the_row_that_misses_most_is_told_and_no_fault() -> None:
+    monitor = HealthMonitor()
+    fit = (RowFit("velocity", 0.1, 1.0), RowFit("torque_1", -1.2, 0.5), RowFit("load", 0.0, 1.2))
+    monitor.observe(updated(fit=fit), 0.001)
+    health = monitor.report(counters(), FRESH)
+    [found] = [each for each in health.findings if each.check is FIT]
+    assert found.value == pytest.approx(1.3)
+    assert found.level is Level.OK
+    assert found.text == "row torque_1 misses by 1.30 predicted deviations, most of all"
+    [unknown] = [each for each in HealthMonitor().report({}, {}).findings if each.check is FIT]
+    assert math.isnan(unknown.value)
 
 
 def test_losses_are_reported_once() -> None:

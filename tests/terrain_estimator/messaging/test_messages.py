@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
 
 from msg_defs.msg import MeasurementDecision, TerrainEstimate
 from terrain_estimator.bags import Types
+from terrain_estimator.bags.errors import BagError
+from terrain_estimator.bags.format.definitions import installed_definition
+from terrain_estimator.bags.format.types import MOST_LEFT
 from terrain_estimator.config.estimator import CoreConfig
 from terrain_estimator.intervals import HALF_WIDTH_95
 from terrain_estimator.messaging.messages import (
@@ -33,6 +37,7 @@ from terrain_estimator.update import (
     Estimate,
     NamedEffect,
     Prediction,
+    RowFit,
     Seconds,
     Update,
 )
@@ -170,6 +175,18 @@ def test_rclpy_and_bag_classes_give_the_same_message(build: Any) -> None:
     )
 
 
+@pytest.mark.parametrize("joints", [0, 1, 2, 3])
+def test_bytes_that_rclpy_leaves_after_empty_sequences_are_no_fault(joints: int) -> None:
+    sent = JointState(name=["j"] * joints, position=[0.5] * joints)
+    types = Types()
+    types.add(installed_definition("sensor_msgs/msg/JointState"))
+    read = types.deserialize(serialize_message(sent), "sensor_msgs/msg/JointState")
+    assert (list(read.name), list(read.position)) == (list(sent.name), list(sent.position))
+    assert len(read.velocity) == len(read.effort) == 0
+    with pytest.raises(BagError, match="are not a sensor_msgs/msg/JointState"):
+        types.deserialize(serialize_message(sent) + bytes(MOST_LEFT), "sensor_msgs/msg/JointState")
+
+
 def test_the_constants_are_those_of_the_message_definitions() -> None:
     assert {status.name: status.value for status in Status} == {
         status.name: getattr(TerrainEstimate, status.name) for status in Status
@@ -238,6 +255,14 @@ def test_the_messages_tell_what_became_of_the_seconds() -> None:
     assert (message.observations_used, message.observations_waiting) == (240, 3)
     assert (message.seconds_judged, message.seconds_taken) == (26, 24)
     assert message.decision.settled == 9
+
+
+def test_the_fit_of_the_rows_is_told() -> None:
+    fit = (RowFit("velocity", 0.25, 1.5), RowFit("load", -0.5, 0.75))
+    message = estimate_message(updated(fit=fit), TYPES.make, META, header())
+    assert message.fit_row == ["velocity", "load"]
+    assert list(message.fit_offset) == [0.25, -0.5]
+    assert list(message.fit_spread) == [1.5, 0.75]
 
 
 @pytest.mark.parametrize(

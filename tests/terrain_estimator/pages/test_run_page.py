@@ -94,6 +94,12 @@ def test_refused_observations_stand_with_their_count_and_what_to_do() -> None:
     assert "GATED 10 times, from 50 to 51 s" in text
 
 
+def test_the_fit_of_every_row_is_on_the_page() -> None:
+    text = one()
+    assert "Fit of the rows at the end of dune" in text
+    assert re.search(r'load</th><td class="figure"><data value="-0.5">.*<data value="0.75">', text)
+
+
 def test_a_run_of_one_observation_and_one_of_none_have_their_page() -> None:
     assert "NaN" not in run_page([run(1)], ORIGIN)
     assert "No estimate from this bag" in run_page([run(0)], ORIGIN)

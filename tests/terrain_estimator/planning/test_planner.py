@@ -340,6 +340,8 @@ def test_each_parameter_changes_the_advice() -> None:
         ("soil_probability", np.array([1.0]), "one number for each soil"),
         ("soil_probability", np.array([2.0, -1.0]), "none negative"),
         ("soil_probability", np.zeros(2), "not all zero"),
+        ("fit_spread", np.array([1.0, math.nan]), "not finite"),
+        ("fit_offset", np.zeros(3), "fit_offset has 3 numbers, fit_spread 2"),
     ],
 )
 def test_an_estimate_that_cannot_be_used_is_refused(name: str, value: Any, words: str) -> None:
@@ -348,6 +350,8 @@ def test_an_estimate_that_cannot_be_used_is_refused(name: str, value: Any, words
         "soil": soils,
         "soil_probability": np.array([0.75, 0.25]),
         "covariance": np.array([1.0, 0.0, 0.0, 1.0]),
+        "fit_offset": np.zeros(2),
+        "fit_spread": np.ones(2),
     }
     assert belief_of_message(Types().make(ESTIMATE, **fields), soils).soil_probability == (
         0.75,
@@ -355,6 +359,22 @@ def test_an_estimate_that_cannot_be_used_is_refused(name: str, value: Any, words
     )
     with pytest.raises(ValueError, match=words):
         belief_of_message(Types().make(ESTIMATE, **fields | {name: value}), soils)
+
+
+@pytest.mark.parametrize(
+    ("offset", "spread", "factor"),
+    [([], [], 1.0), ([0.1, 0.0], [0.9, 0.8], 1.0), ([0.0, 0.5], [1.2, 1.1], (1.44 + 1.46) / 2.0)],
+)
+def test_rows_that_miss_by_more_than_their_noise_widen_what_is_believed(
+    offset: list[float], spread: list[float], factor: float
+) -> None:
+    covariance = np.array([4.0, 0.5, 0.5, 1.0])
+    fit = {"fit_offset": np.array(offset), "fit_spread": np.array(spread)}
+    message = Types().make(
+        ESTIMATE, soil=["a"], soil_probability=[1.0], covariance=covariance, **fit
+    )
+    believed = belief_of_message(message, ["a"]).covariance
+    np.testing.assert_allclose(believed, factor * covariance.reshape(2, 2))
 
 
 def test_without_the_planner_the_same_drive_ends_in_the_sand() -> None:

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Message classes from definitions, without ROS: make, serialise, deserialise."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
+from rosbags.serde import SerdeError
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
@@ -18,6 +20,12 @@ from terrain_estimator.bags.format.definitions import Definition, installed_defi
 Message = Any  # a dataclass made at run time: its attributes are the message's fields
 MOST_OBJECTS = 500_000
 """Largest number of objects that a message may become; one takes up to 200 bytes."""
+_ALIGNMENT, MOST_LEFT = 4, 32
+"""[bytes] That may be left at the end of a message.
+
+rclpy's serialize_message reckons up to 7 for each empty sequence of numbers of 8 bytes, which it
+then does not fill: in a JointState without velocities and efforts, for instance.
+"""
 _CONVERT: dict[str, Callable[..., Any]] = {
     "string": str,
     "bool": bool,
@@ -115,11 +123,21 @@ class Types:
                 f" {MOST_OBJECTS} objects"
             )
         try:
-            return self._store.deserialize_cdr(data, type_name)
+            return self._deserialize(data, type_name)
         except Exception as error:  # what the generated code raises depends on the bytes
             raise BagError(
                 f"{len(data)} bytes are not a {type_name} ({shortened(str(error))})"
             ) from error
+
+    def _deserialize(self, data: bytes, type_name: str) -> Message:
+        """Deserialize; where that fails, without bytes that a serializer left at the end."""
+        try:
+            return self._store.deserialize_cdr(data, type_name)
+        except SerdeError:
+            for left in range(_ALIGNMENT, MOST_LEFT + 1, _ALIGNMENT):
+                with contextlib.suppress(SerdeError):
+                    return self._store.deserialize_cdr(data[:-left], type_name)
+            raise
 
     def _objects_per_byte(self, type_name: str) -> float:
         """Return the largest number of objects in a byte of a sequence within a message."""

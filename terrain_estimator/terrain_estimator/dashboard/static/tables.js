@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 // SPDX-License-Identifier: Apache-2.0
-// The tables of wheels, effects and inputs of the estimator, and the journal.
+// The tables of wheels, effects, fit and inputs of the estimator, and the journal.
 
 import { wheelLook } from "/charts.js";
 import { clock, fixed, make, number, plain, say, show } from "/words.js";
@@ -11,6 +11,7 @@ const element = (id) => document.getElementById(id);
 export function showTables(store) {
   showWheels(store);
   showEffects(store.now.terrain_estimate);
+  showFit(store.now.terrain_estimate);
   showHealth(store.now.estimator_health);
   showJournal(store);
 }
@@ -77,6 +78,15 @@ function showEffects(estimate) {
     say(row.children[2], `${number(low, sd)} to ${number(high, sd)}`);
     say(row.children[3], low > 0 || high < 0 ? "● not zero" : "○ may be zero");
   });
+}
+
+/** Each row's offset and spread, in predicted deviations. */
+function showFit(estimate) {
+  const names = estimate?.fit_row ?? [];
+  element("no-fit").hidden = names.length > 0;
+  element("fit-table").hidden = names.length === 0;
+  const rows = rowsFor(element("fit-table").tBodies[0], names, (name) => make("tr", {}, make("th", { scope: "row" }, make("code", {}, name)), figure(), figure()));
+  rows.forEach((row, k) => [estimate.fit_offset[k], estimate.fit_spread[k]].forEach((value, at) => show(row.children[at + 1].firstChild, value, fixed(value, 2))));
 }
 
 function showHealth(health) {
