@@ -36,7 +36,7 @@ class RowFit(NamedTuple):
 
     row: str
     offset: float  # [1] mean
-    spread: float  # [1] standard deviation
+    spread: float  # [1] root mean square about it
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,11 @@ the predicted covariance, and independent from second to second. Each of the thr
 some windows (Mehra 1970; Bar-Shalom, Li and Kirubarajan 2001, section 5.4):
 
 - **size**: the sum of the squared Mahalanobis distances is chi-square distributed, with as many
-  degrees of freedom as there are rows, less one a second;
+  degrees of freedom as the seconds have rows;
 - **side**: of the whitened innovations the squares of the means, times their number, add up to a
   chi-square variable with a degree of freedom for each row;
-- **memory**: their products with those of the LAGS seconds before add up to zero, with a variance
-  of the number of products.
+- **memory**: their products with those of the LAGS seconds before add up to a quadratic form of
+  standard normal variables, with a mean of zero and a variance of the number of products.
 
 Slow causes (a slope, a load, another law) show in side and memory long before they show in size.
 
@@ -32,12 +32,13 @@ what is wrong: an effect shows in more than one row.
 import functools
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri, ndtri
+from scipy.optimize import brentq
+from scipy.special import chdtri, ndtr
 
 from terrain_estimator.estimator.intake import ADVICE as CHECK
 from terrain_estimator.observation import Floats
@@ -62,6 +63,8 @@ PUBLISHED = 60
 """[seconds of driving] Over which the fit of each row is published."""
 DELAY = 5
 """[seconds of driving] In which a change of the ground may explain a misfit."""
+REACH = math.sqrt(float(chdtri(1, LARGEST)))
+"""[1] A row's innovation counts for no more."""
 CHANGING = 0.5
 """[1] Probability of a change above which it is accepted."""
 CROSSING = 15
@@ -96,7 +99,7 @@ class Tested(NamedTuple):
     """One test of a window, and what honest seconds would have."""
 
     value: float
-    degrees: int  # of freedom of the chi-square variable; 0: a standard normal one
+    limit: Callable[[float], float]  # what honest seconds exceed with a probability [1]
     window: int  # [seconds of driving]
     how: str  # the window misses the model
     shares: Floats  # [R] in which row it shows most
@@ -104,10 +107,6 @@ class Tested(NamedTuple):
     def fails(self, probability: float) -> bool:
         """Return whether honest seconds exceed the value with less than ``probability`` [1]."""
         return self.value > self.limit(probability)
-
-    def limit(self, probability: float) -> float:
-        """Return what honest seconds exceed with ``probability`` [1]."""
-        return limit(probability, self.degrees) if self.degrees else -float(ndtri(probability))
 
     def words(self, probability: float) -> str:
         """Return the failure in words."""
@@ -151,9 +150,8 @@ class Consistency:
         if len(self.pending) == DELAY:
             self.judged.append(self.pending[0])
         # no second counts for more than honest ones hardly ever reach
-        reach = math.sqrt(limit(LARGEST, 1))
         size = [min(fit.misfit, limit(LARGEST, fit.degrees)), fit.degrees]
-        misses = np.clip([*fit.single, *fit.white], -reach, reach)
+        misses = np.clip([*fit.single, *fit.white], -REACH, REACH)
         self.pending.append(np.concatenate([size, misses]))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -171,7 +169,7 @@ class Consistency:
             return ()
         single = np.array(self.judged)[-PUBLISHED:, 2 : 2 + len(self.rows)]
         return tuple(
-            RowFit(row, float(there.mean()), float(there.std(ddof=1)))
+            RowFit(row, float(there.mean()), float(there.std()))
             for row, misses in zip(self.rows, single.T, strict=True)
             if len(there := misses[np.isfinite(misses)]) >= WINDOWS[0]
         )
@@ -217,7 +215,8 @@ class Consistency:
 def _size(misfit: Floats, degrees: Floats, single: Floats) -> Tested:
     """Test the squared distances [n, 1]; ``single`` is [n, R]."""
     shares = np.nansum(single**2, 0)
-    return Tested(float(misfit.sum()), int(degrees.sum()), len(single), "", shares)
+    most = functools.partial(limit, degrees=int(degrees.sum()))
+    return Tested(float(misfit.sum()), most, len(single), "", shares)
 
 
 def _side(white: Floats, single: Floats) -> Tested:
@@ -226,14 +225,19 @@ def _side(white: Floats, single: Floats) -> Tested:
     value, there = float((sums**2 / np.maximum(numbers, 1)).sum()), int((numbers > 0).sum())
     own, count = _sums(single)
     shares = own**2 / np.maximum(count, 1)
-    return Tested(value, there, len(white), " to one side,", shares)
+    most = functools.partial(limit, degrees=there)
+    return Tested(value, most, len(white), " to one side,", shares)
 
 
 def _memory(white: Floats, single: Floats) -> Tested:
     """Test the products of whitened innovations [n, R] with those of seconds before."""
     sums, numbers = _products(white)
-    value = float(sums.sum() / np.sqrt(np.maximum(numbers.sum(), 1)))
-    return Tested(value, 0, len(white), " alike one after another,", _products(single)[0])
+    every, complete = float(numbers.sum()), _lag_matrix(len(white)).sum()
+    value = float(sums.sum()) / math.sqrt(max(every, 1.0))
+    own, count = _products(single)
+    most = functools.partial(memory_limit, seconds=len(white), rows=round(every / complete, 1))
+    shares = own / np.sqrt(np.maximum(count, 1))
+    return Tested(value, most, len(white), " alike one after another,", shares)
 
 
 def _sums(misses: Floats) -> tuple[Floats, Floats]:
@@ -246,6 +250,42 @@ def _products(misses: Floats) -> tuple[Floats, Floats]:
     parts = [_sums(misses[lag:] * misses[:-lag]) for lag in range(1, LAGS + 1)]
     products, numbers = np.sum(parts, 0)
     return products, numbers
+
+
+def _lag_matrix(seconds: int) -> Floats:
+    """Return M [n, n] with 1/2 where two seconds are compared: x' M x adds the products of x."""
+    apart = np.abs(np.subtract.outer(np.arange(seconds), np.arange(seconds)))
+    compared: Floats = np.where((apart >= 1) & (apart <= LAGS), 0.5, 0.0)
+    return compared
+
+
+@functools.lru_cache
+def memory_limit(probability: float, seconds: int, rows: float) -> float:
+    """Return what white seconds exceed with ``probability`` in the statistic of the memory.
+
+    ``rows`` may be a mean. The sum of products is skewed: a normal limit is exceeded ten times too
+    often. The tail is the saddle point's (Lugannani and Rice 1980, with the cumulants of a
+    quadratic form of standard normal variables).
+    """
+    if rows <= 0.0:
+        return math.inf
+    values = np.linalg.eigvalsh(_lag_matrix(seconds))
+
+    def at(share: float) -> tuple[float, float]:
+        """Return sum and probability to exceed it; ``share`` of the largest saddle point."""
+        point = 0.5 * share / values[-1]
+        rest = 1.0 - 2.0 * point * values
+        total = rows * float((values / rest).sum())
+        spread = rows * float((2.0 * values**2 / rest**2).sum())
+        below = -0.5 * rows * float(np.log(rest).sum())
+        signed = math.sqrt(2.0 * (point * total - below))
+        density = math.exp(-0.5 * signed**2) / math.sqrt(2.0 * math.pi)
+        tail = float(ndtr(-signed)) + density * (1.0 / (point * math.sqrt(spread)) - 1.0 / signed)
+        return total, tail
+
+    least, most = 1e-3, 1.0 - 1e-9
+    share = brentq(lambda each: at(each)[1] - probability, least, most)
+    return at(share)[0] / math.sqrt(rows * float(_lag_matrix(seconds).sum()))
 
 
 @functools.lru_cache

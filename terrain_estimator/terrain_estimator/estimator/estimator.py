@@ -396,6 +396,8 @@ class Estimator:
         if reason := unsound(update.estimate, update.prediction):
             settled = max(self._intake.refuse(), decision.settled)
             self._reopen()
+            self._consistency = Consistency(self._rows)
+            self._judge()
             self.reopened += 1
             detail = f"{reason}: it is not published, and the prior holds again"
             failure = Decision(Outcome.NUMERICAL_FAILURE, (), _NAN, _NAN, 0, detail, settled)

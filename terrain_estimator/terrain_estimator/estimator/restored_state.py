@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from terrain_estimator.estimator.consistency import DELAY, REST, WINDOWS, Consistency
+from terrain_estimator.estimator.consistency import DELAY, REACH, REST, WINDOWS, Consistency
 from terrain_estimator.estimator.forecasting import (
     LARGEST_DISTANCE,
     Forecast,
@@ -259,12 +259,13 @@ def _fits(arrays: Arrays, name: str, most: int, rows: int) -> list[Floats]:
     if array is None or not shaped or array.dtype.name != "float64" or len(array) > most:
         raise StateFileError(f"the state's {name} is missing or has another shape: {ADVICE}")
     degrees, misses = array[:, 1], array[:, 2:]
-    sound = np.isfinite(array[:, :2]).all() and bool((degrees >= 0.0).all())
+    sound = np.isfinite(array[:, :2]).all() and bool((degrees >= 1.0).all())
     whole = bool((degrees == degrees.round()).all()) and degrees.max(initial=0.0) <= MOST_DEGREES
     if not (sound and whole):
         raise _refused(name, array[:, :2].tolist(), "no misfits with their degrees of freedom")
-    if np.isinf(misses).any():
-        raise _refused(name, misses[np.isinf(misses)][0], "no innovation of a row")
+    beyond = np.abs(misses) > REACH
+    if beyond.any():
+        raise _refused(name, misses[beyond][0], f"no innovation of a row, at most {REACH:g}")
     return list(array)
 
 

@@ -31,10 +31,11 @@ from rover_parameters.regular_file import open_regular, read_regular
 from terrain_estimator.model.archive import ArchiveError, checked_archive
 from terrain_estimator.model.packing import PACKED_WHEEL_FIELDS, packed_size, scalar_fields
 from terrain_estimator.model.prior import Prior
+from terrain_estimator.model.rows import row_names
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
-FORMAT = 3
+FORMAT = 4
 """Version of the interface: the state's fields, the packed observation, the methods."""
 MODELS = Path(terrain_estimator.__file__).parent / "models"
 DEFAULT_MODEL = "mars_rover"
@@ -321,6 +322,12 @@ def _check_interface(path: Path, model: LoadedModel) -> None:
             f"{path}: was trained for other fields of an observation, train it again (make train)"
         )
     state = model.module.initial()
+    rows = row_names(axles)
+    if model.rows != rows or state["single_misses"].shape[0] != len(rows):
+        raise ModelFileError(
+            f"{path}: has rows {', '.join(model.rows)}, this version needs {', '.join(rows)}: train"
+            " it again (make train)"
+        )
     effects = model.module.effects(state).shape[0]
     if effects != len(model.effects):
         raise ModelFileError(

@@ -53,13 +53,18 @@ BAARDA = (
     "W. Baarda: A testing procedure for use in geodetic networks. "
     "Netherlands Geodetic Commission, Publications on Geodesy 2, 1968."
 )
+LUGANNANI = (
+    "R. Lugannani, S. Rice: Saddle point approximation for the distribution of the sum of"
+    " independent random variables. Advances in Applied Probability 12, 1980."
+)
 
 
 def citations(
     rows: Sequence[str], parameters: Sequence[str], effects: Sequence[str]
 ) -> Iterator[str]:
     """Yield the citations of a model with these regression rows, parameters and named effects."""
-    yield from (BANERJEE, WONG, BOGGS, ALSPACH, ADAMS, RUNNALLS, MEHRA, BAR_SHALOM, BAARDA)
+    yield from (BANERJEE, WONG, BOGGS, ALSPACH, ADAMS, RUNNALLS)
+    yield from (MEHRA, BAR_SHALOM, BAARDA, LUGANNANI)
     if any(row.startswith("torque") for row in rows):
         yield IAGNEMMA
     if any(name.startswith("net") for name in parameters):

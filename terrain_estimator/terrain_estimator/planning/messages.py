@@ -24,6 +24,8 @@ _UNKNOWN = {
     True: "the model of the estimate does not fit this rover or ground",
 }
 """Why the margins are unknown, by whether the estimate disagrees."""
+MOST_DEVIATIONS = 100.0
+"""[1] Largest offset or spread of a row; a second counts for far less."""
 _CREEP = "creep: no measurement while driving within the last seconds"
 
 
@@ -51,6 +53,8 @@ def belief_of_message(message: Message, soils: Sequence[str]) -> Belief:
             f"soil_probability is {probability}: it needs one number for each soil, none negative"
             " and not all zero"
         )
+    if max(np.abs([*message.fit_offset, *message.fit_spread]), default=0.0) > MOST_DEVIATIONS:
+        raise ValueError(f"a number of fit_offset or fit_spread is above {MOST_DEVIATIONS:g}")
     if len(message.fit_offset) != len(message.fit_spread):
         raise ValueError(
             f"fit_offset has {len(message.fit_offset)} numbers, fit_spread"

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The test of the last seconds' fit: honest ones pass, inflated ones do not, changes are let be."""
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -15,12 +16,14 @@ from terrain_estimator.estimator.consistency import (
     DOUBTFUL,
     FALSE_ALARM,
     FEWEST,
+    LAGS,
     LARGEST,
     REST,
     WINDOWS,
     Consistency,
     SecondFit,
     limit,
+    memory_limit,
 )
 from terrain_estimator.model.rows import row_names
 from terrain_estimator.observation import Floats
@@ -160,7 +163,7 @@ def test_an_offset_of_one_row_is_found_and_the_row_named(row: int) -> None:
 def test_a_slow_wave_in_one_row_is_found_and_the_row_named(row: int) -> None:
     """Its mean is zero, and its mean square less than the noise's."""
     rng = np.random.default_rng(40 + row)
-    wave = 1.3 * np.sin(np.arange(305) / 2.5)
+    wave = 1.4 * np.sin(np.arange(305) / 2.5)
     whites = rng.standard_normal((305, len(ROWS)))
     whites[:, row] += wave
     found = disagreements(after_rows(whites))
@@ -196,8 +199,30 @@ def test_the_fit_of_each_row_is_its_mean_and_deviation_over_the_last_minute() ->
     for each in found:
         own = judged[:, ROWS.index(each.row)]
         assert each.offset == pytest.approx(own.mean())
-        assert each.spread == pytest.approx(own.std(ddof=1))
+        assert each.spread == pytest.approx(own.std())
     assert after_rows(whites[-14:]).fits() == ()
+
+
+@pytest.mark.parametrize(("seconds", "rows"), [(20, 2), (20, 8), (60, 8)])
+def test_white_seconds_exceed_the_limit_of_the_memory_as_often_as_stated(
+    seconds: int, rows: int
+) -> None:
+    """40 000 windows, 200 expected beyond; within 3.3 standard deviations (99.9 %)."""
+    rng, beyond, number = np.random.default_rng(80 + rows), 0, 40_000
+    most = memory_limit(DOUBTFUL, seconds, float(rows))
+    for _ in range(20):
+        white = rng.standard_normal((number // 20, seconds, rows))
+        products = sum((white[:, lag:] * white[:, :-lag]).sum((1, 2)) for lag in range(1, LAGS + 1))
+        count = rows * sum(seconds - lag for lag in range(1, LAGS + 1))
+        beyond += int((products > most * math.sqrt(count)).sum())
+    expected = DOUBTFUL * number
+    assert abs(beyond - expected) < 3.3 * math.sqrt(expected)
+
+
+def test_the_limit_of_the_memory_of_many_seconds_is_the_normal_one() -> None:
+    assert memory_limit(DOUBTFUL, 300, 1000.0) == pytest.approx(2.5758, rel=5e-3)
+    assert memory_limit(FALSE_ALARM, 20, 8.0) > 6.0, "skewed"
+    assert memory_limit(FALSE_ALARM, 20, 0.0) == math.inf
 
 
 def test_side_and_memory_wait_for_twenty_judged_seconds() -> None:

@@ -117,7 +117,13 @@ def full(value: float) -> Callable[[np.ndarray], np.ndarray]:
         ("pending", lambda _: a_second(np.nan, 7.0), r"pending is \[\[nan, 7.0\]\], no misfits"),
         ("pending", lambda _: a_second(7.0, 6.5), r"pending is \[\[7.0, 6.5\]\], no misfits"),
         ("judged", lambda _: a_second(7.0, 1e9), r"judged is .*, no misfits with their"),
+        ("judged", lambda _: a_second(7.0, 0.0), r"judged is .*, no misfits with their"),
         ("judged", lambda _: a_second(7.0, 7.0, -np.inf), "judged is -inf, no innovation of a row"),
+        (
+            "judged",
+            lambda _: a_second(7.0, 7.0, 1e200),
+            r"judged is 1e\+200, no innovation of a row",
+        ),
         ("last.slip", full(np.inf), "last observation has axle 0: slip is inf"),
         ("last.slip", lambda array: array[:1], r"last slip is float64 \(1,\), another version's"),
     ],

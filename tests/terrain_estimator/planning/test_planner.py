@@ -341,6 +341,7 @@ def test_each_parameter_changes_the_advice() -> None:
         ("soil_probability", np.array([2.0, -1.0]), "none negative"),
         ("soil_probability", np.zeros(2), "not all zero"),
         ("fit_spread", np.array([1.0, math.nan]), "not finite"),
+        ("fit_offset", np.array([0.0, -1e200]), "is above 100"),
         ("fit_offset", np.zeros(3), "fit_offset has 3 numbers, fit_spread 2"),
     ],
 )

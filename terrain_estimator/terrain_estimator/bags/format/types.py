@@ -133,7 +133,9 @@ class Types:
         """Deserialize; where that fails, without bytes that a serializer left at the end."""
         try:
             return self._store.deserialize_cdr(data, type_name)
-        except SerdeError:
+        except SerdeError as error:
+            if "size mismatch" not in str(error):
+                raise
             for left in range(_ALIGNMENT, MOST_LEFT + 1, _ALIGNMENT):
                 with contextlib.suppress(SerdeError):
                     return self._store.deserialize_cdr(data[:-left], type_name)
