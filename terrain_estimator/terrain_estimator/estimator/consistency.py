@@ -232,10 +232,11 @@ def _side(white: Floats, single: Floats) -> Tested:
 def _memory(white: Floats, single: Floats) -> Tested:
     """Test the products of whitened innovations [n, R] with those of seconds before."""
     sums, numbers = _products(white)
-    every, complete = float(numbers.sum()), _lag_matrix(len(white)).sum()
+    every = float(numbers.sum())
     value = float(sums.sum()) / math.sqrt(max(every, 1.0))
     own, count = _products(single)
-    most = functools.partial(memory_limit, seconds=len(white), rows=round(every / complete, 1))
+    rows = round(every / _compared(len(white)), 1)
+    most = functools.partial(memory_limit, seconds=len(white), rows=rows)
     shares = own / np.sqrt(np.maximum(count, 1))
     return Tested(value, most, len(white), " alike one after another,", shares)
 
@@ -252,24 +253,30 @@ def _products(misses: Floats) -> tuple[Floats, Floats]:
     return products, numbers
 
 
-def _lag_matrix(seconds: int) -> Floats:
-    """Return M [n, n] with 1/2 where two seconds are compared: x' M x adds the products of x."""
+def _compared(seconds: int) -> int:
+    """Return how many products a row has that was there in all of ``seconds``."""
+    return sum(seconds - lag for lag in range(1, LAGS + 1))
+
+
+@functools.lru_cache
+def _eigenvalues(seconds: int) -> Floats:
+    """Return those [n] of M [n, n] with which x' M x is the sum of products of a row's x [n]."""
     apart = np.abs(np.subtract.outer(np.arange(seconds), np.arange(seconds)))
-    compared: Floats = np.where((apart >= 1) & (apart <= LAGS), 0.5, 0.0)
-    return compared
+    matrix: Floats = np.where((apart >= 1) & (apart <= LAGS), 0.5, 0.0)
+    return np.asarray(np.linalg.eigvalsh(matrix), dtype=np.float64)
 
 
 @functools.lru_cache
 def memory_limit(probability: float, seconds: int, rows: float) -> float:
-    """Return what white seconds exceed with ``probability`` in the statistic of the memory.
+    """Return what white ``seconds`` exceed with ``probability`` [1] in the memory's statistic [1].
 
-    ``rows`` may be a mean. The sum of products is skewed: a normal limit is exceeded ten times too
-    often. The tail is the saddle point's (Lugannani and Rice 1980, with the cumulants of a
-    quadratic form of standard normal variables).
+    ``rows`` may be a mean; the limit is infinite for none. The sum of products is skewed: a normal
+    limit is exceeded ten times too often. The tail is the saddle point's (Lugannani and Rice 1980,
+    with the cumulants of a quadratic form of standard normal variables).
     """
     if rows <= 0.0:
         return math.inf
-    values = np.linalg.eigvalsh(_lag_matrix(seconds))
+    values = _eigenvalues(seconds)
 
     def at(share: float) -> tuple[float, float]:
         """Return sum and probability to exceed it; ``share`` of the largest saddle point."""
@@ -285,7 +292,7 @@ def memory_limit(probability: float, seconds: int, rows: float) -> float:
 
     least, most = 1e-3, 1.0 - 1e-9
     share = brentq(lambda each: at(each)[1] - probability, least, most)
-    return at(share)[0] / math.sqrt(rows * float(_lag_matrix(seconds).sum()))
+    return at(share)[0] / math.sqrt(rows * _compared(seconds))
 
 
 @functools.lru_cache

@@ -72,7 +72,7 @@ class Samples:
 
 
 def widened(covariance: Floats, fit: Iterable[tuple[float, float]]) -> Floats:
-    """Return a covariance as wide as the rows' misfits ask for, where they exceed their noise.
+    """Return a ``covariance`` [2, 2] as wide as the rows' misfits ask for, where they are large.
 
     ``fit`` has offset and spread of each row, in predicted deviations; the mean of their squares is
     1 where the model is right (Birge 1932, The calculation of errors by the method of least
