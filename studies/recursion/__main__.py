@@ -17,7 +17,7 @@ import torch
 from docs.provenance import digest, measured
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, read_record, write_record, write_results
-from studies.recursion.study import Record, study
+from studies.recursion.study import ROVERS, Record, study
 from studies.recursion.table import Line, cells, page
 from terrain_estimator.console.arguments import COUNT, SEED
 from terrain_estimator.console.interrupting import interruptible
@@ -44,7 +44,9 @@ def main(argv: list[str] | None = None) -> int:
         every = [piece for kind in pieces.values() for piece in kind]
         missing = [piece for piece in every if read_record(piece.path) is None]
         compute("studies.recursion", missing, args.jobs, args.minutes, write_record)
-        lines = [line for times, kind in pieces.items() for line in _lines(kind, times)]
+        lines = [
+            line for (rover, times), kind in pieces.items() for line in _lines(rover, times, kind)
+        ]
         if not lines:
             return refuse_too_short("recursion", "batch")
         when = measured("recursion")
@@ -57,14 +59,17 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _lines(pieces: list[Piece[Record]], times_s: tuple[float, ...]) -> list[Line]:
+def _lines(rover: str, times_s: tuple[float, ...], pieces: list[Piece[Record]]) -> list[Line]:
     """Return the lines of the batches that are done."""
     done = [record for piece in pieces if (record := read_record(piece.path))]
-    return cells(done, times_s) if done else []
+    return cells(rover, done, times_s) if done else []
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = study_parser("recursion", __doc__)
+    parser.add_argument(
+        "--rover", nargs="+", choices=ROVERS, default=ROVERS, help="rovers on loose sand"
+    )
     parser.add_argument(
         "--short", type=COUNT, default=4, help=f"batches of {SHORT_BATCH} drives of 40 s"
     )
@@ -81,18 +86,21 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _pieces(args: argparse.Namespace) -> dict[tuple[float, ...], list[Piece[Record]]]:
-    """Return the batches of short and of long drives, by the times at which they are judged."""
+def _pieces(args: argparse.Namespace) -> dict[tuple[str, tuple[float, ...]], list[Piece[Record]]]:
+    """Return the batches by rover and by the times at which their drives are judged."""
     folder = args.records / f"{digest('recursion')}-{args.seed}"
     kinds = (
         ("short", args.short, SHORT_BATCH, SHORT_S, args.seed),
         ("long", args.long, LONG_BATCH, LONG_S, args.seed + _LONG_SEED),
     )
     return {
-        times: [
-            Piece(partial(study, drives, times, first + k), folder / f"{name}-{k}.npz")
+        (rover, times): [
+            Piece(
+                partial(study, rover, drives, times, first + k), folder / f"{rover}-{name}-{k}.npz"
+            )
             for k in range(count)
         ]
+        for rover in args.rover
         for name, count, drives, times, first in kinds
     }
 

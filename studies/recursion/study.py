@@ -28,7 +28,7 @@ from terrain_estimator.learning.restore import physics_alone
 from terrain_estimator.model.palpaca import PAlpaca
 from terramechanics.presets import load_rover, load_soil
 
-ROVER, SOIL = "mars_rover", "loose_sand"
+ROVERS, SOIL = ("paper_rover", "mars_rover"), "loose_sand"
 ROW_SETS = ("v+L", EVERY_ROW)
 SHIPPED = "as it ships"
 INSTRUMENTS = {"columns": 0.0, "corrected columns": 1.0}
@@ -59,13 +59,13 @@ def methods() -> list[str]:
     return [SHIPPED, *lifted]
 
 
-def study(drives: int, times_s: tuple[float, ...], seed: int) -> Record:
-    """Draw a batch of drives and return the truth, the bounds and every method's estimates.
+def study(name: str, drives: int, times_s: tuple[float, ...], seed: int) -> Record:
+    """Draw drives of a rover and return the truth, the bounds and every method's estimates.
 
     The keys are "truth" [N, 2], "ends" [N] [s] and "ROWS|METHOD|FIELD" as in Result, with "bound"
     for a method of which only the deviation "least" [N, K, 2] is kept.
     """
-    rover, soil = load_rover(ROVER), load_soil(SOIL)
+    rover, soil = load_rover(name), load_soil(SOIL)
     drawn = draw_drives(rover, soil, "S1", drives, WRONG, seed, FROM_PRIOR, duration_s=times_s[-1])
     model = physics_alone(rover, soil, exact=False)
     record = {"truth": drawn.tasks.strength.numpy(), "ends": 0.1 * drawn.ends.double().numpy()}

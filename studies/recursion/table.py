@@ -37,6 +37,7 @@ class Scored:
 class Line:
     """One method on one set of drives after one time."""
 
+    rover: str
     after_s: float
     rows: str
     method: str
@@ -46,18 +47,19 @@ class Line:
     tan_phi: Scored
 
 
-def cells(records: Sequence[Record], times_s: Sequence[float]) -> list[Line]:
+def cells(rover: str, records: Sequence[Record], times_s: Sequence[float]) -> list[Line]:
     """Return the lines of all drives of some records, judged after each of their times."""
     whole = {name: np.concatenate([each[name] for each in records]) for name in records[0]}
     return [
-        _line(whole, place, after, rows, method)
+        _line(whole, rover, (place, after), rows, method)
         for place, after in enumerate(times_s)
         for rows in ROW_SETS
         for method in methods()
     ]
 
 
-def _line(whole: Record, place: int, after_s: float, rows: str, method: str) -> Line:
+def _line(whole: Record, rover: str, time: tuple[int, float], rows: str, method: str) -> Line:
+    place, after_s = time
     least = whole[f"{rows}|bound|least"][:, place]
     z, error = _deviations(whole, place, f"{rows}|{method}")
     shipped, _ = _deviations(whole, place, f"{rows}|{SHIPPED}")
@@ -66,7 +68,7 @@ def _line(whole: Record, place: int, after_s: float, rows: str, method: str) -> 
         for k in range(len(PARAMETERS))
     ]
     clamped = float(np.median(whole[f"{rows}|{method}|clamped"][:, place]))
-    return Line(after_s, rows, method, len(z), clamped, *scored)
+    return Line(rover, after_s, rows, method, len(z), clamped, *scored)
 
 
 def _deviations(
@@ -105,8 +107,8 @@ INTRODUCTION = """# A recursion without relinearisation
 Do intervals hold longer where the sums that a drive leaves behind never need a new place of
 linearisation? A trial beside the model's recursion; no node uses it.
 
-- **Drives.** Mars-like rover, loose sand, over hills (S1), seed {seed}. Each soil constant is wrong
-  by up to 5 %, c and tan phi are drawn from the models' prior. Every method gets the same drives.
+- **Drives.** Loose sand, over hills (S1), seed {seed}. Each soil constant is wrong by up to 5 %,
+  c and tan phi are drawn from the models' prior. Every method gets the same drives.
 - **As it ships**: the model's recursion, the soil known, without a net, as in
   [accuracy.md](accuracy.md).
 - **The others** accumulate corrected scores of the products of (c, tan phi, 1) with powers of the
@@ -151,10 +153,16 @@ WHY = """
 def page(lines: Sequence[Line], when: str, seed: int) -> str:
     """Return the whole page."""
     parts = [licence("recursion"), INTRODUCTION.format(measured=when, seed=seed)]
-    for after_s, rows in dict.fromkeys((line.after_s, line.rows) for line in lines):
-        here = [line for line in lines if (line.after_s, line.rows) == (after_s, rows)]
-        parts.append(f"## {rows} after {after_s:g} s, {here[0].drives} drives\n\n{_table(here)}\n")
+    for key in dict.fromkeys(_place_of(line) for line in lines):
+        here = [line for line in lines if _place_of(line) == key]
+        rover, rows, after_s = key
+        title = f"## {rover}, {rows} after {after_s:g} s, {here[0].drives} drives"
+        parts.append(f"{title}\n\n{_table(here)}\n")
     return "".join([*parts[:2], _verdicts(lines), *parts[2:]]).rstrip("\n") + "\n" + LEGEND + WHY
+
+
+def _place_of(line: Line) -> tuple[str, str, float]:
+    return line.rover, line.rows, line.after_s
 
 
 BAND = (0.92, 0.98)

@@ -30,7 +30,7 @@ def made_up() -> Record:
 
 def test_shares_ratios_and_pairs_are_those_of_the_record() -> None:
     """Two records are pooled."""
-    shipped, other = cells([made_up(), made_up()], (40.0,))[:2]
+    shipped, other = cells("mars_rover", [made_up(), made_up()], (40.0,))[:2]
     assert (shipped.drives, shipped.method) == (2 * DRIVES, SHIPPED)
     assert shipped.cohesion.inside_95.value == 0.75
     assert (other.cohesion.alone, other.cohesion.not_alone) == (20, 0)
@@ -41,7 +41,8 @@ def test_shares_ratios_and_pairs_are_those_of_the_record() -> None:
 
 def test_the_page_has_a_line_for_every_method_and_row_set() -> None:
     """Each with its share in 95 %."""
-    written = page(cells([made_up()], (40.0,)), "Measured.", 7)
+    written = page(cells("mars_rover", [made_up()], (40.0,)), "Measured.", 7)
     assert written.count("\n| ") == (len(ROW_SETS) + 1) * (len(methods()) + 2)
     assert "| 75.0 (" in written
     assert "seed 7" in written
+    assert f"## mars_rover, {ROW_SETS[0]} after 40 s" in written
