@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 #
 # Every target does its own set-up, once. ARGS is handed on: make test ARGS="-k pairing", make demo ARGS="--help".
-.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag robustness pages docs pictures measures sbom audit workspace environment clean
+.PHONY: help demo discover test test-long colcon-test first-use lint train accuracy long change stream recursion planner net paper calibrate hidden hidden-full faults million fuzz mutants bench soak foreign foreign-bag robustness pages docs pictures measures sbom audit workspace environment clean
 
 LIBRARIES := .:rover_parameters:terramechanics:terrain_estimator:rover_sim_node
 VENV_PYTHON := .venv/bin/python
@@ -40,6 +40,9 @@ train: workspace  ## train the models that ship anew; results in out/models
 
 accuracy: workspace  ## judge the estimator on simulated drives: docs/accuracy.md
 	ros2_ws/with python -m studies.accuracy $(ARGS)
+
+long: workspace  ## judge the intervals after minutes and an hour on one ground, 2 h of two cores: docs/long_drives.md
+	ros2_ws/with python -m studies.long $(ARGS)
 
 change: workspace  ## judge how soon a change of the ground is found: docs/change.md
 	ros2_ws/with python -m studies.change $(ARGS)

@@ -28,6 +28,7 @@ _NODES, _OFFLINE = f"{_OURS}/nodes", f"{_OURS}/offline"
 _FOLDERS = {
     "accuracy": ("studies/accuracy",),
     "change": ("studies/change",),
+    "long": ("studies/long",),
     "stream": ("studies/stream",),
     "recursion": ("studies/recursion",),
     "planner": ("studies/planner",),

@@ -9,7 +9,6 @@ run that ended early continues where it was.
 import argparse
 import dataclasses
 import json
-import math
 import sys
 from functools import partial
 
@@ -19,7 +18,6 @@ from docs.provenance import digest, measured
 from studies.accuracy.cells import SIDE_BATCHES, CellBatch, Setting, is_main, settings, study
 from studies.accuracy.lines import lines
 from studies.accuracy.pieces import read_part, write_part
-from studies.accuracy.scores import LONG_TIMES_S
 from studies.accuracy.table import AccuracyRun, page, tables_page
 from studies.command import add_record_options, refuse, refuse_too_short, study_parser
 from studies.records import Piece, compute, write_results
@@ -30,8 +28,6 @@ from terramechanics.simulation.schedules import SCHEDULES
 
 BATCH = 100
 """Drives of a setting that are computed at once."""
-LONG_SHARE = 0.4
-"""[1] Of these where drives are long."""
 _CONSTANTS = ("exact", "wrong")
 
 
@@ -76,14 +72,11 @@ def _batches(
     folder, found = args.records / f"{digest('accuracy')}-{args.seed}", []
     for number, start in enumerate(range(0, args.episodes, BATCH)):
         for setting in chosen if number < SIDE_BATCHES else filter(is_main, chosen):
-            episodes = math.ceil(
-                (LONG_SHARE if setting.times_s == LONG_TIMES_S else 1.0)
-                * min(BATCH, args.episodes - start)
-            )
+            episodes = min(BATCH, args.episodes - start)
             drives = (
                 setting.rover,
                 setting.soil,
-                f"{setting.schedule}-{setting.times_s[-1]:g}s",
+                setting.schedule,
                 _constants(setting),
                 setting.truth,
             )
@@ -122,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
         "--episodes",
         type=COUNT,
         default=1000,
-        help="drives of 40 s over hills a cell; 200 where other things change, 80 of 400 s at most",
+        help="drives of 40 s over hills a cell; 200 where other things change",
     )
     parser.add_argument(
         "--seed",

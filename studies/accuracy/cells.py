@@ -13,7 +13,6 @@ from torch import Tensor
 from studies.accuracy import scores as accuracy
 from studies.accuracy.scores import (
     FROM_PRIOR,
-    LONG_TIMES_S,
     PAPER_BAND,
     TIMES_S,
     CellScore,
@@ -71,8 +70,6 @@ class AccuracyCell:
     truth: str
     rows: str
     model: str  # "physics" (no net, constants exact where they are), "shipped" or "without net"
-    duration_s: float  # [s] of a drive
-    after_s: float  # [s] of it, where the score ends
     score: CellScore
 
 
@@ -125,10 +122,6 @@ def settings() -> list[Setting]:
             for schedule in ("S2", "S3", "S4")
         ]
         cells.append(Setting(rover, "loose_sand", truth="paper", rows=("v", *TARGET_ROWS)))
-        cells += [
-            Setting(rover, "loose_sand", spread=spread, rows=SHIPPED_ROWS, times_s=LONG_TIMES_S)
-            for spread in (0.0, WRONG)
-        ]
     return cells
 
 
@@ -196,24 +189,17 @@ def _judge_shipped(
 def cells(setting: Setting, parts: Sequence[CellBatch]) -> list[AccuracyCell]:
     """Return the cells of all parts of a setting together.
 
-    They are judged after whole drives; long ones after each of their times.
+    They are judged after whole drives.
     """
     place = (setting.rover, setting.soil, setting.schedule, setting.spread, setting.truth)
     found: dict[tuple[str, str], list[Judged]] = {}
     for part in parts:
         for key, judged in part.judged.items():
             found.setdefault(key, []).append(judged)
-    times, lines = setting.times_s, []
+    lines = []
     for key, judgements in found.items():
-        judged = accuracy.pool(judgements)
-        scores = [
-            (time, accuracy.score(accuracy.until(judged, count)))
-            for count, time in enumerate(times, 1)
-        ]
-        lines += [
-            AccuracyCell(*place, *key, times[-1], *scored)
-            for scored in (scores if times == LONG_TIMES_S else scores[-1:])
-        ]
+        score = accuracy.score(accuracy.pool(judgements))
+        lines.append(AccuracyCell(*place, *key, score))
     return lines
 
 

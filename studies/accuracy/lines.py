@@ -10,7 +10,7 @@ from scipy.stats import norm
 from torch import Tensor
 
 from studies.accuracy.cells import AccuracyCell, CellBatch, Setting, cells
-from studies.accuracy.scores import Judged, pool, share_of, until
+from studies.accuracy.scores import Judged, pool, share_of
 from studies.limited import Limited
 from terrain_estimator.estimator.summary import IDENTIFIED_VARIANCE
 
@@ -45,7 +45,6 @@ def lines(setting: Setting, parts: Sequence[CellBatch]) -> list[TableLine]:
                 if (cell.rows, cell.model) in part.judged
             ]
         )
-        judged = until(judged, setting.times_s.index(cell.after_s) + 1)
         place = (
             cell.rover,
             cell.soil,
@@ -54,8 +53,6 @@ def lines(setting: Setting, parts: Sequence[CellBatch]) -> list[TableLine]:
             cell.truth,
             cell.rows,
             cell.model,
-            cell.duration_s,
-            cell.after_s,
         )
         found.append(TableLine(*place, cell.score, _claim(judged, 0), _claim(judged, 1)))
     return found

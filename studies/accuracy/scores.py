@@ -38,8 +38,6 @@ from terramechanics.vehicle.rover import Rover
 
 TIMES_S = (5.0, 10.0, 20.0, 40.0)
 """[s] Times at which estimates are judged; a drive lasts until the last."""
-LONG_TIMES_S = (40.0, 100.0, 200.0, 400.0)
-"""[s] The same of long drives."""
 PARAMETERS = ("cohesion", "tan_phi")
 ROWS = {"v": (1, 0, 0, 0), "v+L": (1, 1, 0, 0), "v+L+M": (1, 1, 1, 0), "v+L+M+B": (1, 1, 1, 1)}
 """Rows that an estimator gets: velocity, load, torques, moment balances; no accelerometer."""
@@ -199,15 +197,6 @@ def judge(trace: Trace, drives: MeasuredDrives, bound: Tensor, prior_sd: Tensor)
 def pool(parts: Sequence[Judged]) -> Judged:
     """The drives of all parts."""
     return Judged(*(torch.cat(fields) for fields in zip(*parts, strict=True)))
-
-
-def until(judged: Judged, times: int) -> Judged:
-    """Return the results at the first ``times`` times; blocks and velocity are of whole drives."""
-    return judged._replace(
-        mean=judged.mean[:, :times],
-        covariance=judged.covariance[:, :times],
-        least=judged.least[:, :times],
-    )
 
 
 def score(judged: Judged) -> CellScore:

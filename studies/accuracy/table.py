@@ -113,11 +113,6 @@ Terms and models are defined in [accuracy.md](accuracy.md#how-the-drives-are-jud
 the method on a known soil, without a net; "shipped" are the model files of the package.
 
 """
-LONG = """\
-The same ground all the way. A small shift of every row to one side is negligible beside the
-interval after 40 s. But the interval shrinks with the square root of time, and the shift stays.
-
-"""
 OVER_TIME = """Median / 90th percentile of the relative error in %, the bound in brackets.
 
 """
@@ -194,7 +189,6 @@ def anchor(title: str) -> str:
 def _tables(run: AccuracyRun) -> list[tuple[str, str]]:
     """Return the long tables, each with its title."""
     hills, shipped = over_hills(run.cells, "physics"), over_hills(run.cells, "shipped")
-    long = [line for line in run.cells if line.duration_s > TIMES_S[-1]]
     others = [
         line
         for line in run.cells
@@ -204,7 +198,6 @@ def _tables(run: AccuracyRun) -> list[tuple[str, str]]:
         ("After 40 s over hills (S1), the models that ship", _final(shipped)),
         ("After 40 s over hills (S1), physics alone", _final(hills)),
         ("Error over time over hills (S1), physics alone", _over_time(hills)),
-        ("Long drives over hills (S1), physics alone", LONG + _long(long)),
         (
             "Other schedules and the paper's test band, physics alone",
             _final(others) + "\n" + _over_time(others),
@@ -303,27 +296,6 @@ def _errors(parameter: ParameterScore) -> list[str]:
     ]
 
 
-def _long(cells: list[TableLine]) -> str:
-    head = (
-        *_PLACE,
-        "after s",
-        "c median % (bound)",
-        "tan phi median % (bound)",
-        "c in 95 %",
-        "tan phi in 95 %",
-        "both in 95 % ellipse",
-    )
-    lines = []
-    for cell in cells:
-        both = (cell.score.cohesion, cell.score.tan_phi)
-        errors = [
-            f"{_percent(found.median_error[-1])} ({_percent(found.bound[-1])})" for found in both
-        ]
-        shares = [*(found.coverage_95 for found in both), cell.score.joint_coverage_95]
-        lines.append([*_place(cell), f"{cell.after_s:g}", *errors, *map(_coverage, shares)])
-    return table(head, lines)
-
-
 def _velocity(cells: list[TableLine]) -> str:
     said = (
         f"{name} {what}"
@@ -387,10 +359,9 @@ def _net(run: AccuracyRun) -> str:
     lines = []
     for cell in run.cells:
         share = shares.get((cell.rover, cell.soil, cell.spread))
-        if share is None or (cell.schedule, cell.truth, cell.duration_s, cell.rows) != (
+        if share is None or (cell.schedule, cell.truth, cell.rows) != (
             "S1",
             "prior",
-            TIMES_S[-1],
             EVERY_ROW,
         ):
             continue

@@ -19,7 +19,6 @@ from studies.accuracy.scores import (
     row_mask,
     score,
     share_of,
-    until,
 )
 from studies.change.drives import Change, Followed
 from studies.change.scores import quantile_of, rate_limits, score_change
@@ -164,20 +163,6 @@ def test_an_estimator_that_is_honest_and_efficient_scores_so() -> None:
         assert parameter.ratio_to_bound[0] == pytest.approx(1.0, abs=0.05)
         assert parameter.narrowest == pytest.approx(1.0)
     assert found.joint_coverage_95.value == pytest.approx(0.95, abs=error)
-
-
-def test_a_shorter_look_keeps_the_first_times() -> None:
-    drives = judged([(1.0, 1.0)] * 3)
-    longer = drives._replace(
-        mean=torch.cat([drives.mean, drives.mean + 1.0], 1),
-        covariance=torch.cat([drives.covariance] * 2, 1),
-        least=torch.cat([drives.least] * 2, 1),
-    )
-    short = until(longer, 1)
-    for name in ("mean", "covariance", "least"):
-        assert torch.equal(getattr(short, name), getattr(drives, name))
-    assert short.blocks is longer.blocks
-    assert len(score(longer).cohesion.median_error) == 2
 
 
 def test_a_mask_names_the_rows_that_an_estimator_is_given() -> None:

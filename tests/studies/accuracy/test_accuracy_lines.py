@@ -7,7 +7,7 @@ import torch
 
 from studies.accuracy.cells import CellBatch, Setting
 from studies.accuracy.lines import TableLine, lines
-from studies.accuracy.scores import LONG_TIMES_S, TIMES_S, Judged
+from studies.accuracy.scores import TIMES_S, Judged
 from studies.accuracy.targets import Verdict, verdicts
 from terramechanics.simulation.sensors import Noise
 
@@ -65,25 +65,6 @@ def test_what_the_bound_allows_is_no_unfounded_claim_and_what_is_not_claimed_has
     deviation = torch.full((DRIVES,), 0.3, dtype=torch.float64)
     assert line("v", judged(deviation, 0.3, 0.0, 0.01)).tan_phi.unfounded == 0.0
     assert line("v", judged(2.0 * deviation, 0.3, 0.0, 0.01)).tan_phi.covered is None
-
-
-def test_long_drives_are_judged_after_each_time_and_no_target_is_for_them() -> None:
-    values = judged(torch.full((DRIVES,), 0.3, dtype=torch.float64), 0.3, 0.0, 0.01)
-    late = values.mean.clone()
-    late[:, -1] += 3.0 * values.covariance[:, -1].diagonal(dim1=1, dim2=2).sqrt()
-    parts = [CellBatch({("v+L", "physics"): values._replace(mean=late)}, [], [])]
-    found = lines(Setting("paper_rover", "loose_sand", times_s=LONG_TIMES_S), parts)
-    assert [(line.duration_s, line.after_s) for line in found] == [
-        (400.0, time) for time in LONG_TIMES_S
-    ]
-    assert [line.score.cohesion.coverage_95.value for line in found] == [1.0, 1.0, 1.0, 0.0]
-    assert [line.tan_phi.covered.value for line in found if line.tan_phi.covered] == [
-        1.0,
-        1.0,
-        1.0,
-        0.0,
-    ]
-    assert verdicts(found, "physics") == []
 
 
 @pytest.mark.parametrize(("ratio", "met"), [(1.1, "yes"), (2.0, "**no**")])

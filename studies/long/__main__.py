@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Judge the estimator after minutes and after an hour on one ground; called by ``make long``.
+
+Writes a JSON file and a page. Drives are computed in batches, each of which is kept: a run that
+ended early continues where it was.
+"""
+
+import argparse
+import dataclasses
+import json
+import sys
+from functools import partial
+
+import torch
+
+from docs.provenance import digest, measured
+from studies.accuracy.cells import EVERY_ROW, SHIPPED_ROWS, WRONG, CellBatch, Setting, study
+from studies.accuracy.pieces import read_part, write_part
+from studies.command import add_record_options, refuse, refuse_too_short, study_parser
+from studies.long.table import LongLine, lines, page
+from studies.records import Piece, compute, write_results
+from terrain_estimator.console.arguments import COUNT, SEED
+from terrain_estimator.console.interrupting import interruptible
+from terrain_estimator.learning.tasks import ROVERS
+
+SOIL = "loose_sand"
+MINUTES_S, HOUR_S = (40.0, 100.0, 200.0, 400.0), (400.0, 1200.0, 3600.0)
+"""[s] Times at which drives of minutes and of an hour are judged."""
+HOUR_ROWS = ("v+L", EVERY_ROW)
+BATCH = 50
+"""Drives that are computed at once; those of an hour take 9 GB."""
+
+
+@interruptible
+def main(argv: list[str] | None = None) -> int:
+    """Run the study.
+
+    Exit codes: 0 measured, whatever the figures are; 1 no time for one batch; 2 a file
+    cannot be read or written.
+    """
+    torch.set_num_threads(1)
+    args = _parser().parse_args(argv)
+    pieces = _pieces(args)
+    try:
+        missing = [piece for _, piece in pieces if read_part(piece.path) is None]
+        compute("studies.long", missing, args.jobs, args.minutes, write_part)
+        found = _lines(pieces)
+        if not found:
+            return refuse_too_short("long", "batch")
+        when = measured("long")
+        said = {"measured": when, "seed": args.seed, "cells": list(map(dataclasses.asdict, found))}
+        text = json.dumps(said, indent=1) + "\n"
+        write_results({args.out: text, args.table: page(found, when, args.seed)})
+    except OSError as error:
+        return refuse("long", error)
+    sys.stdout.write(f"{args.out} and {args.table}: {len(found)} lines\n")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = study_parser("long", __doc__)
+    for name, times, count in (("minutes-of-driving", MINUTES_S, 4), ("hours", HOUR_S, 2)):
+        words = f"batches of {BATCH} drives of {times[-1]:g} s for each rover"
+        parser.add_argument(f"--{name}", type=COUNT, default=count, help=words)
+    parser.add_argument(
+        "--seed",
+        type=SEED,
+        default=31_000_000,
+        help="of all that is drawn; not the one of any training or choice",
+    )
+    add_record_options(parser, "long_drives", "batch")
+    return parser
+
+
+def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[CellBatch]]]:
+    """Return every setting's first batch, then every setting's second, and so on."""
+    folder = args.records / f"{digest('long')}-{args.seed}"
+    counts = {MINUTES_S: args.minutes_of_driving, HOUR_S: args.hours}
+    found = []
+    for number in range(max(counts.values())):
+        for setting in _settings():
+            times = setting.times_s
+            if number < counts[times]:
+                place = (setting.rover, f"{times[-1]:g}s", f"{setting.spread:g}", number)
+                path = folder / ("-".join(map(str, place)) + ".npz")
+                work = partial(study, setting, BATCH, args.seed, number)
+                found.append((setting, Piece(work, path)))
+    return found
+
+
+def _settings() -> list[Setting]:
+    """Return what is driven: minutes with exact and with wrong constants, an hour with wrong."""
+    minutes = [
+        Setting(rover, SOIL, spread=spread, rows=SHIPPED_ROWS, times_s=MINUTES_S)
+        for rover in ROVERS
+        for spread in (0.0, WRONG)
+    ]
+    hours = [Setting(rover, SOIL, spread=WRONG, rows=HOUR_ROWS, times_s=HOUR_S) for rover in ROVERS]
+    return minutes + hours
+
+
+def _lines(pieces: list[tuple[Setting, Piece[CellBatch]]]) -> list[LongLine]:
+    """Return the lines of the batches that are done."""
+    parts: dict[Setting, list[CellBatch]] = {}
+    for setting, piece in pieces:
+        if part := read_part(piece.path):
+            parts.setdefault(setting, []).append(part)
+    return [line for setting, of_setting in parts.items() for line in lines(setting, of_setting)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
