@@ -53,16 +53,10 @@ _NO_FIGURES = re.compile(
 )
 """Modules that may change without any figure changing: they parse arguments, read and print."""
 _DATA = (".yaml", ".json")
-BEFORE_REGROUPING = "before-regrouping"
-"""Stands for the digest of pages that were measured before digests were written."""
-_MARKS = {
-    True: " **The code has changed since.**",
-    False: "",
-    None: " (The code was regrouped since; no estimate changed.)",
-}
+_MARK = " **The code has changed since.**"
 _LINE = re.compile(
     r"(?P<begin>Measured by `make (?P<command>[a-z]+)[^`]*` on [\d-]+ at commit [^.\s]+\.)"
-    r"(?: \*\*[^*]+\*\*| \([^)]+\))? <!-- code (?P<code>[\w-]+) -->"
+    r"(?: \*\*[^*]+\*\*)? <!-- code (?P<code>[\w-]+) -->"
 )
 
 
@@ -81,8 +75,8 @@ def refreshed(text: str) -> str:
 
 def _marked(line: re.Match[str]) -> str:
     code = line["code"]
-    changed = None if code == BEFORE_REGROUPING else code != digest(line["command"])
-    return f"{line['begin']}{_MARKS[changed]} <!-- code {code} -->"
+    changed = code != digest(line["command"])
+    return f"{line['begin']}{_MARK if changed else ''} <!-- code {code} -->"
 
 
 @cache

@@ -17,7 +17,7 @@ import tests.faults.page as faults
 import tests.fuzz.__main__ as fuzz
 import tests.hidden.judge.page as hidden
 from docs.pages import FOLDER, MEASURED, PAGES
-from docs.provenance import BEFORE_REGROUPING, digest, measured, refreshed
+from docs.provenance import digest, measured, refreshed
 from tests.faults import million
 
 PROSE = (
@@ -80,6 +80,3 @@ def test_a_mark_comes_with_a_change_of_the_code_and_goes_with_a_new_measurement(
     assert "**The code has changed since.** <!-- code 0123456789abcdef -->" in older
     assert refreshed(older) == older
     assert refreshed(older.replace("0123456789abcdef", digest("paper"))) == line
-    regrouped = refreshed(line.replace(digest("paper"), BEFORE_REGROUPING))
-    assert "(The code was regrouped since; no estimate changed.) <!-- code" in regrouped
-    assert refreshed(regrouped) == regrouped

@@ -147,6 +147,11 @@ WHY = """
 - **Cost.** The statistic has a constant size, 20 x 62 numbers for the scores and 7 x 20 x 20 for
   their variance, and no block is ever looked at again. As the constants' places are fixed, the
   forces are read from tables over slip and sinkage.
+- **Why no node uses it.** Minimised in that metric, it holds in all 48 cells. So does the model's
+  recursion since its long drives' bias is mended ([method.md](method.md), `without_velocity_bias`);
+  "as it ships" above is without that. With every row the lifted statistic is no more efficient.
+  It has no net, no named effects, one soil and no change of the ground yet. It stays a study,
+  for what it says about long drives: [long_drives.md](long_drives.md) is where to look first.
 """
 
 

@@ -30,7 +30,7 @@ from terramechanics.simulation.sample import TIME_STEP
 from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.rover import Rover
 
-VERSION = "11"
+VERSION = "12"
 """Version of the model's structure and training, part of the model's id."""
 
 

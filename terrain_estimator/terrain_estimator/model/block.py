@@ -270,6 +270,51 @@ def without_apparent(
     )
 
 
+KNOWN_LATER = 0.5
+"""[1] Share of the variance of a block's last velocity that the blocks after it take away.
+
+What follows tells about it as much as what came before, by symmetry in time.
+"""
+
+
+def without_velocity_bias(
+    step: GaussNewtonStep, rows: BlockRows, later: float = KNOWN_LATER, fixed: int = FIXED
+) -> GaussNewtonStep:
+    """Return the step without the bias of a last velocity that will be known better.
+
+    With u = S^-1 r the score of column a is Phi_a' u + u' G_a G' u. Its second part cancels what
+    noise in the column has in common with the residual. ``gauss_newton`` keeps one of these two u
+    as it is now. But the blocks that follow move r by -B d, where B are the columns of the
+    velocities and d, of variance D, is what they tell about the last one; the first moves with it
+    by its regression. On average the score then lacks D v' G_a G' v with v = S^-1 B, in every block
+    with the same sign.
+    """
+    size, q, constants = step.mean.shape[1], rows.target.shape[0], rows.expansion.shape[0]
+    others = min(fixed, size - 2 - constants)
+    theta = nn.functional.pad(step.mean.narrow(1, 0, 2), [0, 1], value=1.0)
+    half = row_noise(rows, theta)[0]  # [H, C, 3, Q, Q] G_a G'
+    start, last = step.precision.narrow(1, size - 2, 1), step.precision.narrow(1, size - 1, 1)
+    regression = last.narrow(2, size - 2, 1) / start.narrow(2, size - 2, 1)  # [H, 1, 1]
+    variance = 1.0 / (last.narrow(2, size - 1, 1) - regression * last.narrow(2, size - 2, 1))
+    moved = rows.linear.narrow(1, size - 1, 1) - regression * rows.linear.narrow(1, size - 2, 1)
+    weighted = torch.cholesky_solve(moved, step.noise).view(-1, 1, 1, q, 1)
+    lacking = later * variance * (weighted * (half @ weighted)).sum((-1, -2))  # [H, C, 3]
+    by_theta, by_constant = lacking.split_with_sizes([1, constants], 1)
+    score = torch.cat(
+        [
+            by_theta.squeeze(1).narrow(1, 0, 2),
+            torch.zeros_like(step.mean.narrow(1, 0, size - 2 - constants - others)),
+            (by_constant * theta.unsqueeze(1)).sum(2),
+            torch.zeros_like(step.mean.narrow(1, 0, others)),
+        ],
+        1,
+    )
+    mean = step.mean + torch.cholesky_solve(score.unsqueeze(-1), step.factor).squeeze(-1)
+    return GaussNewtonStep(
+        mean, step.precision, step.factor, step.noise, step.misfit, step.decrement
+    )
+
+
 MOST_STEPS = 8
 """Gauss-Newton steps of a block at most."""
 CONVERGED = 1e-3
@@ -311,7 +356,7 @@ def solve_block(
 
 def solution_of(prior: Posterior, last: GaussNewtonStep, rows: BlockRows) -> Solution:
     """Return the posteriors after the ``last`` step from ``prior`` over D parameters."""
-    step = without_apparent(last, rows)
+    step = without_velocity_bias(without_apparent(last, rows), rows)
     before = log_determinant(cholesky(prior.precision))
     velocity = step.precision.select(-1, -1).select(-1, -1)
     log_weight = prior.log_weight - 0.5 * (

@@ -145,8 +145,8 @@ def test_a_block_pulls_a_long_drive_by_less_than_the_bar() -> None:
 
     Paper's rover, loose sand, velocity and load: 8 drives, 3 blocks of each, 20 pairs of noise a
     block, 960 noisy blocks. Found: -0.21 / +0.21 deviations of c / tan phi, standard error 0.05.
-    Half of it is due to deviations that a sensor computes from the measured value. The bias that
-    whole drives have after 400 s is of the other sign, so it does not come from here.
+    Half of it is due to deviations that a sensor computes from the measured value. What blocks do
+    to each other through their velocities is in test_velocity_bias.py.
     """
     bias, error = long_drive_bias("paper_rover", "loose_sand", "v+L")
     assert float(error.max()) < 0.1  # else the limits say nothing
