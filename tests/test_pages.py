@@ -22,7 +22,7 @@ from tests.faults import million
 
 PROSE = (
     *(("accuracy", text) for text in (accuracy.INTRODUCTION, accuracy.METHOD, accuracy.REASONS)),
-    *(("accuracy_tables", text) for text in (accuracy.TABLES, accuracy.LONG, accuracy.OVER_TIME)),
+    *(("accuracy_tables", text) for text in (accuracy.TABLES, accuracy.OVER_TIME)),
     *(("accuracy_tables", text) for text in (accuracy.VELOCITY, accuracy.REFERENCE, accuracy.NET)),
     *(("change", text) for text in (change.INTRODUCTION, change.TERMS)),
     *(("stream_study", text) for text in (stream.INTRODUCTION, stream.FORECAST, stream.WHY)),

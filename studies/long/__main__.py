@@ -74,14 +74,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _pieces(args: argparse.Namespace) -> list[tuple[Setting, Piece[CellBatch]]]:
-    """Return every setting's first batch, then every setting's second, and so on."""
+    """Return every setting's first batch, then every setting's second, and so on; hours last."""
     folder = args.records / f"{digest('long')}-{args.seed}"
-    counts = {MINUTES_S: args.minutes_of_driving, HOUR_S: args.hours}
     found = []
-    for number in range(max(counts.values())):
-        for setting in _settings():
-            times = setting.times_s
-            if number < counts[times]:
+    for times, count in ((MINUTES_S, args.minutes_of_driving), (HOUR_S, args.hours)):
+        for number in range(count):
+            for setting in (each for each in _settings() if each.times_s == times):
                 place = (setting.rover, f"{times[-1]:g}s", f"{setting.spread:g}", number)
                 path = folder / ("-".join(map(str, place)) + ".npz")
                 work = partial(study, setting, BATCH, args.seed, number)

@@ -38,7 +38,13 @@ from terrain_estimator.learning.finding_model import check_model, prior_of, writ
 from terrain_estimator.model.model_file import ModelFileError
 from terrain_estimator.offline.bag_options import BagOptions, add_options, reading_of
 from terrain_estimator.offline.cluster import ClusterError
-from terrain_estimator.offline.discovery_runs import FEW, Runs, Workplace, workplace
+from terrain_estimator.offline.discovery_runs import (
+    FEW,
+    Runs,
+    Workplace,
+    refuse_equal,
+    workplace,
+)
 from terrain_estimator.offline.finding_content import finding_content, finding_sentence
 from terrain_estimator.offline.finding_file import FINDING, asked, provenance, write_finding
 from terrain_estimator.offline.topic_mapping import TopicError
@@ -80,6 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
         ):
             usable = _read(place, runs, nominal, reading, report)
             unseen = _read(place, held_out, nominal, reading, report, held_out=True).blocks
+            refuse_equal([*usable.blocks, *unseen])
             study = Study(nominal, usable.blocks, contributions=usable.contributions)
             finding = investigate(study, hypotheses, read_thresholds(), report.at)
             diagnosis = diagnose(study, hypotheses, finding, report.at)

@@ -3,10 +3,13 @@
 """find_missing_effect --wheel-table FILE.csv...: find the effect that a model of one wheel lacks.
 
 Writes OUT/finding.json and OUT/report.html. Exit codes: 0 for any verdict, 2 for a bad argument or
-table. c and tan phi are never reported: without drive torque they are not identified.
+table. c and tan phi are reported where the tables have a torque: without it they are not
+identified.
 """
 
 import argparse
+import dataclasses
+import itertools
 import math
 import sys
 from collections.abc import Sequence
@@ -25,10 +28,17 @@ from terrain_estimator.console.arguments import (
 )
 from terrain_estimator.console.progress import ProgressReport
 from terrain_estimator.discovery.evidence.verdict import read_thresholds
-from terrain_estimator.discovery.hypotheses.library import Hypothesis
-from terrain_estimator.discovery.single_wheel.cells import Rig, Row, cells_of, wheel_alone
+from terrain_estimator.discovery.hypotheses.library import Hypothesis, together
+from terrain_estimator.discovery.single_wheel.cells import (
+    DATUM_SD,
+    Rig,
+    Row,
+    cells_of,
+    wheel_alone,
+)
 from terrain_estimator.discovery.single_wheel.investigation import (
     investigate_wheel,
+    lacking_in_reference,
     of_one_wheel,
     shown_by_one_wheel,
 )
@@ -76,7 +86,8 @@ def main(arguments: list[str] | None = None) -> int:
             rover,
             load_soil(options.soil),
             options.constants_sd,
-            (options.sinkage_sd, options.pull_sd, options.lateral_sd),
+            (options.sinkage_sd, options.pull_sd, options.lateral_sd, options.torque_sd),
+            (DATUM_SD, options.pull_offset_sd, 0.0, options.torque_offset_sd),
         )
         asked, known = _names(options.library), _names(options.given)
         tables = [*options.wheel_table, *options.reference]
@@ -89,6 +100,13 @@ def main(arguments: list[str] | None = None) -> int:
         reference = frozenset(map(str, options.reference))
         by_trial = options.hold_out_by == "trial"
         _check_rows(rows, reference, by_trial=by_trial)
+        thresholds = read_thresholds()
+        with torch.inference_mode(), ProgressReport("find_missing_effect: reference") as report:
+            lacking = lacking_in_reference(
+                bed, rows, reference, given, names, thresholds, report.at, options.seed
+            )
+        given = together(given, lacking)
+        names = tuple(name for name in names if name not in lacking.names)
         with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
             outcome = investigate_wheel(
                 bed,
@@ -96,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
                 reference,
                 given,
                 names,
-                read_thresholds(),
+                thresholds,
                 report.at,
                 by_trial=by_trial,
                 seed=options.seed,
@@ -105,6 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
             "wheel": wheel.name,
             "soil": bed.soil.name,
             "reference": [path.name for path in options.reference],
+            "reference_lacks": list(lacking.names),
         }
         content = wheel_content(
             outcome, bed, rows, reference, given, tables, by_trial=by_trial, seed=options.seed
@@ -115,8 +134,18 @@ def main(arguments: list[str] | None = None) -> int:
     except (ConfigError, WheelTableError, OSError) as error:
         sys.stderr.write(f"find_missing_effect: {error}\n")
         return 2
+    if lacking.names:
+        sys.stdout.write(
+            f"The tables of --reference alone lack {lacking.label}, which is taken to act in all"
+            " tables.\n"
+        )
     sys.stdout.write(
-        "\n".join([wheel_sentence(outcome, bed), *(str(options.out / name) for name in FINDING)])
+        "\n".join(
+            [
+                wheel_sentence(outcome, bed, cells_of(rows, reference)),
+                *(str(options.out / name) for name in FINDING),
+            ]
+        )
         + "\n"
     )
     return 0
@@ -217,11 +246,33 @@ def _add_deviations(parser: argparse.ArgumentParser) -> None:
         default=0.35,
         help="repeatability of the lateral force [N] (default: %(default)s)",
     )
+    parser.add_argument(
+        "--torque-sd",
+        type=float,
+        default=0.02,
+        help="repeatability of the torque [N m] (default: %(default)s)",
+    )
+    for name, unit in (("pull", "N"), ("torque", "N m")):
+        parser.add_argument(
+            f"--{name}-offset-sd",
+            type=float,
+            default=0.0,
+            help=(
+                f"deviation of the zero of the {name}'s sensor [{unit}], which is then free; 0: it"
+                " is known (default: %(default)s)"
+            ),
+        )
 
 
 def _check(options: argparse.Namespace) -> None:
     """Raise ConfigError for an invalid deviation or angle."""
-    for name in ("constants_sd", "sinkage_sd", "pull_sd", "lateral_sd"):
+    for name in ("pull_offset_sd", "torque_offset_sd"):
+        if not 0.0 <= getattr(options, name) < math.inf:
+            raise ConfigError(
+                f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation is"
+                " not negative"
+            )
+    for name in ("constants_sd", "sinkage_sd", "pull_sd", "lateral_sd", "torque_sd"):
         if not 0.0 < getattr(options, name) < math.inf:
             raise ConfigError(
                 f"--{name.replace('_', '-')} {getattr(options, name):g}: a standard deviation must"
@@ -282,6 +333,20 @@ def _testable(asked: Sequence[str], known: Sequence[str], rows: Sequence[Row]) -
     )
 
 
+def _refuse_equal(rows: Sequence[Row]) -> None:
+    """Raise WheelTableError where two tables share more than half of the rows of one of them."""
+    by_table: dict[str, set[str]] = {}
+    for row in rows:
+        by_table.setdefault(row.table, set()).add(repr(dataclasses.replace(row, table="")))
+    for (first, some), (second, others) in itertools.combinations(by_table.items(), 2):
+        shared, fewest = len(some & others), min(len(some), len(others))
+        if 2 * shared > fewest:
+            raise WheelTableError(
+                f"{first} and {second} have {shared} of {fewest} rows in common: every measurement"
+                " counts once; give one of them"
+            )
+
+
 def _read(
     bed: Rig, tables: Sequence[Path], options: argparse.Namespace
 ) -> tuple[list[Row], list[str]]:
@@ -298,6 +363,7 @@ def _read(
             for row in outside
         ]
         usable += [row for row in rows if row not in outside]
+    _refuse_equal(usable)
     for reason in left_out:
         sys.stderr.write(f"find_missing_effect: {reason}\n")
     if len(cells_of(usable).slip) < FEWEST:

@@ -6,6 +6,7 @@ The bags are read here, or each on a worker that keeps its run.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
+from rover_parameters.records import ConfigError
 from terrain_estimator.bags import BagError, BagReader
 from terrain_estimator.discovery.hypotheses.contributions import Contributions, here
 from terrain_estimator.discovery.hypotheses.rows import Nominal
@@ -103,6 +105,26 @@ def _sorted_out(
             blocks.append(each)
             numbers.append(number)
     return blocks, numbers, left_out
+
+
+def refuse_equal(runs: Sequence[Blocks]) -> None:
+    """Raise ConfigError where two runs share more than half of the seconds of one of them.
+
+    A copy under another name, or a part of a run, would count its measurements twice.
+    """
+    owner: dict[int, int] = {}
+    shared: Counter[tuple[int, int]] = Counter()
+    for number, run in enumerate(runs):
+        for second in run.packed:
+            first = owner.setdefault(hash(second.numpy().tobytes()), number)
+            shared[first, number] += first != number
+    for (first, number), count in shared.items():
+        fewest = min(len(runs[first].packed), len(runs[number].packed))
+        if 2 * count > fewest:
+            raise ConfigError(
+                f"runs {runs[first].name} and {runs[number].name} have {count} of {fewest} seconds"
+                " in common: every measurement counts once; give one of them"
+            )
 
 
 def read_blocks(

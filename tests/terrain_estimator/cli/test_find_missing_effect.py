@@ -4,6 +4,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -150,6 +151,20 @@ def test_a_run_that_is_given_twice_is_refused_under_whatever_name(
     ):
         assert main(arguments) == 2
         assert f"{arguments[-1]} is given twice" in capsys.readouterr().err
+
+
+def test_a_copy_of_a_run_is_refused_under_whatever_name(
+    bags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To search, or to prove: its measurements would count twice."""
+    copy = tmp_path / "another_name"
+    shutil.copytree(bags[0], copy)
+    for arguments in ([*bags[:2], str(copy)], [*bags[:2], "--hold-out", str(copy)]):
+        assert main([*arguments, "--out", str(tmp_path / "out")]) == 2
+        complaint = capsys.readouterr().err
+        assert f"runs {Path(bags[0]).name} and another_name have" in complaint
+        assert "seconds in common: every measurement counts once" in complaint
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_model_of_two_runs_is_said_to_be_unproven(

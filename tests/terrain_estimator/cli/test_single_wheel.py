@@ -273,9 +273,9 @@ def test_rows_with_a_slip_angle_have_the_slip_along_the_wheel_and_need_a_lateral
     assert "slip angle 90 deg: above 89 deg" in left_out[0]
     assert [row.slip_angle for row in read_table(path, "rim", "carriage", 0.0)[0]] == [0.0]
     assert cells_of(rows).seen.tolist() == [
-        [True, True, False],
-        [True, True, True],
-        [True, True, True],
+        [True, True, False, False],
+        [True, True, True, False],
+        [True, True, True, False],
     ]
     assert [row.slip for row in read_table(path, "rim", "wheel")[0]] == pytest.approx(
         [0.2, 0.2, 0.2]
@@ -415,9 +415,10 @@ def test_tables_of_one_name_in_two_folders_are_two_and_what_is_given_is_not_look
     wheel = tmp_path / "wheel.yaml"
     wheel.write_text("name: testbed\nradius: 0.1\nwidth: 0.08\n", encoding="utf-8")
     tables = [tmp_path / folder / "day 1.csv" for folder in ("smooth", "grous\u00e9red")]
-    for table_path in tables:
+    for depth, table_path in enumerate(tables, 5):
         table_path.parent.mkdir()
-        lines = (f"{slip},40,1.0,{5 + 20 * slip},{10 * slip},1\n" for slip in (0.0, 0.1, 0.2, 0.4))
+        states = ((slip, depth + 20 * slip, 10 * slip) for slip in (0.0, 0.1, 0.2, 0.4))
+        lines = (f"{slip},40,1.0,{sinkage},{pull},1\n" for slip, sinkage, pull in states)
         table_path.write_text(f"{HEADER}\n" + "".join(lines), encoding="utf-8")
     seen: list[Any] = []
 

@@ -17,12 +17,14 @@ from studies import batched
 from terrain_estimator.model.block import (
     FIXED,
     LINK_VARIANCE,
+    LONGEST_CORRECTION,
     BlockRows,
     GaussNewtonStep,
     Posterior,
     Solution,
     block_rows,
     fixed_columns,
+    row_noise,
     solution_of,
     without_apparent,
     without_velocity_bias,
@@ -116,6 +118,34 @@ def test_nothing_is_moved_where_the_columns_have_no_noise() -> None:
     noise = torch.diag(rows.variance.sqrt()).unsqueeze(0)
     step = GaussNewtonStep(mean, root, root, noise, mean[:, 0], mean[0, 0])
     assert torch.equal(without_velocity_bias(step, rows).mean, mean)
+
+
+@pytest.mark.parametrize(("known", "held"), [(1e4, False), (1e-4, True)])
+def test_no_block_is_corrected_by_more_than_half_a_deviation(
+    known: float,
+    held: bool,  # noqa: FBT001 # a case
+) -> None:
+    """As where the velocities are hardly known at all."""
+    generator = torch.Generator().manual_seed(6)
+    velocity = torch.randn(N, generator=generator, dtype=torch.float64)
+    rows = chain_rows(velocity, COLUMNS + torch.rand(N, 1, generator=generator) * CHANGE)
+    mean = torch.zeros(1, SIZE + 1, dtype=torch.float64)
+    mean[0, :2] = THETA[:2]
+    precision = torch.diag(
+        torch.tensor([1.0, 20.0, 1.0, 1.0, 1.0, known, known], dtype=torch.float64)
+    )
+    theta = torch.cat([mean[:, :2], torch.ones(1, 1, dtype=torch.float64)], 1)
+    noise = torch.linalg.cholesky(row_noise(rows, theta)[1])
+    root = precision.sqrt().unsqueeze(0)
+    step = GaussNewtonStep(mean, precision.unsqueeze(0), root, noise, mean[:, 0], mean[0, 0])
+    moved = (without_velocity_bias(step, rows).mean - mean)[0]
+    free = (without_velocity_bias(step, rows, longest=1e300).mean - mean)[0]
+    assert (float(free @ precision @ free) > LONGEST_CORRECTION) == held
+    if held:
+        assert float(moved @ precision @ moved) == pytest.approx(LONGEST_CORRECTION)
+        torch.testing.assert_close(moved / moved.norm(), free / free.norm())
+    else:
+        assert torch.equal(moved, free)
 
 
 def test_the_solution_has_both_corrections() -> None:

@@ -19,7 +19,11 @@ from terramechanics.vehicle.rover import Rover
 SAME_SLIP, SAME_LOAD, SAME_ANGLE = 0.02, 1.5, math.radians(1.0)
 """[1], [1], [rad] Limits of replicates: slip difference, load ratio, slip-angle difference."""
 POINTS = 6
-ROWS = ("sinkage", "drawbar_pull", "lateral_force")
+DATUM_SD = 0.005
+"""[m] of the common offset of all sinkages."""
+ROWS = ("sinkage", "drawbar_pull", "lateral_force", "torque")
+UNITS = ("m", "N", "N", "N m")
+"""Rows of a cell, and their units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,7 @@ class Row:
     slip_angle: float = 0.0  # [rad] positive where the wheel moves to the right of its heading
     # [N] on the wheel, positive to the left; NaN straight ahead, where the model has none
     lateral_force: float = math.nan
+    torque: float = math.nan  # [N m] that drives the wheel; NaN where it was not measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +52,13 @@ class Cells:
     load: Tensor  # [B] [N]
     wheel_rate: Tensor  # [B] [rad/s]
     slip_angle: Tensor  # [B] [rad]
-    measured: Tensor  # [B, 3] sinkage [m], drawbar pull [N], lateral force [N] or not a number
+    measured: Tensor  # [B, R] in the order of ROWS, NaN where it was not measured
     replicates: tuple[int, ...]
     acts: Tensor  # [B] bool: where the effects that are looked for may act
 
     @property
     def seen(self) -> Tensor:
-        """Rows that were measured, [B, 3] bool."""
+        """Rows that were measured, [B, R] bool."""
         return ~self.measured.isnan()
 
     def part(self, index: Sequence[int]) -> "Cells":
@@ -123,9 +128,9 @@ class Rig:
     rover: Rover  # of which the wheel alone counts
     soil: Soil
     constants_sd: float  # [1] relative deviation of each soil constant
-    repeatability: tuple[
-        float, float, float
-    ]  # deviations of a cell: sinkage [m], drawbar pull [N], lateral force [N]
+    repeatability: tuple[float, ...]  # [R] deviations of a cell
+    offset_sd: tuple[float, ...] = (DATUM_SD, 0.0, 0.0, 0.0)
+    """[R] Deviation of each sensor's zero, the same in all tables; 0: the zero is known."""
 
     def usable(self, slip: float, sinkage: float) -> bool:
         """Return whether the contact model describes this state at all."""
@@ -135,7 +140,7 @@ class Rig:
     def states(
         self, cells: Cells, strength: Tensor, constants: Tensor, effects: Sequence[Effect]
     ) -> Tensor:
-        """Return rows of cells, [V, B, 3], for V soils.
+        """Return rows of cells, [V, B, R], for V soils.
 
         ``strength`` [V, 2] has c in Pa; ``constants`` are [V, 6].
         """
@@ -163,7 +168,9 @@ class Rig:
         depth = equilibrium_sinkage(wheel, slip, load)
         forces = wheel.forces(slip, depth)
         lateral = forces[..., 3] if wheel.slip_angle is not None else torch.zeros_like(depth)
-        return torch.stack([depth, forces[..., 1], lateral], -1).view(several, count, len(ROWS))
+        return torch.stack([depth, forces[..., 1], lateral, forces[..., 2]], -1).view(
+            several, count, len(ROWS)
+        )
 
 
 def wheel_alone(rover: Rover, radius: float, width: float) -> Rover:

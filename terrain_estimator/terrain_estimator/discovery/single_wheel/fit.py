@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The most probable parameters of a hypothesis about one wheel, and its evidence.
 
-Parameters in prior deviations: c, tan phi, the uncertain soil constants, the datum of the sinkage,
-sizes of effects that are known to act in all tables, sizes of those that are looked for. With J
+Parameters in prior deviations: c, tan phi, the uncertain soil constants, the zeros of sensors that
+are not known (the datum of the sinkage among them), sizes of effects that are known to act in all
+tables, sizes of those that are looked for. With J
 their Jacobian the measurements are Gaussian,
 
     y ~ N(f(x), C),   C = repeatability + excess of each row (+ s^2 F F' of each row),
@@ -35,8 +36,6 @@ STRENGTH = (
     (DEFAULT_PRIOR.tan_phi, DEFAULT_PRIOR.tan_phi_sd),
 )
 """Prior mean and deviation of c [kPa] and tan phi: a testbed has no model."""
-DATUM_SD = 0.005
-"""[m] of the common offset of all sinkages."""
 PER_SIGNAL = 3
 """Functions of one signal in a discrepancy without a name."""
 _STEP = 1e-4
@@ -56,6 +55,18 @@ class Explained:
     left: tuple[
         str, str
     ]  # row and signal on which the discrepancy without a name depends most, where there is one
+
+    def strength(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return mean and standard deviation of c [Pa] and of tan phi."""
+        deviations = np.sqrt(np.diag(self.covariance))
+        (cohesion, tan_phi) = (
+            (mean + self.values[k] * sd, deviations[k] * sd)
+            for k, (mean, sd) in enumerate(STRENGTH)
+        )
+        return (
+            (PA_PER_UNIT * float(cohesion[0]), PA_PER_UNIT * float(cohesion[1])),
+            (float(tan_phi[0]), float(tan_phi[1])),
+        )
 
     def sizes(self, first: int) -> list[tuple[str, float, float]]:
         """Return the sizes of the effects that are looked for, see :meth:`Hypothesis.sizes`.
@@ -79,7 +90,8 @@ class WheelModel:
         self._uncertain = uncertain_constants(
             nominal.unsqueeze(0), bed.constants_sd, bed.rover.wheel_width
         )[0]
-        self.own = 2 + self._uncertain.shape[0] + 1
+        self._offsets = [row for row, sd in enumerate(bed.offset_sd) if sd > 0.0]
+        self.own = 2 + self._uncertain.shape[0] + len(self._offsets)
         self.first = self.own + given.shared().sd.shape[0]
         self.low, self.high = self._limits(nominal)
 
@@ -92,11 +104,11 @@ class WheelModel:
         )
 
     def of(self, cells: Cells, values: Floats) -> Floats:
-        """Return sinkage, drawbar pull and lateral force [B, 3]."""
+        """Return the rows [B, R]."""
         return self._several(cells, values[None], values)[0]
 
     def jacobian(self, cells: Cells, values: Floats) -> tuple[Floats, Floats]:
-        """Return the rows [B, 3], and their changes with each parameter [B, 3, P]."""
+        """Return the rows [B, R], and their changes with each parameter [B, R, P]."""
         steps = np.where(values + _STEP > self.high, -_STEP, _STEP)
         moved = values + np.diag(steps)
         soil = self._several(cells, np.vstack([values[None], moved[: self.own]]), values)
@@ -111,7 +123,8 @@ class WheelModel:
         strength = (theta[:, 0] + table[:, :2] * theta[:, 1]) * torch.tensor(
             [PA_PER_UNIT, 1.0], dtype=torch.float64
         )
-        constants = self.bed.soil.constants() + table[:, 2 : self.own - 1] @ self._uncertain
+        shifts = self.own - len(self._offsets)
+        constants = self.bed.soil.constants() + table[:, 2:shifts] @ self._uncertain
         known = _effects(self._given, values[self.own : self.first])
         sought = known + _effects(self.hypothesis, values[self.first :])
         found = torch.empty(len(soils), len(cells.slip), len(ROWS), dtype=torch.float64)
@@ -121,7 +134,8 @@ class WheelModel:
                 found[:, index] = self.bed.states(
                     cells.part(index.tolist()), strength, constants, effects
                 )
-        found[..., 0] += DATUM_SD * table[:, self.own - 1 :]
+        for place, row in enumerate(self._offsets, shifts):
+            found[..., row] += self.bed.offset_sd[row] * table[:, place : place + 1]
         return found.numpy()
 
     def _limits(self, nominal: Tensor) -> tuple[Floats, Floats]:
@@ -163,11 +177,11 @@ def _effects(hypothesis: Hypothesis, values: Floats) -> list[SimulatedEffect]:
 class _Spread:
     """Differences of measurements from the model, in units of repeatability.
 
-    ``hyper`` [6] is the excess of each row, then s of each.
+    ``hyper`` [2 R] is the excess of each row, then s of each.
     """
 
     functions: Floats  # [B, F], PER_SIGNAL for each signal
-    seen: npt.NDArray[np.bool_]  # [3 B] cell by cell, the sinkage first
+    seen: npt.NDArray[np.bool_]  # [R B] cell by cell, in the order of ROWS
 
     def covariance(self, hyper: Floats) -> Floats:
         """Return the covariance of the M measurements, [M, M]."""

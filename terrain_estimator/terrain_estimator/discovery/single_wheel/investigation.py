@@ -39,11 +39,13 @@ MISFIT = 1e-3
 BY_RATE, BY_SLIP, SAME_SPEED = "rate_dependence", "slip_sinkage", 1.1
 """Ratio of carriage speeds within which slip and wheel rate vary together."""
 _RESAMPLED = 2000
+_SHOWN_BY = ROWS[:3]
+"""Rows by which an effect is one of the ground: the torque has those of the drive, too."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors on F held-out cells, [F, 3] in the order of ROWS; NaN without a measurement."""
+    """Errors on F held-out cells, [F, R] in the order of ROWS; NaN without a measurement."""
 
     before: Floats
     after: Floats | None  # None where nothing is to be added
@@ -62,13 +64,13 @@ class HeldOut:
         """Whether the errors are those of a model that is true, with the effect if one is added."""
         return bool(chi2.sf(self.distances[-1], max(self.measurements, 1)) >= MISFIT)
 
-    def rms(self, repeatability: tuple[float, float, float]) -> tuple[float, float | None]:
+    def rms(self, repeatability: tuple[float, ...]) -> tuple[float, float | None]:
         """Return the errors before and after, in deviations of repeatability."""
         after = None if self.after is None else _rms(self.after / repeatability)
         return _rms(self.before / repeatability), after
 
     def improvement_95(
-        self, repeatability: tuple[float, float, float], seed: int
+        self, repeatability: tuple[float, ...], seed: int
     ) -> tuple[float, float] | None:
         """Return the 95 % interval of before - after, cells resampled.
 
@@ -110,7 +112,7 @@ def shown_by_one_wheel() -> tuple[str, ...]:
     return tuple(
         name
         for name, each in EFFECTS.items()
-        if set(ROWS) & set(each.rows) and name != "sinkage_bias"
+        if set(_SHOWN_BY) & set(each.rows) and name != "sinkage_bias"
     )
 
 
@@ -178,6 +180,31 @@ def investigate_wheel(
     return WheelFinding(
         judgement, tuple(found), model.first, nothing, errors, proven, separate_by(confusable), left
     )
+
+
+def lacking_in_reference(
+    bed: Rig,
+    rows: Sequence[Row],
+    reference: frozenset[str],
+    given: Hypothesis,
+    names: Sequence[str],
+    thresholds: Thresholds,
+    progress: ProgressCallback,
+    seed: int = 0,
+) -> Hypothesis:
+    """Return what the tables of ``reference`` show to be missing, which then acts in all tables.
+
+    It cannot be the difference that is looked for. Only a name that is alone and proven counts:
+    settings that are too few to hold one out say nothing.
+    """
+    own = [row for row in rows if row.table in reference]
+    if len(cells_of(own).slip) < FEWEST_HELD_OUT:
+        return NOTHING
+    finding = investigate_wheel(
+        bed, own, frozenset(), given, names, thresholds, progress, seed=seed
+    )
+    named = finding.judgement.verdict is Verdict.NAMED and finding.proven
+    return finding.found[0].hypothesis if named else NOTHING
 
 
 def _searched(
@@ -300,7 +327,7 @@ def held_out(
 
 
 def _missed(model: WheelModel, left: Cells, out: Cells, values: Floats) -> tuple[Floats, float]:
-    """Return the errors [F, 3] of held-out cells, and their squared distance.
+    """Return the errors [F, R] of held-out cells, and their squared distance.
 
     The covariance is that of a true model: repeatability, and the parameters' uncertainty by
     repeatability (linearised). An excess that the fit needs is no part of it.

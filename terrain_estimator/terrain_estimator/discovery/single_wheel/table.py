@@ -11,8 +11,7 @@ from pathlib import Path
 from rover_parameters.csv_rows import csv_rows
 from rover_parameters.numerals import parse_number
 from rover_parameters.records import shortened
-from terrain_estimator.discovery.single_wheel.cells import Row
-from terrain_estimator.discovery.single_wheel.fit import DATUM_SD
+from terrain_estimator.discovery.single_wheel.cells import DATUM_SD, Row
 
 UNITS: Mapping[str, Mapping[str, float]] = {
     "slip": {"": 1.0},
@@ -22,10 +21,11 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "drawbar_pull": {"N": 1.0, "kN": 1e3},
     "slip_angle": {"deg": 1.0, "rad": 180.0 / math.pi},
     "lateral_force": {"N": 1.0, "kN": 1e3},
+    "torque": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3},
 }
-"""Columns, their units and the factors to [1], N, rad/s, m, N, degrees and N."""
-OPTIONAL = ("slip_angle", "lateral_force")
-"""Columns that may be absent: then the wheel moves straight ahead."""
+"""Columns, their units and the factors to [1], N, rad/s, m, N, degrees, N and N m."""
+OPTIONAL = ("slip_angle", "lateral_force", "torque")
+"""Columns that may be absent: then the wheel moves straight ahead, and its torque is unknown."""
 TRIAL = "trial"
 """Column that numbers the repetitions."""
 STRAIGHT_DEG = 1.0
@@ -138,6 +138,11 @@ def _check_directions(path: Path, rows: Sequence[Row]) -> None:
             f"{path}: lateral force and slip angle have opposite signs, as if the ground pushed the"
             " wheel its way; turn one of them"
         )
+    if math.fsum(row.torque for row in rows if row.slip > 0.0) < 0.0:
+        raise WheelTableError(
+            f"{path}: the torque is negative where the wheel slips forward: positive drives the"
+            " wheel; turn the sign"
+        )
     if rows and (mean := math.fsum(row.sinkage for row in rows) / len(rows)) < -DATUM_SD:
         raise WheelTableError(
             f"{path}: the mean sinkage is {mean:g} m: a wheel that sinks has a positive one; turn"
@@ -151,11 +156,12 @@ def _row(path: Path, trial: str, slip: float, values: Mapping[str, float], slip_
     There it is that of the testbed's misalignment, which the model does not have.
     """
     state = (values["normal_load"], values["wheel_rate"], values["sinkage"], values["drawbar_pull"])
+    torque = values.get("torque", math.nan)
     angle = math.radians(values.get("slip_angle", 0.0))
     if abs(angle) <= math.radians(STRAIGHT_DEG):
-        return Row(str(path), trial, slip, *state)
+        return Row(str(path), trial, slip, *state, torque=torque)
     along = 1.0 - (1.0 - slip) * math.cos(angle) if slip_speed == "carriage" else slip
-    return Row(str(path), trial, along, *state, angle, values["lateral_force"])
+    return Row(str(path), trial, along, *state, angle, values["lateral_force"], torque)
 
 
 def rim_slip(slip: float, definition: str) -> float | None:
