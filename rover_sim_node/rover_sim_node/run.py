@@ -62,7 +62,7 @@ class SimulatedRun:
         """Set up the drive. Raises ConfigError that names a wrong parameter."""
         self.rover = load_rover(config.rover)
         self.config = config
-        self._ground = _ground(config)
+        self._ground = _ground(config, self.rover.wheel_width)
         self._noise = Noise(factor=config.noise)
         drive, self._sensing = torch.Generator(), torch.Generator()
         # Sensors have a generator of their own, so that their noise does not depend on what the
@@ -158,14 +158,12 @@ def _first(measured: Measurement) -> Measurement:
     )
 
 
-def _ground(config: SimulatorConfig) -> Ground:
-    patches = [Patch.of(load_soil(config.soil).with_values(**config.soil_overrides.given()))]
+def _ground(config: SimulatorConfig, width: float) -> Ground:
+    first = load_soil(config.soil).with_values(**config.soil_overrides.given())
+    patches = [Patch.of(first.for_wheel(width))]
     if config.change.soil:
-        patches.append(
-            Patch.of(
-                load_soil(config.change.soil), config.change.position, config.change.transition
-            )
-        )
+        second = load_soil(config.change.soil).for_wheel(width)
+        patches.append(Patch.of(second, config.change.position, config.change.transition))
     return Ground(patches)
 
 

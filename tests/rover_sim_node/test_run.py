@@ -252,6 +252,7 @@ def test_another_rate_gives_other_steps() -> None:
             "parameter profile: 'moon' is unknown, give one of flat, hills, ramp, step or nothing",
         ),
         (SimulatorConfig(change=GroundChange(soil="ice")), "ice: neither one of the soils"),
+        (SimulatorConfig(soil_overrides=SoilOverrides(k_c=-1e9)), "would carry nothing"),
     ],
 )
 def test_a_wrong_name_is_refused(config: SimulatorConfig, message: str) -> None:

@@ -71,7 +71,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         reading = reading_of(options)
         rover = load_rover(options.rover or reading.config.rover or ROVER)
-        soil, base = load_soil(options.soil), options.model or reading.config.model
+        soil = load_soil(options.soil).for_wheel(rover.wheel_width)
+        base = options.model or reading.config.model
         hypotheses = singles(options.library)
         runs, held_out = _divided(options)
         results, names = ResultFolder(options.out), _results(base, options.out)

@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
         rover = wheel_alone(load_rover("mars_rover"), wheel.radius, wheel.width)
         bed = Rig(
             rover,
-            load_soil(options.soil),
+            load_soil(options.soil).for_wheel(wheel.width),
             options.constants_sd,
             (options.sinkage_sd, options.pull_sd, options.lateral_sd, options.torque_sd),
             (DATUM_SD, options.pull_offset_sd, 0.0, options.torque_offset_sd),

@@ -8,6 +8,7 @@ a busy machine: 18 minutes in one case.
 
 import argparse
 import dataclasses
+import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -74,6 +75,8 @@ def main(argv: list[str] | None = None) -> int:
             [load_rover(name) for name in args.rover],
             [load_soil(name) for name in args.soil],
         )
+        for rover, soil in itertools.product(rovers, soils):
+            soil.for_wheel(rover.wheel_width)
         names = file_names(rovers, soils)
         models, curves = ResultFolder(args.out), ResultFolder(args.curves)
         models.check(*(f"{name}{ending}" for name in names for ending in _ENDINGS))
