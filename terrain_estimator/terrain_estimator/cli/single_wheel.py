@@ -128,7 +128,7 @@ def main(arguments: list[str] | None = None) -> int:
         content = wheel_content(
             outcome, bed, rows, reference, given, tables, by_trial=by_trial, seed=options.seed
         )
-        content |= {"left_out": left_out, "asked": asked_for}
+        content |= {"left_out": left_out, "asked": asked_for, "given": list(known)}
         with results.renewing(*FINDING) as new:
             write_finding(new, content, wheel_page)
     except (ConfigError, WheelTableError, OSError) as error:

@@ -127,6 +127,7 @@ def test_the_lugs_of_a_measured_wheel_are_named_beside_its_smooth_rim(
     assert main([*tables, *files, *deviations, *zeros, "--out", str(tmp_path / "out")]) == 0
     finding = json.loads((tmp_path / "out" / "finding.json").read_text())
     assert finding["asked"]["reference_lacks"] == ["slip_sinkage"]
+    assert finding["given"] == []
     assert (finding["verdict"], finding["effects"][0]["name"]) == ("named", "grousers")
     pull = finding["gap"]["rows"]["drawbar_pull"]
     assert pull["before"] > 4.0
