@@ -11,6 +11,7 @@ import benchmarks.page as benchmarks
 import benchmarks.soak.page as soak
 import studies.accuracy.table as accuracy
 import studies.change.table as change
+import studies.long.table as long_drives
 import studies.recursion.table as recursion
 import studies.stream.table as stream
 import tests.faults.page as faults
@@ -26,6 +27,7 @@ PROSE = (
     *(("accuracy_tables", text) for text in (accuracy.VELOCITY, accuracy.REFERENCE, accuracy.NET)),
     *(("change", text) for text in (change.INTRODUCTION, change.TERMS)),
     *(("stream_study", text) for text in (stream.INTRODUCTION, stream.FORECAST, stream.WHY)),
+    *(("long_drives", text) for text in (long_drives.PAGE, long_drives.TERMS)),
     *(("recursion", text) for text in (recursion.INTRODUCTION, recursion.LEGEND, recursion.WHY)),
     *(("benchmarks", text) for text in (benchmarks.HEAD, benchmarks.AFTER)),
     *(("faults", text) for text in (faults.MATRIX, million.SECTION, soak.SECTION, fuzz.SECTION)),
@@ -59,6 +61,7 @@ WRITTEN = (
     "change",
     "faults",
     "hidden",
+    "long_drives",
     "paper",
     "planner",
     "recursion",

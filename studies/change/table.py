@@ -16,6 +16,8 @@ KNOWN_WITHIN_S = 15.0
 ALARMS_PER_HOUR = 0.2
 DISAGREEMENTS_PER_HOUR = 1.0
 COVERED_GRADUALLY = 0.9
+FEWEST_JUDGED = 100
+"""Drives of a change below which its limits exclude too little for a verdict."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,7 @@ TERMS = """## How the drives are judged
   fail only where their {confidence:g} % limits exclude it.
 - **Covered**: share of the time in which the 95 % interval covers, from the first axle's crossing
   until {settling} s after the last one's.
+- **Not judged**: a target that is met with fewer than {fewest} drives, whose limits exclude little.
 - **Drives**: all, those that still drive after 15 s, and those that still drive after 40 s. Drives
   that get stuck, or that end within 20 s of the last axle's crossing, are drawn anew.
 
@@ -79,7 +82,12 @@ def page(run: ChangeRun) -> str:
         + introduction
         + "## Targets\n\n"
         + table(("what", "target", "found", "met"), _targets(run)),
-        TERMS.format(confidence=100.0 * CONFIDENCE, after=AFTER_S, settling=SETTLING_S)
+        TERMS.format(
+            confidence=100.0 * CONFIDENCE,
+            after=AFTER_S,
+            settling=SETTLING_S,
+            fewest=FEWEST_JUDGED,
+        )
         + "## Changes\n\n"
         + _changes(run.changes),
         "## False words on constant ground and before a change\n\n" + _alarms(run),
@@ -98,8 +106,11 @@ def _name(score: ChangeScore) -> str:
     )
 
 
-def _yes(met: bool) -> str:  # noqa: FBT001 (one flag, its name is the function's)
-    return "yes" if met else "**no**"
+def _yes(met: bool, drives: int = FEWEST_JUDGED) -> str:  # noqa: FBT001 (its name is the function's)
+    """Return the verdict; what is missed with few drives is missed all the same."""
+    if not met:
+        return "**no**"
+    return "yes" if drives >= FEWEST_JUDGED else "not judged"
 
 
 def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
@@ -113,7 +124,7 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
                     f"detected, median, {where}",
                     f"{FOUND_WITHIN_S:g} s",
                     _time(median),
-                    _yes(median <= FOUND_WITHIN_S),
+                    _yes(median <= FOUND_WITHIN_S, score.drives[0]),
                 )
             )
             lines.append(
@@ -121,7 +132,7 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
                     f"known again after the last axle, {where}",
                     f"{KNOWN_WITHIN_S:g} s",
                     _time(recovered),
-                    _yes(recovered <= KNOWN_WITHIN_S),
+                    _yes(recovered <= KNOWN_WITHIN_S, score.drives[0]),
                 )
             )
         else:
@@ -131,7 +142,7 @@ def _targets(run: ChangeRun) -> list[tuple[str, str, str, str]]:
                     f"covered, {score.change.rover}, {_name(score)}",
                     f"{100.0 * COVERED_GRADUALLY:g} %",
                     f"{_percent(least)} %",
-                    _yes(least.high >= COVERED_GRADUALLY),
+                    _yes(least.high >= COVERED_GRADUALLY, score.drives[0]),
                 )
             )
     every = [
