@@ -30,7 +30,7 @@ def finding(*, described: bool, none: float = 0.436) -> dict[str, Any]:
         },
         "limits": [],
         "left_out": [],
-        "asked": {"wheel": "w", "soil": "s", "reference": []},
+        "asked": {"wheel": "w", "soil": "s", "reference": [], "reference_lacks": []},
         "runs": ["a.csv"],
         "held_out": ["each of 5 settings in turn"],
         "rows": ["sinkage"],
