@@ -106,7 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
                 bed, rows, reference, given, names, thresholds, report.at, options.seed
             )
         given = together(given, lacking)
-        names = tuple(name for name in names if name not in lacking.names)
+        names = _others(names, lacking)
         with torch.inference_mode(), ProgressReport("find_missing_effect") as report:
             outcome = investigate_wheel(
                 bed,
@@ -331,6 +331,17 @@ def _testable(asked: Sequence[str], known: Sequence[str], rows: Sequence[Row]) -
     return tuple(asked) or tuple(
         name for name in shown_by_one_wheel() if name not in known and (turned or name != SIDEWAYS)
     )
+
+
+def _others(names: Sequence[str], lacking: Hypothesis) -> tuple[str, ...]:
+    """Return the effects that the reference does not lack; ConfigError where none is left."""
+    others = tuple(name for name in names if name not in lacking.names)
+    if not others:
+        raise ConfigError(
+            f"the tables of --reference alone lack {lacking.label}, so it is not what differs, and"
+            " nothing else is looked for: name other effects in --library"
+        )
+    return others
 
 
 def _refuse_equal(rows: Sequence[Row]) -> None:

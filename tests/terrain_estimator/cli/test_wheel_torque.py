@@ -20,6 +20,14 @@ RADIUS, WIDTH = 0.1, 0.08
 SLIPS, LOADS = (0.05, 0.15, 0.3, 0.45, 0.6), (40.0, 90.0)
 NOISE = (0.2e-3, 0.2, 0.02)
 COHESION_PA, TAN_PHI = 1500.0, 0.5
+LUGS = (
+    *("--wheel-table", str(MEASURED / "hit_lugs.csv")),
+    *("--reference", str(MEASURED / "hit_smooth.csv")),
+    *("--wheel", str(MEASURED / "hit_wheel.yaml"), "--soil", str(MEASURED / "hit_soil.yaml")),
+    *("--sinkage-sd", "0.0005", "--pull-sd", "0.5", "--torque-sd", "0.1"),
+    *("--pull-offset-sd", "2", "--torque-offset-sd", "0.3"),
+)
+"""The measured wheel with lugs beside its smooth rim, with errors of reading and free zeros."""
 HEADER = "slip,normal_load_N,wheel_rate_rad_s,sinkage_mm,drawbar_pull_N,torque_Nm"
 
 
@@ -112,6 +120,15 @@ def test_a_copy_of_a_table_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "smooth.csv have 6 of 6 rows in common" in capsys.readouterr().err
 
 
+def test_what_the_reference_lacks_itself_is_not_looked_for_as_the_difference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The smooth rim lacks slip_sinkage; without another effect nothing is left to search."""
+    assert main([*LUGS, "--library", "slip_sinkage", "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "alone lack slip_sinkage, so it is not what differs" in said
+
+
 def test_the_lugs_of_a_measured_wheel_are_named_beside_its_smooth_rim(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -119,12 +136,7 @@ def test_the_lugs_of_a_measured_wheel_are_named_beside_its_smooth_rim(
 
     Reading errors are those of the traced figure; the zeros of both forces are free.
     """
-    deviations = ["--sinkage-sd", "0.0005", "--pull-sd", "0.5", "--torque-sd", "0.1"]
-    zeros = ["--pull-offset-sd", "2", "--torque-offset-sd", "0.3"]
-    files = ["--wheel", str(MEASURED / "hit_wheel.yaml"), "--soil", str(MEASURED / "hit_soil.yaml")]
-    tables = ["--wheel-table", str(MEASURED / "hit_lugs.csv")]
-    tables += ["--reference", str(MEASURED / "hit_smooth.csv")]
-    assert main([*tables, *files, *deviations, *zeros, "--out", str(tmp_path / "out")]) == 0
+    assert main([*LUGS, "--out", str(tmp_path / "out")]) == 0
     finding = json.loads((tmp_path / "out" / "finding.json").read_text())
     assert finding["asked"]["reference_lacks"] == ["slip_sinkage"]
     assert finding["given"] == []
