@@ -5,7 +5,8 @@
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,32 +37,34 @@ def run(
     Returns:
         The exit code of ``serve``, 0 after ``--help``, 2 after a ConfigError.
     """
+    with printable_output():
+        try:
+            if _asks_for_help(example):
+                print(usage(program, example, config))  # noqa: T201 - the user asked for it
+                return 0
+        except ConfigError as error:
+            return print_error(program, error, 2)
+    return run_with(program, sys.argv, serve)
+
+
+def run_with(
+    program: str, arguments: Sequence[str], serve: Callable[[threading.Event], int]
+) -> int:
+    """Do as :func:`run`, with ``arguments`` that hold for all nodes of the process."""
     stop = threading.Event()
     set_at_signals(stop)
     make_logs_printable()
+    # With rclpy's own handlers the context would end at the signal, and what waits in the queues
+    # would be lost.
+    start = partial(rclpy.init, args=[*arguments], signal_handler_options=SignalHandlerOptions.NO)
     with printable_output():
-        return _run(program, example, config, serve, stop)
-
-
-def _run(
-    program: str,
-    example: str,
-    config: type[Any],
-    serve: Callable[[threading.Event], int],
-    stop: threading.Event,
-) -> int:
-    try:
-        if _asks_for_help(example):
-            print(usage(program, example, config))  # noqa: T201 - the user asked for it
-            return 0
-        # With rclpy's own handlers the context would end at the signal, and what waits in the
-        # queues would be lost.
-        _as_config_error(lambda: rclpy.init(signal_handler_options=SignalHandlerOptions.NO))
-        return serve(stop)
-    except ConfigError as error:
-        return print_error(program, error, 2)
-    finally:
-        rclpy.try_shutdown()
+        try:
+            _as_config_error(start)
+            return serve(stop)
+        except ConfigError as error:
+            return print_error(program, error, 2)
+        finally:
+            rclpy.try_shutdown()
 
 
 def make_logs_printable() -> None:

@@ -3,7 +3,7 @@
 """Declare a node's parameters to ROS from their one definition, strictly."""
 
 import sys
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -31,6 +31,7 @@ def declare(
     *,
     changeable: bool = False,
     fixed: Container[str] = (),
+    arguments: Sequence[str] | None = None,
 ) -> Config:
     """Read all parameters of a configuration and declare them.
 
@@ -46,12 +47,14 @@ def declare(
         changeable: the parameters can be set later, but for those in ``fixed``; the node judges
             each change and reads the values by :func:`in_force`. Otherwise all are read-only.
         fixed: names.
+        arguments: of the node, if they are not those of the process.
 
     Raises:
         ConfigError: unknown name, wrong type, value out of range, or a parameter file that matches
             no node of this name.
         SystemExit: with code 0 after ``--dump-config``.
     """
+    arguments = sys.argv if arguments is None else arguments
     values = given(node)
     name = node.get_fully_qualified_name()
     # rclpy reports a wrong type, then continues by the wall clock
@@ -62,9 +65,9 @@ def declare(
         config,
         name,
         {key: value for key, value in values.items() if key not in elsewhere},
-        sys.argv,
+        arguments,
     )
-    if DUMP in sys.argv:
+    if DUMP in arguments:
         print(template(name, result))  # noqa: T201 - the user asked for it
         sys.exit()
     for key in elsewhere:

@@ -114,6 +114,8 @@ def convert(hint: Any, value: object, field: Any, where: str) -> Any:
 
     Raises ConfigError that begins with ``where``.
     """
+    if type(None) in get_args(hint):  # a value that may be left out, not one that may be null
+        return convert(get_args(hint)[0], value, field, where)
     if get_origin(hint) is tuple:
         return _convert_sequence(get_args(hint), value, field, where)
     if dataclasses.is_dataclass(hint):
@@ -178,11 +180,10 @@ def _check_range(value: float, limits: Mapping[str, Any], where: str) -> None:
     if not math.isfinite(value) or below or value > high:
         unit = limits.get("unit", "1")
         bound = "above" if limits.get("exclusive", False) else "at least"
-        upper = f" and at most {high:g}" if high < math.inf else ""
-        raise ConfigError(
-            f"{where}: {value:g} is outside its range: a finite number {bound} {low:g}{upper}"
-            f" [{unit}] is expected"
-        )
+        ends = [f"{bound} {low:g}"] if low > -math.inf else []
+        ends += [f"at most {high:g}"] if high < math.inf else []
+        wanted = " ".join(["a finite number", *filter(None, [" and ".join(ends)])])
+        raise ConfigError(f"{where}: {value:g} is outside its range: {wanted} [{unit}] is expected")
 
 
 def _shown(value: object) -> str:

@@ -3,14 +3,16 @@
 """Rovers and soils from presets and YAML files: every mistake is named."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 import yaml
 
 from rover_parameters.records import ConfigError
-from terramechanics.contact.stresses import CONSTANTS
 from terramechanics.presets import PRESETS, load_rover, load_soil, rover_names, soil_names
+from terramechanics.terrain.soil import CONSTANTS
+from terramechanics.vehicle.rover import Joint
 
 MARS = (PRESETS / "rovers" / "mars_rover.yaml").read_text(encoding="utf-8")
 LOOSE = (PRESETS / "soils" / "loose_sand.yaml").read_text(encoding="utf-8")
@@ -29,7 +31,7 @@ def written(folder: Path, text: str, **changes: object) -> Path:
 
 def test_the_presets_are_those_of_the_literature() -> None:
     assert soil_names() == ("compact_sand", "loose_sand", "regolith")
-    assert rover_names() == ("mars_rover", "paper_rover")
+    assert rover_names() == ("four_wheel_rover", "mars_rover", "paper_rover")
     loose, compact = load_soil("loose_sand"), load_soil("compact_sand")
     assert loose.constants().tolist() == [1.1, 900.0, 1523400.0, 0.025, 0.18, 0.32]
     assert compact.constants().tolist() == [0.47, 900.0, 1523400.0, 0.038, 0.43, 0.32]
@@ -61,6 +63,22 @@ def test_a_file_of_the_users_is_read_by_its_path(tmp_path: Path) -> None:
     assert load_soil(written(tmp_path, LOOSE, name="mine", n=1)).n == 1.0
     assert isinstance(load_soil(written(tmp_path, LOOSE, n=1)).n, float)
     assert load_rover(written(tmp_path, MARS, mass=200)).weight == 200 * 3.72
+
+
+def test_names_in_brackets_are_those_of_the_wheels(tmp_path: Path) -> None:
+    four = load_rover("four_wheel_rover")
+    renamed = load_rover("four_wheel_rover[fl, fr,rl,rr]")
+    assert renamed.wheel_names == ("fl", "fr", "rl", "rr")
+    assert renamed.first_difference(four) is None
+    file = written(tmp_path, MARS)
+    assert load_rover(f"{file}[a,b,c,d,e,f]").wheel_names == tuple("abcdef")
+    for wrong in ("fl,fr,rl", "", "fl,fr,,rr"):
+        with pytest.raises(ConfigError, match=r"names in the brackets, .* wheels front_left, "):
+            load_rover(f"four_wheel_rover[{wrong}]")
+    with pytest.raises(ConfigError, match="are not all different"):
+        load_rover("four_wheel_rover[a,a,b,c]")
+    odd = file.rename(tmp_path / "odd[a,b].yaml")
+    assert load_rover(odd).name == "mars_rover"
 
 
 def test_a_number_with_an_exponent_is_a_number(tmp_path: Path) -> None:
@@ -103,6 +121,33 @@ def test_a_wrong_soil_is_refused_by_name(
 
 
 WHEELS = yaml.safe_load(MARS)["wheels"]
+NO_BOGIE: dict[str, object] = {"bogie_pivot_x": None, "bogie_pivot_height": None}
+BOGIE: dict[str, object] = {"axles": [0, 1], "x": 0.35, "height": 0.3}
+
+
+def test_a_bogie_may_be_in_front(tmp_path: Path) -> None:
+    rover = load_rover(written(tmp_path, MARS, **NO_BOGIE, joints=[BOGIE]))
+    assert rover.suspension == (Joint((0, 1), 0.35, 0.3),)
+    assert rover.content()["joints"] == (BOGIE | {"axles": (0, 1)},)
+    assert "bogie_pivot_x" not in rover.content()
+    different = rover.first_difference(load_rover("mars_rover"))
+    assert different is not None
+    assert different[0] == "joints"
+
+
+def test_the_short_form_of_a_bogie_and_its_long_one_are_the_same_rover(tmp_path: Path) -> None:
+    behind = {"axles": [1, 2], "x": -0.35, "height": 0.3}
+    rover = load_rover(written(tmp_path, MARS, **NO_BOGIE, joints=[behind]))
+    mars = load_rover("mars_rover")
+    assert rover.suspension == mars.suspension
+    assert rover.first_difference(mars) is None
+    assert list(mars.content()) == list(yaml.safe_load(MARS))
+
+
+def test_four_wheels_have_no_joint() -> None:
+    rover = load_rover("four_wheel_rover")
+    assert (rover.axles, rover.suspension, rover.wheels_per_axle) == (2, (), 2)
+    assert "joints" not in rover.content()
 
 
 @pytest.mark.parametrize(
@@ -110,14 +155,46 @@ WHEELS = yaml.safe_load(MARS)["wheels"]
     [
         ({"wheel_radios": 0.1}, r"unknown key 'wheel_radios'"),
         ({"mass": -185.0}, r"mass: -185 is outside its range: a finite number above 0 \[kg\]"),
-        ({"axle_x": [0.7, 0.0]}, r"axle_x: expected a list of 3 values, got 2"),
+        ({"axle_x": [0.7, 0.0]}, r"bogie_pivot_x is the pivot .* axle_x has 2: leave it out"),
+        ({"axle_x": [0.7, 0.0], "bogie_pivot_x": None}, r"bogie_pivot_height are one joint"),
+        ({"axle_x": [0.7, 0.0], **NO_BOGIE}, r"wheel \w+: axle 2: axle_x has axles 0 to 1"),
+        ({"axle_x": [0.7], **NO_BOGIE}, r"axle_x has 1 axle and joints 0: give two axles and no"),
+        (
+            NO_BOGIE,
+            r"axle_x has 3 axles and joints 0: give two axles and no joint, or three and one",
+        ),
+        (
+            {"axle_x": [0.9, 0.7, 0.0, -0.7], **NO_BOGIE},
+            r"axle_x has 4 axles and joints 0: give two axles and no joint, or three and one",
+        ),
+        (
+            {**NO_BOGIE, "joints": [BOGIE | {"axles": axles} for axles in ([0, 1], [2, 3])]},
+            r"joints: 2 are given, at most 1 is supported",
+        ),
+        ({"joints": [BOGIE]}, r"bogie_pivot_height are one joint together: give both, or joints"),
+        (
+            {**NO_BOGIE, "joints": [BOGIE | {"axles": [0, 2]}]},
+            r"joints\[0\]: axles \[0, 2\] are not",
+        ),
+        (
+            {**NO_BOGIE, "joints": [BOGIE | {"axles": [2, 3]}]},
+            r"joints\[0\]: axles \[2, 3\] are not",
+        ),
+        ({**NO_BOGIE, "joints": [BOGIE | {"axles": [1]}]}, r"joints\[0\]: axles: .* list of 2"),
+        ({**NO_BOGIE, "joints": [BOGIE | {"x": -0.1}]}, r"joints\[0\]: x -0\.1 m must lie between"),
+        ({**NO_BOGIE, "joints": [BOGIE | {"spring": 1.0}]}, r"joints\[0\]: unknown key 'spring'"),
+        ({**NO_BOGIE, "joints": [BOGIE | {"height": -1}]}, r"joints\[0\]: height: -1 is outside"),
         ({"axle_x": [0.7, 0.0, "x"]}, r"axle_x\[2\]: expected a number, got 'x'"),
         ({"axle_x": 0.7}, r"axle_x: expected a list, got 0\.7"),
         ({"axle_x": [-0.7, 0.0, 0.7]}, r"axle_x .* must fall from front to rear"),
         (
             {"bogie_pivot_x": 0.2},
-            r"bogie_pivot_x 0\.2 must lie between the middle and the rear axle",
+            r"bogie_pivot_x 0\.2 m must lie between its axles, -0\.7 and 0 m",
         ),
+        ({"centre_of_mass_x": 0.9}, r"centre_of_mass_x 0\.9 m: .* between .* -0\.35 and 0\.7 m"),
+        ({"centre_of_mass_x": math.nan}, r"centre_of_mass_x: nan .*: a finite number \[m\]"),
+        ({"axle_x": [0.7, 0.0, -1e-9]}, r"axles 1 and 2 are at 0 and -1e-09 m: they must be 0\.01"),
+        ({"axle_x": [700.0, 0.0, -0.7]}, r"axles 0 and 1 are at 700 and 0 m: .* within 100 m"),
         ({"cruise_speed": [0.3, 0.1]}, r"cruise_speed .* must not fall"),
         ({"wheels": []}, r"wheels: expected a list of at least 1 values"),
         ({"wheels": [*WHEELS[:5], WHEELS[0]]}, r"wheels: the names .* are not all different"),
@@ -125,7 +202,10 @@ WHEELS = yaml.safe_load(MARS)["wheels"]
             {"wheels": WHEELS[:5]},
             r"wheels: every one of the 3 axles needs the same number of wheels, got \[2, 2, 1\]",
         ),
-        ({"wheels": [*WHEELS[:5], {"name": "x", "axle": 3}]}, r"wheels: every one of the 3 axles"),
+        (
+            {"wheels": [*WHEELS[:5], {"name": "x", "axle": 3}]},
+            r"wheel x: axle 3: axle_x has axles 0 to 2",
+        ),
         (
             {"wheels": [*WHEELS[:5], {"name": "x", "axle": 2, "sight": "left"}]},
             r"wheels\[5\]: unknown key 'sight'",

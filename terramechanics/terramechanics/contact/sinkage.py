@@ -9,9 +9,11 @@ from functools import cache
 import torch
 from torch import Tensor
 
+from terramechanics.contact.scm import Rut
 from terramechanics.contact.stresses import MAX_SLIP, MIN_SLIP, quadrature
 from terramechanics.numerics.roots import bracketed_root
 from terramechanics.simulation.plant import ContactInputs, Plant, Situation
+from terramechanics.terrain.soil import WONG_REECE
 from terramechanics.vehicle.rover import Rover
 
 SHALLOWEST = 1e-7
@@ -41,6 +43,8 @@ class WheelGround:
     slip_angle: Tensor | None = (
         None  # [...] [rad] see Contact; None: the wheels move along their heading
     )
+    law: str = WONG_REECE  # contact law by name
+    rut: Rut | None = None  # [...] of the wheels before; None: fresh ground
 
     @classmethod
     def of(
@@ -51,11 +55,18 @@ class WheelGround:
         points: int,
         plant: Plant | None = None,
         where: Situation | None = None,
+        law: str = WONG_REECE,
+        rut: Rut | None = None,
     ) -> "WheelGround":
-        """Make the wheels of ``rover``; ``points`` is the number of quadrature nodes a side."""
+        """Make the wheels of ``rover``; ``points`` is the number of quadrature nodes a side.
+
+        The law scm divides its contact into more pieces, with half as many in each.
+        """
+        nodes = _nodes(points if law == WONG_REECE else (points + 1) // 2)
         return cls(
-            rover.wheel_radius, rover.wheel_width, constants, strength, _nodes(points), plant, where
-        )
+            rover.wheel_radius, rover.wheel_width, constants, strength, nodes, plant, where,
+            None, law, rut,
+        )  # fmt: skip
 
     def forces(self, slip: Tensor, sinkage: Tensor) -> Tensor:
         """Return N, T [N] and M [N m] of one wheel, shape [..., 3].
@@ -63,7 +74,7 @@ class WheelGround:
         At a slip angle the shape is [..., 4], with the lateral force [N].
         """
         contact = ContactInputs(
-            slip, sinkage, self.constants, self.strength, slip_angle=self.slip_angle
+            slip, sinkage, self.constants, self.strength, slip_angle=self.slip_angle, rut=self.rut
         )
         if self.plant is None or self.where is None:
             return self._integrated(contact)
@@ -73,13 +84,14 @@ class WheelGround:
     def _integrated(self, contact: ContactInputs) -> Tensor:
         braked = contact.slip < 0.0
         if braked.numel() < FEW or not bool(braked.any()):
-            return contact.forces(self.radius, self.width, self.nodes)
+            return contact.forces(self.radius, self.width, self.nodes, self.law)
         # Braked wheels need twice the nodes: do not let a few of them make all the others pay.
         contact = contact.expanded()
         forces = contact.slip.new_empty(*contact.slip.shape, 3 if contact.slip_angle is None else 4)
         braked = contact.slip < 0.0
         for part in (braked, ~braked):
-            forces[part] = contact.wheels(part).forces(self.radius, self.width, self.nodes)
+            chosen = contact.wheels(part)
+            forces[part] = chosen.forces(self.radius, self.width, self.nodes, self.law)
         return forces
 
     def rows(self, index: Tensor) -> "WheelGround":
@@ -95,6 +107,8 @@ class WheelGround:
             self.plant,
             where,
             angle,
+            self.law,
+            None if self.rut is None else Rut(*(part[index] for part in self.rut)),
         )
 
 

@@ -9,10 +9,21 @@ from functools import partial
 import torch
 
 from rover_parameters.records import ConfigError
-from terramechanics.effects import sensing, soil, vehicle
+from terramechanics.effects import contact, lugs, sensing, soil, vehicle
 from terramechanics.effects.law import Law
 from terramechanics.effects.simulated import SimulatedEffect
 from terramechanics.simulation.plant import Size
+
+
+@dataclass(frozen=True, slots=True)
+class Competing:
+    """Another law of the literature for the same effect, with a size of its own."""
+
+    name: str
+    unit: str
+    high: float  # largest size; the smallest is 0
+    source: str
+    law: type[Law]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +42,7 @@ class Description:
     law: type[Law]
     by_axle: bool = False  # it acts on one axle, which has to be named
     planar: bool = True  # a planar rover shows it
+    competing: tuple[Competing, ...] = ()  # which tables of one wheel weigh beside ``law``
 
     def values(self, size: Size) -> torch.Tensor:
         """Return the values [batch or 1, V] of its law at ``size``, the extra ones zero."""
@@ -140,6 +152,22 @@ EFFECTS = {
             rows=(*EVERY_ROW, "drawbar_pull"),
             source="Bekker 1969 (thrust of lugs), Micklethwait 1944",
             law=soil.Grousers,
+            competing=(
+                Competing(
+                    name="shear_at_tips",
+                    unit="1",
+                    high=0.5,
+                    source="Ding et al. 2009; Wong 2010: soil is sheared at the lugs' tips",
+                    law=lugs.ShearAtTips,
+                ),
+                Competing(
+                    name="passive_pressure",
+                    unit="Pa",
+                    high=2e4,
+                    source="Bekker 1969, Terzaghi 1943: passive earth pressure of lugs in the soil",
+                    law=lugs.PassivePressure,
+                ),
+            ),
         ),
         Description(
             name="slip_sinkage",
@@ -154,6 +182,15 @@ EFFECTS = {
             rows=(*EVERY_ROW, "drawbar_pull", "sinkage"),
             source="Ding, Gao, Deng et al. 2011: n = n0 + n1 s",
             law=soil.SlipSinkage,
+            competing=(
+                Competing(
+                    name="sinkage_factor",
+                    unit="1",
+                    high=4.0,
+                    source="Lyasko 2010: z = z0 (1 + s) / (1 - 0.5 s)",
+                    law=soil.SinkageFactor,
+                ),
+            ),
         ),
         Description(
             name="multipass",
@@ -243,6 +280,20 @@ EFFECTS = {
             rows=(*EVERY_ROW, "drawbar_pull", "sinkage"),
             source="Ishigami, Miwa, Nagatani and Yoshida 2007: theta_r = acos(1 - lambda z / r)",
             law=soil.ExitAngle,
+        ),
+        Description(
+            name="contact_law_scm",
+            sentence=(
+                "The ground follows the contact law scm: it presses along its normal, counts shear"
+                " at a fixed place, and keeps ruts and shear for the wheels behind."
+            ),
+            coefficient="share_of_scm",
+            unit="1",
+            low=0.0,
+            high=1.0,
+            rows=EVERY_ROW,
+            source="Krenn and Hirzinger 2009; Tasora et al. 2019 (SCM)",
+            law=contact.ScmContact,
         ),
         Description(
             name="lateral_bulldozing",

@@ -89,6 +89,7 @@ class Law(nn.Module):
     """One named effect on one rover."""
 
     extra: ClassVar[tuple[ExtraValue, ...]] = ()
+    keeps_ruts: ClassVar[bool] = False  # it needs the ruts of the wheels before
     order: Tensor
 
     def __init__(self, rover: Rover, axle: int | None = None) -> None:
@@ -123,6 +124,11 @@ class Law(nn.Module):
         """Change the inputs of the stress integrals at wheel rates ``rate`` [n, A] [rad/s]."""
         del values, rate
         return inputs
+
+    def stresses(self, forces: Tensor, inputs: ContactInputs, values: Tensor) -> Tensor:
+        """Change the coefficients [..., n, A, 3, 3] of the contact law, affine in the strength."""
+        del inputs, values
+        return forces
 
     def added_force(self, inputs: ContactInputs, values: Tensor) -> AddedForce | None:
         """Return the force on each wheel beside the stresses; None for none."""

@@ -39,6 +39,21 @@ class SimulatedEffect(Effect):
         """Change the inputs of the stress integrals by the law."""
         return self._law(where.rover).contact(contact, self._of(where), where.rate)
 
+    @property
+    def keeps_ruts(self) -> bool:
+        """Whether the law needs the ruts of the wheels before."""
+        return self._built is not None and self._built.keeps_ruts
+
+    def stresses(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
+        """Change the forces of the contact law by another law's, at the strength of the ground."""
+        law = self._law(where.rover)
+        if type(law).stresses is Law.stresses:
+            return forces
+        known = torch.stack([torch.zeros_like(forces), torch.zeros_like(forces), forces], -1)
+        changed = law.stresses(known, contact, self._of(where))
+        by_strength = torch.matmul(changed[..., :2], contact.strength.unsqueeze(-1)).squeeze(-1)
+        return by_strength + changed[..., 2]
+
     def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """Add the law's force to ``forces`` [..., rows, axles, 3 or 4]."""
         added = self._law(where.rover).added_force(contact, self._of(where))

@@ -108,6 +108,17 @@ class SlipSinkage(Law):
         return with_exponent(inputs, factor)
 
 
+class SinkageFactor(Law):
+    """z times ((1 + |i|) / (1 - 0.5 |i|))^size at the same pressure; 1 is Lyasko's law."""
+
+    def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
+        """Soften the soil with slip; ``values`` in [1]."""
+        del rate
+        slip = inputs.slip.abs().clamp(max=1.0)
+        deeper = (1.0 + slip) / (1.0 - 0.5 * slip)
+        return with_stiffness(inputs, deeper ** (-values * inputs.constants[..., 0]))
+
+
 class Multipass(Law):
     """k (1 + size p) below a wheel that p wheels went before: the rut is compacted.
 

@@ -13,8 +13,6 @@ from terramechanics.effects.law import AddedMass, ExtraValue, Law
 from terramechanics.simulation.plant import ContactInputs
 from terramechanics.vehicle.rover import Rover
 
-REAR = 2
-"""Axle that fails unless another is named."""
 NODES = quadrature()
 """For the torque that decides how a failed wheel slips."""
 ROUNDS = 20
@@ -59,12 +57,12 @@ class FailedWheel(Law):
     With 1 the wheels roll freely while motor and encoder turn as commanded, so that the slip that
     is reported is not the rim's. The rim's slip is the one at which the ground takes the torque
     that is left, at the same sinkage. A planar wheel stands for the pair on its axle. A locked
-    wheel is not modelled: it is dragged below MIN_SLIP.
+    wheel is not modelled: it is dragged below MIN_SLIP. Without an axle, the rear one fails.
     """
 
     def __init__(self, rover: Rover, axle: int | None = None) -> None:
         super().__init__(rover, axle)
-        self.width, self.axle = rover.wheel_width, REAR if axle is None else axle
+        self.width, self.axle = rover.wheel_width, rover.axles - 1 if axle is None else axle
 
     def contact(self, inputs: ContactInputs, values: Tensor, rate: Tensor) -> ContactInputs:
         """Replace the axle's slip by the one at which it takes the torque that is left."""

@@ -101,3 +101,43 @@ def _broyden(slope: Tensor, move: Tensor, change: Tensor) -> Tensor:
     missed = change - torch.einsum("...ij,...j->...i", slope, move)
     along = move / (move**2).sum(-1, keepdim=True).clamp(min=1e-30)
     return slope + missed.unsqueeze(-1) * along.unsqueeze(-2)
+
+
+HALVINGS = 8
+"""Times that :func:`damped_newton` halves a move before it takes the shortest."""
+
+
+def damped_newton(
+    residual: Rows,
+    jacobian: Rows,
+    start: Tensor,
+    limits: tuple[Tensor, Tensor],
+    iterations: int = 15,
+) -> tuple[Tensor, Tensor]:
+    """Solve as :func:`quasi_newton` does, slowly and from further away.
+
+    Each move is halved until it makes the residual smaller, so that a force that saturates, such as
+    friction, does not throw the unknowns to and fro.
+    """
+    answer, solved = start.clamp(*limits), torch.zeros(start.shape[0], dtype=torch.bool)
+    index, u = torch.arange(start.shape[0]), answer.clone()
+    value = residual(u, index)
+    for _ in range(iterations):
+        done = value.abs().amax(-1) < TOLERANCE
+        answer[index], solved[index[done]] = u, True
+        index, u, value = index[~done], u[~done], value[~done]
+        if index.numel() == 0:
+            break
+        move = _move(jacobian(u, index), value)
+        size, share = value.norm(dim=-1), torch.ones_like(u[:, :1])
+        moved, after = u, value
+        for _ in range(HALVINGS):
+            moved = (u + share * move).clamp(*limits)
+            after = residual(moved, index)
+            worse = ~(after.norm(dim=-1) < size)
+            if not bool(worse.any()):
+                break
+            share = torch.where(worse.unsqueeze(-1), 0.5 * share, share)
+        u, value = moved, after
+    answer[index] = u
+    return answer, solved

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Soils and rovers by name, presets/<kind>/<name>.yaml, and from files of a user."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 from rover_parameters.records import ConfigError
@@ -11,11 +13,26 @@ from terramechanics.vehicle.rover import Rover
 
 PRESETS = Path(__file__).parent
 """Folder with a folder of YAML files for each kind, soils and rovers."""
+_RENAMED = re.compile(r"(?P<rover>[^\[\]]+)\[(?P<wheels>[^\[\]]*)\]")
 
 
 def load_rover(name: str | Path) -> Rover:
-    """Load a preset by its name, or a rover from a YAML file. Raises ConfigError."""
-    return load(Rover, _path("rovers", name))
+    """Load a preset by its name, or a rover from a YAML file. Raises ConfigError.
+
+    Names in brackets replace those of its wheels, in their order: four_wheel_rover[fl,fr,rl,rr].
+    """
+    found = _RENAMED.fullmatch(str(name))
+    if not found or Path(name).is_file():
+        return load(Rover, _path("rovers", name))
+    rover = load(Rover, _path("rovers", found["rover"]))
+    given = [each.strip() for each in found["wheels"].split(",")]
+    if len(given) != len(rover.wheels) or not all(given):
+        raise ConfigError(
+            f"{name}: {len(given)} names in the brackets, but {rover.name} has the wheels"
+            f" {', '.join(rover.wheel_names)}: name each, in this order"
+        )
+    wheels = zip(rover.wheels, given, strict=True)
+    return replace(rover, wheels=tuple(replace(wheel, name=new) for wheel, new in wheels))
 
 
 def load_soil(name: str | Path) -> Soil:

@@ -16,8 +16,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from terramechanics.contact.stresses import compiled_wheel_forces
+from terramechanics.contact.laws import contact_law
+from terramechanics.contact.scm import Rut
 from terramechanics.simulation.sample import Sample
+from terramechanics.terrain.soil import WONG_REECE
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import BodyLoad
 
@@ -69,10 +71,13 @@ class ContactInputs(NamedTuple):
     exit_angle: Tensor | None = None
     # [rad] between heading and way, positive where the wheel moves to the right; None: none
     slip_angle: Tensor | None = None
+    rut: Rut | None = None  # of the wheels before; None: fresh ground
 
-    def coefficients(self, radius: float, width: float, nodes: Tensor) -> Tensor:
+    def coefficients(
+        self, radius: float, width: float, nodes: Tensor, law: str = WONG_REECE
+    ) -> Tensor:
         """Return the forces of a wheel for these inputs, affine in the strength, [..., 3, 3]."""
-        return compiled_wheel_forces()(
+        return contact_law(law)(
             self.slip,
             self.sinkage,
             self.constants,
@@ -81,14 +86,15 @@ class ContactInputs(NamedTuple):
             nodes,
             self.exit_angle,
             self.slip_angle,
+            self.rut,
         )
 
-    def forces(self, radius: float, width: float, nodes: Tensor) -> Tensor:
+    def forces(self, radius: float, width: float, nodes: Tensor, law: str = WONG_REECE) -> Tensor:
         """Return N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], by the stress integrals.
 
         At a slip angle there are four: the lateral force [N] is the last.
         """
-        coefficients = self.coefficients(radius, width, nodes)
+        coefficients = self.coefficients(radius, width, nodes, law)
         return (
             torch.matmul(coefficients[..., :2], self.strength.unsqueeze(-1)).squeeze(-1)
             + coefficients[..., 2]
@@ -98,16 +104,14 @@ class ContactInputs(NamedTuple):
         """Return the same with all leading dimensions spelled out."""
         parts = (self.slip, self.sinkage, self.constants[..., 0], self.strength[..., 0])
         slip, sinkage, *_ = torch.broadcast_tensors(*parts)  # type: ignore[no-untyped-call]
-        angles = (
-            None if angle is None else angle.expand_as(slip)
-            for angle in (self.exit_angle, self.slip_angle)
-        )
         return ContactInputs(
             slip,
             sinkage,
             self.constants.expand(*slip.shape, 6),
             self.strength.expand(*slip.shape, 2),
-            *angles,
+            None if self.exit_angle is None else self.exit_angle.expand_as(slip),
+            None if self.slip_angle is None else self.slip_angle.expand_as(slip),
+            None if self.rut is None else Rut(*(part.expand_as(slip) for part in self.rut)),
         )
 
     def wheels(self, chosen: Tensor) -> "ContactInputs":
@@ -117,15 +121,14 @@ class ContactInputs(NamedTuple):
         """
         index = (..., chosen) if chosen.dim() == 1 else chosen
         every = (..., chosen, slice(None)) if chosen.dim() == 1 else chosen
-        angles = (
-            None if angle is None else angle[index] for angle in (self.exit_angle, self.slip_angle)
-        )
         return ContactInputs(
             self.slip[index],
             self.sinkage[index],
             self.constants[every],
             self.strength[every],
-            *angles,
+            None if self.exit_angle is None else self.exit_angle[index],
+            None if self.slip_angle is None else self.slip_angle[index],
+            None if self.rut is None else Rut(*(part[index] for part in self.rut)),
         )
 
 
@@ -147,6 +150,7 @@ def with_constants(
         inputs.strength,
         inputs.exit_angle,
         inputs.slip_angle,
+        inputs.rut,
     )
 
 
@@ -163,8 +167,9 @@ def with_stiffness(inputs: ContactInputs, factor: Tensor) -> ContactInputs:
 def with_exit_angle(inputs: ContactInputs, angle: Tensor) -> ContactInputs:
     """Return the inputs with contact to ``angle`` [..., rows, axles] [rad] behind the axle."""
     return ContactInputs(
-        inputs.slip, inputs.sinkage, inputs.constants, inputs.strength, angle, inputs.slip_angle
-    )
+        inputs.slip, inputs.sinkage, inputs.constants, inputs.strength, angle, inputs.slip_angle,
+        inputs.rut,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +194,11 @@ class Payload:
 class Effect:
     """An effect that the nominal model lacks. These methods leave the nominal model as it is."""
 
+    @property
+    def keeps_ruts(self) -> bool:
+        """Whether it needs the ruts of the wheels before."""
+        return False
+
     def begin(self, rover: Rover, batch: int) -> None:
         """Begin a new simulation of ``batch`` rovers: forget what was remembered."""
 
@@ -196,6 +206,11 @@ class Effect:
         """Change the inputs of the stress integrals: slip of the rim, soil, exit angle."""
         del where
         return contact
+
+    def stresses(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
+        """Change the forces of the contact law [..., rows, axles, 3], before other forces."""
+        del where, contact
+        return forces
 
     def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """Change N, T [N] and M [N m] of one wheel, [..., rows, axles, 3], which act on its axle.
@@ -244,8 +259,16 @@ class Plant:
         """Return the inputs that all effects leave, one after the other."""
         return reduce(lambda before, effect: effect.contact(where, before), self.effects, contact)
 
+    @property
+    def keeps_ruts(self) -> bool:
+        """Whether an effect needs the ruts of the wheels before."""
+        return any(effect.keeps_ruts for effect in self.effects)
+
     def push(self, where: Situation, contact: ContactInputs, forces: Tensor) -> Tensor:
         """Return the wheel forces that all effects leave."""
+        forces = reduce(
+            lambda before, effect: effect.stresses(where, contact, before), self.effects, forces
+        )
         return reduce(
             lambda before, effect: effect.push(where, contact, before), self.effects, forces
         )

@@ -28,7 +28,7 @@ class Sample:
     velocity: Tensor  # [m/s] along body x
     acceleration: Tensor  # [m/s^2] dv/dt: v_j - v_{j-1} = dt a_j
     pitch: Tensor  # [rad] nose-up
-    bogie_angle: Tensor  # [rad] nose-up, relative to the body
+    bogie_angle: Tensor  # [rad] nose-up, relative to the body; 0 of a rover without a joint
     stuck: Tensor  # bool, from the first stuck second on
     standing: Tensor  # bool: the wheels stand, slip is not defined
     slip: Tensor  # [1] NaN where the wheels stand

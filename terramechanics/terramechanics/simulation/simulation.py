@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Longitudinal dynamics of a planar rocker-bogie rover on deformable ground.
+"""Longitudinal dynamics of a planar rover on deformable ground.
 
 Steps last 0.1 s; episodes are computed in batches.
 """
@@ -13,6 +13,8 @@ from dataclasses import fields
 import torch
 from torch import Tensor
 
+from terramechanics.contact.laws import keeps_ruts
+from terramechanics.contact.ruts import REBOUND, RutMemory, Ruts, ruts_now
 from terramechanics.contact.sinkage import DEEPEST, WheelGround, equilibrium_sinkage
 from terramechanics.contact.stresses import in_range
 from terramechanics.simulation.plant import Plant, Situation
@@ -54,12 +56,14 @@ class Simulation:
         start_velocity: Tensor,
         time_step: float = TIME_STEP,
         plant: Plant | None = None,
+        ruts: Ruts | None = None,
     ) -> None:
         """Start at x = 0 with ``start_velocity`` [batch] [m/s] and wheels that roll without slip.
 
         A step lasts ``time_step`` [s].
 
-        ``plant`` holds the effects that act besides the nominal model.
+        ``plant`` holds the effects that act besides the nominal model. ``ruts`` are those before
+        the start, where the ground keeps ruts; None: as the wheels leave it at the start.
         """
         batch = start_velocity.shape[0]
         self.rover, self.ground, self.profile, self.time_step, self.plant = (
@@ -79,21 +83,29 @@ class Simulation:
         )
         self._pose = solve_pose(rover, profile, self.position, level_pose(rover, self.position))
         self._slip = torch.full_like(self.rate, 0.1)
+        self._ruts: Ruts | None = None
+        if keeps_ruts(ground.law) or (plant is not None and plant.keeps_ruts):
+            self._ruts = ruts or RutMemory(rover.wheel_radius)
+        self._find_rut(self._pose)
         self._sinkage = self._carried(
             self._pose, self._situation(self._pose, self.rate), self._slip
         )
+        if self._ruts is not None and ruts is None:
+            for _ in range(rover.axles):
+                self._roll_in(self._slip, self._sinkage)
+                where = self._situation(self._pose, self.rate)
+                self._sinkage = self._carried(self._pose, where, self._slip)
         self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
         self._struggling = torch.zeros(batch, dtype=torch.float64)
         self._stuck = torch.zeros(batch, dtype=torch.bool)
 
     def settle(self, command: Tensor) -> None:
         """Start in the steady state of the wheel rates ``command`` [batch, axles] [rad/s]."""
-        contacts = self._contacts(
-            self._pose,
-            Command.RATE,
-            command.clamp(min=SLOWEST / self.rover.wheel_radius),
-            LONG_STEP,
-        )
+        rate = command.clamp(min=SLOWEST / self.rover.wheel_radius)
+        contacts = self._contacts(self._pose, Command.RATE, rate, LONG_STEP)
+        if self._ruts is not None:
+            self._roll_in(contacts.slip, contacts.sinkage)
+            contacts = self._contacts(self._pose, Command.RATE, rate, LONG_STEP)
         self.velocity, self._sinkage, self._slip = (
             contacts.velocity.clamp(min=0.0),
             contacts.sinkage,
@@ -106,6 +118,7 @@ class Simulation:
         """Simulate a step under ``command`` [batch, axles]: wheel rates or torques, by ``kind``."""
         self.position = self.position + self.time_step * self.velocity * torch.cos(self._pose.pitch)
         self._pose = pose = solve_pose(self.rover, self.profile, self.position, self._pose)
+        self._find_rut(pose)
         lowest = SLOWEST / self.rover.wheel_radius
         contacts = self._contacts(
             pose,
@@ -129,6 +142,7 @@ class Simulation:
         if self.plant is not None and where is not None:
             sample = dataclasses.replace(sample, torque=sample.torque + self.plant.friction(where))
             self.plant.remember(sample)
+        self._leave_rut(pose, contacts.slip, contacts.sinkage)
         self._last_sinkage, self._last_velocity = self._sinkage, self.velocity
         self.velocity, self.rate, self._slip, self._sinkage = (
             velocity,
@@ -151,7 +165,15 @@ class Simulation:
         )
 
     def _wheel(self, pose: Pose, where: Situation | None, points: int) -> WheelGround:
-        return WheelGround.of(self.rover, *self.ground.at(pose.contact), points, self.plant, where)
+        return WheelGround.of(
+            self.rover,
+            *self.ground.at(pose.contact),
+            points,
+            self.plant,
+            where,
+            self.ground.law,
+            self._rut,
+        )
 
     def _body(self, where: Situation | None) -> BodyLoad:
         return (
@@ -159,6 +181,28 @@ class Simulation:
             if self.plant is None or where is None
             else self.plant.body(where)
         )
+
+    def _find_rut(self, pose: Pose) -> None:
+        """Look up what the wheels before did to the ground at the wheels of this pose."""
+        self._rut = None if self._ruts is None else self._ruts.at(pose.contact)
+
+    def _leave_rut(self, pose: Pose, slip: Tensor, sinkage: Tensor) -> None:
+        """Remember what the wheels do to the ground."""
+        if self._ruts is not None and self._rut is not None:
+            rebound = self._rebound(pose)
+            self._ruts.remember(pose.contact, self._rut, slip, sinkage, rebound)
+
+    def _rebound(self, pose: Pose) -> Tensor:
+        """Return the rebound of the ground below the wheels [batch, axles] [1]."""
+        if keeps_ruts(self.ground.law):
+            return self.ground.at(pose.contact)[0][..., 4]
+        return torch.full_like(pose.contact, REBOUND)
+
+    def _roll_in(self, slip: Tensor, sinkage: Tensor) -> None:
+        """Let the wheels have rolled up to the start with this slip and sinkage."""
+        self._rut = ruts_now(slip, sinkage, self.rover.wheel_radius, self._rebound(self._pose))
+        self._ruts = RutMemory(self.rover.wheel_radius)
+        self._leave_rut(self._pose, slip, sinkage)
 
     def _contacts(self, pose: Pose, kind: Command, command: Tensor, duration: float) -> Contacts:
         where = self._situation(pose, command if kind is Command.RATE else self.rate)
@@ -190,9 +234,8 @@ class Simulation:
         if not bool(standing.any()):
             return contacts
         body = self._body(where)
-        share = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 0] / len(
-            self.rover.wheels
-        )
+        still, joints = torch.zeros_like(pose.pitch), len(self.rover.suspension)
+        share = balance_target(body, pose.pitch, still, joints)[..., 0] / len(self.rover.wheels)
         traction = share.unsqueeze(-1).expand_as(contacts.slip)
         torque = self.rover.wheel_radius * traction
         load = wheel_loads(self.rover, pose, traction, torque, body)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from terramechanics.terrain.soil import Soil
+from terramechanics.terrain.soil import WONG_REECE, Soil
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +25,12 @@ class Patch:
     start: float = 0.0
     transition: float = 0.0
     name: str = ""
+    law: str = WONG_REECE  # contact law of wheels
 
     @classmethod
     def of(cls, soil: Soil, start: float = 0.0, transition: float = 0.0) -> "Patch":
         """Make a patch of one soil."""
-        return cls(soil.constants(), soil.strength(), start, transition, soil.name)
+        return cls(soil.constants(), soil.strength(), start, transition, soil.name, soil.law)
 
 
 class Ground:
@@ -38,7 +39,7 @@ class Ground:
     def __init__(self, patches: Sequence[Patch]) -> None:
         """Order the patches; the first one reaches back to the start of the track.
 
-        Raises ValueError where they are out of order.
+        Raises ValueError where they are out of order or have several contact laws.
         """
         if not patches:
             raise ValueError("a ground needs at least one patch of soil")
@@ -48,7 +49,12 @@ class Ground:
                     f"the patch at {after.start:g} m must start behind the transition of the patch"
                     f" at {before.start:g} m"
                 )
-        self.patches = tuple(patches)
+        laws = {patch.law for patch in patches}
+        if len(laws) > 1:
+            raise ValueError(
+                f"soils of one ground have one contact law, not {', '.join(sorted(laws))}"
+            )
+        self.patches, self.law = tuple(patches), patches[0].law
 
     @classmethod
     def constant(cls, soil: Soil) -> "Ground":
@@ -70,7 +76,7 @@ class Ground:
         ).T
         drawn = low + (high - low) * unit
         strength = torch.stack([drawn[:, 0], torch.tan(drawn[:, 1])], dim=-1)
-        return cls([Patch(soil.constants(), strength, name=soil.name)])
+        return cls([Patch(soil.constants(), strength, name=soil.name, law=soil.law)])
 
     def at(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Return soil constants [batch, axles, 6] and strength [batch, axles, 2].

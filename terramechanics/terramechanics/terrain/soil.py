@@ -4,17 +4,26 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import torch
-from torch import Tensor
+from rover_parameters.records import ConfigError, entry, nearest, number, shortened
 
-from rover_parameters.records import ConfigError, number
-from terramechanics.contact.stresses import CONSTANTS
+if TYPE_CHECKING:
+    from torch import Tensor
+
+CONSTANTS = ("n", "k_c", "k_phi", "shear_modulus", "c1", "c2")
+"""Order of the soil constants in a tensor: [1], [Pa/m^(n-1)], [Pa/m^n], [m], [1], [1]."""
+WONG_REECE, SCM = "wong_reece", "scm"
+LAWS = (WONG_REECE, SCM)
+"""Contact laws by name, see terramechanics.contact.laws."""
 
 
 @dataclass(frozen=True, slots=True)
 class Soil:
     """One soil in SI units (Bekker's k_c and k_phi, Wong and Reece 1967).
+
+    ``law`` names the contact law of wheels on it. Under ``scm`` c1 is the share of the sinkage by
+    which the ground springs back, and c2 is 0: the largest stress is below the axle.
 
     The moduli depend on n: depths are in metres. k_c may be negative, as fits of two plates often
     give it: what presses on a wheel of width b is k_c / b + k_phi (:meth:`for_wheel`).
@@ -37,6 +46,20 @@ class Soil:
     tan_phi: float = number(
         "tangent of the internal friction angle, a typical value", "1", 0.0, 2.0
     )
+    law: str = entry("contact law of wheels: wong_reece or scm", WONG_REECE)
+
+    def __post_init__(self) -> None:
+        """Check the law. Raises ConfigError."""
+        if self.law not in LAWS:
+            raise ConfigError(
+                f"law: {shortened(self.law)} is no contact law: {nearest(self.law, LAWS)}"
+            )
+        if self.law == SCM and self.c2 != 0.0:
+            raise ConfigError(
+                f"c2: {self.c2:g} has no meaning under law scm, whose largest stress stays below"
+                " the axle: give 0.0, and as c1 the share of the sinkage by which the ground"
+                " springs back"
+            )
 
     def for_wheel(self, width: float) -> "Soil":
         """Return this soil, which carries wheels of a ``width`` [m]; raises ConfigError if not."""
@@ -49,14 +72,18 @@ class Soil:
             )
         return self
 
-    def constants(self) -> Tensor:
+    def constants(self) -> "Tensor":
         """Return the soil constants in the order of CONSTANTS, shape [6], float64."""
+        import torch  # noqa: PLC0415 (a node reads soils without torch)
+
         return torch.tensor([getattr(self, name) for name in CONSTANTS], dtype=torch.float64)
 
-    def strength(self) -> Tensor:
+    def strength(self) -> "Tensor":
         """Return cohesion [Pa] and tan(phi) [1], shape [2], float64."""
+        import torch  # noqa: PLC0415
+
         return torch.tensor([self.cohesion, self.tan_phi], dtype=torch.float64)
 
-    def with_values(self, **values: float) -> "Soil":
-        """Return a copy with some of its numbers replaced."""
+    def with_values(self, **values: float | str) -> "Soil":
+        """Return a copy with some of its values replaced. Raises ConfigError."""
         return dataclasses.replace(self, **values)  # type: ignore[arg-type]

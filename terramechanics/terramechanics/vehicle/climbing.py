@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from terramechanics.contact.sinkage import WheelGround
+from terramechanics.terrain.soil import WONG_REECE
 from terramechanics.vehicle.equilibrium import StepEquations, carried
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import level_pose
@@ -26,15 +27,21 @@ class Climb:
 
 
 def climb(
-    rover: Rover, constants: Tensor, strength: Tensor, slope: Tensor, slip: Tensor, points: int = 6
+    rover: Rover,
+    constants: Tensor,
+    strength: Tensor,
+    slope: Tensor,
+    slip: Tensor,
+    points: int = 6,
+    law: str = WONG_REECE,
 ) -> Climb:
     """Return pull and sinkage on plane slopes with all wheels at ``slip`` [batch] [1].
 
     ``slope`` [batch] [rad] is positive uphill.
 
     ``constants`` [batch, 6] in the order of CONSTANTS, ``strength`` [batch, 2]: c [Pa], tan(phi)
-    [1]. Loads follow from the balances of suspension.py; the forces come from the stress integrals
-    with ``points`` nodes a side.
+    [1]. Loads follow from the balances of suspension.py; the forces come from the integrals of the
+    contact ``law`` with ``points`` nodes a side, every wheel on fresh ground.
     """
     pose = replace(level_pose(rover, torch.zeros_like(slope)), pitch=slope)
     axles = (*slope.shape, rover.axles)
@@ -43,6 +50,7 @@ def climb(
         constants.unsqueeze(-2).expand(*axles, 6),
         strength.unsqueeze(-2).expand(*axles, 2),
         points,
+        law=law,
     )
     step = StepEquations.of(rover, pose, wheel, wheel, torch.zeros_like(slope), duration=1.0)
     every = slip.unsqueeze(-1).expand(axles)

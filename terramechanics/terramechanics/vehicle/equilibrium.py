@@ -63,7 +63,7 @@ class StepEquations:
     wheel: WheelGround
     coarse: WheelGround  # the same with few quadrature points: good enough for a Jacobian
     body: BodyLoad
-    matrix: Tensor  # [batch, 4, axles, 3] balance_matrix
+    matrix: Tensor  # [batch, B, axles, 3] balance_matrix, B = 3 + joints balances
     velocity: Tensor  # [batch] at the start of the step [m/s]
     duration: float  # [s]
 
@@ -103,21 +103,26 @@ class StepEquations:
         )
 
     def imbalance(self, forces: Tensor, velocity: Tensor) -> Tensor:
-        """Return the imbalances [batch, 4] in units of the weight and of weight times wheelbase."""
-        target = balance_target(
-            self.body, self.pose.pitch, (velocity - self.velocity) / self.duration
-        )
+        """Return the imbalances [batch, B] in units of the weight and of weight times wheelbase."""
+        acceleration = (velocity - self.velocity) / self.duration
+        target = balance_target(self.body, self.pose.pitch, acceleration, self.joints)
         balance = torch.einsum("...raf,...af->...r", self.matrix, forces)
         return (balance - target) / self.scale
 
     @property
+    def joints(self) -> int:
+        """Return the number of joints."""
+        return len(self.rover.suspension)
+
+    @property
     def scale(self) -> Tensor:
-        """Return the units of the four balances."""
+        """Return the units of the balances, [B]."""
         weight, base = self.rover.weight, self.rover.axle_x[0] - self.rover.axle_x[-1]
-        return torch.tensor([weight, weight, weight * base, weight * base], dtype=torch.float64)
+        units = [weight] * 2 + [weight * base] * (1 + self.joints)
+        return torch.tensor(units, dtype=torch.float64)
 
     def sensitivities(self, slip: Tensor, sinkage: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the derivatives by log(sinkage) and slip of every axle, [batch, 4, axles] each."""
+        """Return the derivatives by log(sinkage) and slip of every axle, [batch, B, axles] each."""
         small = 1e-6
         slips = torch.stack([slip, slip, slip + small])
         sinkages = torch.stack([sinkage, sinkage * (1.0 + small), sinkage])
@@ -130,7 +135,7 @@ class StepEquations:
 
 def slip_at(rover: Rover, velocity: Tensor, rate: Tensor) -> Tensor:
     """Return slip 1 - v / (r w) at ``rate`` w [batch, axles] [rad/s], ``velocity`` v [batch]."""
-    return 1.0 - velocity.unsqueeze(-1) / (rover.wheel_radius * rate)
+    return rover.slip(velocity.unsqueeze(-1), rate)
 
 
 def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Tensor) -> Contacts:
@@ -156,9 +161,8 @@ def solve_rates(step: StepEquations, rate: Tensor, sinkage: Tensor, velocity: Te
         inertia = part.body.mass / step.duration / step.scale[0] * unit[index]
         moving = torch.where(slip == _clamped(slip), -unit[index].unsqueeze(-1) / speed[index], 0.0)
         by_velocity = (by_slip * moving.unsqueeze(-2)).sum(-1)
-        by_velocity = by_velocity - inertia.unsqueeze(-1) * torch.tensor(
-            [1.0, 0.0, 0.0, 0.0], dtype=torch.float64
-        )
+        along = torch.eye(1, by_velocity.shape[-1], dtype=torch.float64)
+        by_velocity = by_velocity - inertia.unsqueeze(-1) * along
         return torch.cat([by_depth, by_velocity.unsqueeze(-1)], dim=-1)
 
     def search(index: Tensor) -> Tensor:
@@ -220,7 +224,8 @@ def solve_torques(step: StepEquations, torque: Tensor, sinkage: Tensor, slip: Te
     depth, slips = unknown[:, :axles].exp(), unknown[:, axles:]
     forces = step.wheel.forces(slips, depth)
     along = torch.einsum("...af,...af->...", step.matrix[:, 0], forces)
-    at_rest = balance_target(step.body, step.pose.pitch, torch.zeros_like(step.velocity))[..., 0]
+    still = torch.zeros_like(step.velocity)
+    at_rest = balance_target(step.body, step.pose.pitch, still, step.joints)[..., 0]
     acceleration = (along - at_rest) / step.body.mass
     obeyed = (forces[..., 2] - torque).abs() < NEARLY * unit
     return Contacts(

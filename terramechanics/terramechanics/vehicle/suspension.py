@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The terrain_estimator authors
 # SPDX-License-Identifier: Apache-2.0
-"""Planar rocker-bogie: kinematics on a terrain profile, and the balances of its two bodies.
+"""Planar suspension: kinematics on a terrain profile, and the balances of body and joints.
+
+It is that of the rover file: A axles and J = A - 2 passive joints, each of which carries some of
+the axles; the body carries the others. Heights, pitch and angles of the joints follow from A
+contacts, loads from the balances of force and moment of the rover and the moment of each joint.
 
 Frames: x forward, z up, rotations nose-up positive. The body frame has its origin on the ground
 line below the middle of the body. Wheels roll on the undisturbed profile: sinkage is small beside
@@ -32,10 +36,15 @@ class Pose:
     x: Tensor  # [batch] horizontal place of the body's origin
     height: Tensor  # [batch] of the body's origin
     pitch: Tensor  # [batch] nose-up
-    bogie_angle: Tensor  # [batch] of the bogie relative to the body, nose-up
+    joint_angle: Tensor  # [batch, joints] of each joint relative to the body, nose-up
     contact: Tensor  # [batch, axles] horizontal place at which the wheel touches the ground
     contact_angle: Tensor  # [batch, axles] slope of the ground there relative to the body
     axle: Tensor  # [batch, axles, 2] x and z of the axles in the body frame
+
+    @property
+    def bogie_angle(self) -> Tensor:
+        """Angle of the only joint, 0 of a rover without one [batch]."""
+        return self.joint_angle[..., 0] if self.joint_angle.shape[-1] else 0.0 * self.pitch
 
 
 def shifted_centre(centre: Tensor, moment: Tensor, mass: Tensor) -> Tensor:
@@ -55,7 +64,7 @@ class BodyLoad:
     x: float | Tensor  # [m] centre of mass along the body
     height: float | Tensor  # [m] of the centre of mass
     outer: Tensor | None = (
-        None  # [batch, 4] what outer forces add to the balances of :func:`balance_matrix`
+        None  # [batch, 3] what outer forces add to the first balances of :func:`balance_matrix`
     )
 
     @classmethod
@@ -84,10 +93,10 @@ class BodyLoad:
     def pulled(self, along: Tensor, up: Tensor, x: float, height: float) -> "BodyLoad":
         """Return the body with a force more, ``along`` and ``up`` [batch] [N].
 
-        It acts at ``x``, ``height`` [m]; add the payload first.
+        It acts on the body at ``x``, ``height`` [m], so on no joint; add the payload first.
         """
         moment = (x - self.x) * up - (height - self.height) * along
-        force = torch.stack([along, up, moment, torch.zeros_like(along)], dim=-1)
+        force = torch.stack([along, up, moment], dim=-1)
         return BodyLoad(
             self.gravity,
             self.mass,
@@ -114,7 +123,9 @@ class Geometry(NamedTuple):
 
     axle_x: Tensor  # [axles] [m]
     centre: Tensor  # [2] centre of mass [m], or [n, 1, 2]
-    pivot: Tensor  # [2] of the bogie [m]
+    # [axles, 2] [m] about which the axle turns: the pivot of its joint, the origin without one
+    pivot: Tensor
+    carried: Tensor  # [joints, axles] 1 where the joint carries the axle, else 0
     radius: float  # [m] of the wheels
 
 
@@ -123,28 +134,28 @@ def geometry_of(rover: Rover) -> Geometry:
     centre = torch.tensor(
         (rover.centre_of_mass_x, rover.centre_of_mass_height), dtype=torch.float64
     )
-    pivot = torch.tensor((rover.bogie_pivot_x, rover.bogie_pivot_height), dtype=torch.float64)
+    pivot = torch.zeros(rover.axles, 2, dtype=torch.float64)
+    carried = torch.zeros(len(rover.suspension), rover.axles, dtype=torch.float64)
+    for index, joint in enumerate(rover.suspension):
+        carried[index, list(joint.axles)] = 1.0
+        pivot[list(joint.axles)] = torch.tensor((joint.x, joint.height), dtype=torch.float64)
     return Geometry(
-        torch.tensor(rover.axle_x, dtype=torch.float64), centre, pivot, rover.wheel_radius
+        torch.tensor(rover.axle_x, dtype=torch.float64), centre, pivot, carried, rover.wheel_radius
     )
 
 
-def axle_places(geometry: Geometry, bogie: Tensor) -> Tensor:
+def axle_places(geometry: Geometry, angle: Tensor) -> Tensor:
     """Return x and z of the axles in the body frame, [..., axles, 2] [m].
 
-    ``bogie`` [...] [rad] is the angle of the bogie, nose-up.
+    ``angle`` [..., joints] [rad] is that of each joint, nose-up. An axle without a joint turns by
+    sine 0 and cosine 1 about the origin, so that it stands exactly where the rover file has it.
     """
-    sine, cosine = torch.sin(bogie).unsqueeze(-1), torch.cos(bogie).unsqueeze(-1)
-    arm, drop = geometry.axle_x[1:] - geometry.pivot[0], geometry.radius - geometry.pivot[1]
-    along = geometry.pivot[0] + arm * cosine - drop * sine
-    up = geometry.pivot[1] + arm * sine + drop * cosine
-    front = torch.zeros_like(sine)
+    sine = torch.sin(angle) @ geometry.carried
+    cosine = torch.cos(angle) @ geometry.carried + (1.0 - geometry.carried.sum(0))
+    pivot_x, pivot_z = geometry.pivot.unbind(-1)
+    arm, drop = geometry.axle_x - pivot_x, geometry.radius - pivot_z
     return torch.stack(
-        [
-            torch.cat([front + geometry.axle_x[0], along], -1),
-            torch.cat([front + geometry.radius, up], -1),
-        ],
-        -1,
+        [pivot_x + arm * cosine - drop * sine, pivot_z + arm * sine + drop * cosine], -1
     )
 
 
@@ -168,10 +179,10 @@ def directions(contact_angle: Tensor) -> Tensor:
 
 
 def balances(geometry: Geometry, axle: Tensor, action: Tensor) -> Tensor:
-    """Return the force and moment balances per N, T, M of a wheel: [..., 4, axles, 3].
+    """Return the force and moment balances per N, T, M of a wheel: [..., 3 + joints, axles, 3].
 
     Rows: force along body x [N], force along body z [N], moment of the whole rover about its centre
-    of mass [N m], moment of the bogie about its pivot [N m]. The bogie has no mass, so its row sums
+    of mass [N m], moment of each joint about its pivot [N m]. A joint has no mass, so its row sums
     to zero; the ground acts on an axle with N, T and, by way of the motor's mount, with the moment
     M of the shear stresses. ``axle`` from :func:`axle_places`, ``action`` from :func:`directions`.
     """
@@ -179,9 +190,9 @@ def balances(geometry: Geometry, axle: Tensor, action: Tensor) -> Tensor:
     ahead, above = (axle - geometry.centre).unsqueeze(-1).unbind(-2)
     whole = ahead * up - above * along + turn
     ahead, above = (axle - geometry.pivot).unsqueeze(-1).unbind(-2)
-    bogie = ahead * up - above * along + turn
-    carried = torch.cat([torch.zeros_like(bogie[..., :1, :]), bogie[..., 1:, :]], dim=-2)
-    return torch.stack([along, up, whole, carried], dim=-3)
+    about_pivot = (ahead * up - above * along + turn).unsqueeze(-3)
+    joints = torch.where(geometry.carried.unsqueeze(-1) > 0.0, about_pivot, 0.0)
+    return torch.cat([torch.stack([along, up, whole], dim=-3), joints], dim=-3)
 
 
 def level_pose(rover: Rover, x: Tensor) -> Pose:
@@ -190,30 +201,31 @@ def level_pose(rover: Rover, x: Tensor) -> Pose:
     It is a start for :func:`solve_pose`.
     """
     zero = torch.zeros_like(x)
+    joints = torch.zeros(*x.shape, len(rover.suspension), dtype=x.dtype)
     axle_x = torch.tensor(rover.axle_x, dtype=x.dtype)
     axle = torch.stack([axle_x, torch.full_like(axle_x, rover.wheel_radius)], dim=-1).expand(
         *x.shape, -1, -1
     )
     contact = x.unsqueeze(-1) + axle_x
-    return Pose(x, zero, zero, zero, contact, torch.zeros_like(contact), axle)
+    return Pose(x, zero, zero, joints, contact, torch.zeros_like(contact), axle)
 
 
 def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
     """Solve the pose in which all wheels touch the profile, body origin at ``x`` [batch] [m].
 
-    Newton in height, pitch, bogie angle and the places of contact, from ``start``. A wheel of
+    Newton in height, pitch, joints' angles and the places of contact, from ``start``. A wheel of
     radius r that touches the ground at s has its axle at (s - r sin a, h(s) + r cos a), a = atan
     h'(s). Raises TerrainError where the profile is curved more sharply than the wheel.
     """
     geometry = geometry_of(rover)
-    contact, height, pitch, bogie = (
+    contact, height, pitch, joints = (
         start.contact + (x - start.x).unsqueeze(-1),
         start.height,
         start.pitch,
-        start.bogie_angle,
+        start.joint_angle,
     )
     for _ in range(MAX_ITERATIONS):
-        axle = axle_places(geometry, bogie)
+        axle = axle_places(geometry, joints)
         x_axle, z_axle = _to_world(axle, x, height, pitch)
         ground, slope, curvature = profile.shape(contact)
         cosine = torch.rsqrt(1.0 + slope**2)
@@ -227,8 +239,8 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
         # by slope * miss.
         gap = z_axle - ground - rover.wheel_radius * cosine + slope * miss
         contact = contact - miss / stretch
-        height, pitch, bogie = _corrected(
-            rover, (x_axle, z_axle), (x, height, pitch, bogie), slope, gap
+        height, pitch, joints = _corrected(
+            geometry, (x_axle, z_axle), (x, height, pitch, joints), slope, gap
         )
         if float(torch.maximum(gap.abs().max(), miss.abs().max())) < TOLERANCE:
             break
@@ -236,8 +248,9 @@ def solve_pose(rover: Rover, profile: Profile, x: Tensor, start: Pose) -> Pose:
     # from the last slope.
     angle = torch.atan(profile.shape(contact)[1])
     return Pose(
-        x, height, pitch, bogie, contact, angle - pitch.unsqueeze(-1), axle_places(geometry, bogie)
-    )
+        x, height, pitch, joints, contact, angle - pitch.unsqueeze(-1),
+        axle_places(geometry, joints),
+    )  # fmt: skip
 
 
 def _to_world(point: Tensor, x: Tensor, height: Tensor, pitch: Tensor) -> tuple[Tensor, Tensor]:
@@ -250,33 +263,58 @@ def _to_world(point: Tensor, x: Tensor, height: Tensor, pitch: Tensor) -> tuple[
 
 
 def _corrected(
-    rover: Rover,
+    geometry: Geometry,
     axle: tuple[Tensor, Tensor],
     state: tuple[Tensor, Tensor, Tensor, Tensor],
     slope: Tensor,
     gap: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return one Newton step of height, pitch and bogie angle that closes every ``gap``.
+    """Return one Newton step of height, pitch and joints' angles that closes every ``gap``.
 
-    ``axle`` holds x and z; shapes are [batch, 3] [m].
+    ``axle`` holds x and z; shapes are [batch, axles] [m].
     """
-    (x_axle, z_axle), (x, height, pitch, bogie) = axle, state
-    pivot = torch.tensor([[rover.bogie_pivot_x, rover.bogie_pivot_height]], dtype=x.dtype)
-    x_pivot, z_pivot = _to_world(pivot.expand(*x.shape, 1, 2), x, height, pitch)
-    by_pitch = (x_axle - x.unsqueeze(-1)) + slope * (z_axle - height.unsqueeze(-1))
-    by_bogie = ((x_axle - x_pivot) + slope * (z_axle - z_pivot))[..., 1:]
+    (x_axle, z_axle), (x, height, pitch, joints) = axle, state
+    x_pivot, z_pivot = _to_world(geometry.pivot.expand(*x.shape, -1, -1), x, height, pitch)
+    about_pivot = (x_axle - x_pivot) + slope * (z_axle - z_pivot)
+    moves = [(x_axle - x.unsqueeze(-1)) + slope * (z_axle - height.unsqueeze(-1))]
+    moves += [torch.where(carried > 0.0, about_pivot, 0.0) for carried in geometry.carried]
     # The body's height enters every gap alike: subtract the front wheel's row.
-    a = by_pitch[..., 1:] - by_pitch[..., :1]
-    g = gap[..., 1:] - gap[..., :1]
-    determinant = a[..., 0] * by_bogie[..., 1] - a[..., 1] * by_bogie[..., 0]
-    turn = (g[..., 1] * by_bogie[..., 0] - g[..., 0] * by_bogie[..., 1]) / determinant
-    bend = (a[..., 1] * g[..., 0] - a[..., 0] * g[..., 1]) / determinant
-    lift = -gap[..., 0] - by_pitch[..., 0] * turn
-    return height + lift, pitch + turn, bogie + bend
+    columns = [move[..., 1:] - move[..., :1] for move in moves]
+    turns = _solved(columns, gap[..., :1] - gap[..., 1:])
+    lift = -gap[..., 0]
+    for move, turn in zip(moves, turns, strict=True):
+        lift = lift - move[..., 0] * turn
+    bend = torch.stack(turns[1:], dim=-1) if turns[1:] else torch.zeros_like(joints)
+    return height + lift, pitch + turns[0], joints + bend
+
+
+def _solved(columns: list[Tensor], right: Tensor) -> list[Tensor]:
+    """Solve the equations with these ``columns`` [..., m], m of them, by Cramer's rule.
+
+    There are one or two of them, and for so few a general solver is slower and rounds otherwise.
+    """
+    determinant = _determinant(columns)
+    return [
+        _determinant([*columns[:k], right, *columns[k + 1 :]]) / determinant
+        for k in range(len(columns))
+    ]
+
+
+def _determinant(columns: list[Tensor]) -> Tensor:
+    """Return the determinant of the matrix with these columns [..., m], by its minors."""
+    first, others = columns[0], columns[1:]
+    if not others:
+        return first[..., 0]
+    total = torch.zeros_like(first[..., 0])
+    for row in range(len(columns)):
+        kept = [k for k in range(len(columns)) if k != row]
+        term = first[..., row] * _determinant([column[..., kept] for column in others])
+        total = total - term if row % 2 else total + term
+    return total
 
 
 def balance_matrix(rover: Rover, pose: Pose, body: BodyLoad | None = None) -> Tensor:
-    """Return the balances per N, T, M of the wheels: shape [batch, 4, axles, 3].
+    """Return the balances per N, T, M of the wheels: shape [batch, 3 + joints, axles, 3].
 
     The rows are those of :func:`balances`; all wheels of an axle are counted. ``body`` is by
     default that of the rover.
@@ -300,15 +338,16 @@ def _per_axle(value: float | Tensor) -> Tensor:
     )
 
 
-def balance_target(body: BodyLoad, pitch: Tensor, acceleration: Tensor) -> Tensor:
-    """Return the sums of the balances of :func:`balance_matrix`, [batch, 4].
+def balance_target(body: BodyLoad, pitch: Tensor, acceleration: Tensor, joints: int) -> Tensor:
+    """Return the sums of the balances of :func:`balance_matrix`, [batch, 3 + joints].
 
-    They are m (dv/dt + g sin ab), m g cos ab, 0, 0, less outer forces.
+    They are m (dv/dt + g sin ab), m g cos ab, and 0 for every moment, less outer forces.
     """
     zero = torch.zeros_like(pitch)
     along = body.mass * acceleration + body.weight * torch.sin(pitch)
-    target = torch.stack([along, body.weight * torch.cos(pitch), zero, zero], dim=-1)
-    return target if body.outer is None else target - body.outer
+    target = torch.stack([along, body.weight * torch.cos(pitch), zero], dim=-1)
+    target = target if body.outer is None else target - body.outer
+    return torch.nn.functional.pad(target, [0, joints])
 
 
 def wheel_loads(
@@ -318,7 +357,7 @@ def wheel_loads(
 
     ``traction`` [N] and ``torque`` [N m] are those of one wheel.
 
-    Solves the vertical balance, the moment of the whole rover and the moment of the bogie. A
+    Solves the vertical balance, the moment of the whole rover and the moment of each joint. A
     negative load means that the rover would lift that wheel.
     """
     body = body or BodyLoad.of(rover)
@@ -326,6 +365,7 @@ def wheel_loads(
     known = (matrix[..., 1] * traction.unsqueeze(-2) + matrix[..., 2] * torque.unsqueeze(-2)).sum(
         -1
     )
-    target = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch))[..., 1:]
+    joints = pose.joint_angle.shape[-1]
+    target = balance_target(body, pose.pitch, torch.zeros_like(pose.pitch), joints)[..., 1:]
     loads: Tensor = torch.linalg.solve(matrix[..., 0], target - known)
     return loads

@@ -25,7 +25,11 @@ from terramechanics.presets import load_rover, load_soil, rover_names, soil_name
 from terramechanics.terrain.soil import Soil
 
 SLIPS = (-0.4, -0.2, -0.05, -0.003, 0.0, 0.02, 0.2, 0.5, 0.9)
-SINKAGES = {"paper_rover": (1.4e-4, 0.005, 0.03), "mars_rover": (0.003, 0.018, 0.06)}
+SINKAGES = {
+    "paper_rover": (1.4e-4, 0.005, 0.03),
+    "mars_rover": (0.003, 0.018, 0.06),
+    "four_wheel_rover": (0.0015, 0.02, 0.06),
+}
 TYPICAL = np.array([1000.0, 0.6, 1.0])  # c [Pa], tan phi, 1
 
 Stress = Callable[[float], float]

@@ -28,7 +28,7 @@ from terramechanics.contact.stresses import (
 )
 from terramechanics.effects import EFFECTS, describe, make_effect
 from terramechanics.effects.simulated import SimulatedEffect
-from terramechanics.effects.vehicle import REAR, ExtraMass
+from terramechanics.effects.vehicle import ExtraMass
 from terramechanics.presets import load_rover, load_soil
 from terramechanics.simulation.plant import ContactInputs, Situation
 from terramechanics.terrain.profile import MEAN_SLOPE, STEEPEST, random_hills
@@ -234,14 +234,13 @@ def test_a_size_is_taken_up_to_the_ends_of_its_range(name: str) -> None:
 
 
 def test_an_effect_of_one_axle_gets_it_and_the_others_do_not() -> None:
-    assert ROVER.axles - 1 == REAR
     wheels = torch.ones(1, ROVER.axles, dtype=torch.float64)
     where = Situation(ROVER, 0.0, torch.arange(1), 0.0 * wheels, wheels, 0.1 * wheels[:, 0])
     inputs = ContactInputs(0.3 * wheels, 0.015 * wheels, SOIL.constants(), SOIL.strength())
     for failed, axle in (
         (make_effect("failed_wheel", 0.5, 0), 0),
         (make_effect("failed_wheel", 0.5, 1), 1),
-        (make_effect("failed_wheel", 0.5), REAR),
+        (make_effect("failed_wheel", 0.5), ROVER.axles - 1),
     ):
         changed = failed.contact(where, inputs).slip[0] != 0.3
         assert changed.tolist() == [k == axle for k in range(ROVER.axles)]

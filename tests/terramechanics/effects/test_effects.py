@@ -42,6 +42,7 @@ SIZES = {
     "latency": 0.25,
     "rate_dependence": 0.2,
     "exit_angle": 0.2,
+    "contact_law_scm": 0.2,
 }
 
 

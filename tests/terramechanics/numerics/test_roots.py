@@ -9,7 +9,7 @@ import torch
 from scipy import optimize
 from torch import Tensor
 
-from terramechanics.numerics.roots import bracketed_root, quasi_newton
+from terramechanics.numerics.roots import bracketed_root, damped_newton, quasi_newton
 
 
 def tensor(*values: float) -> Tensor:
@@ -103,3 +103,30 @@ def test_an_unsolvable_equation_ends_after_24_moves() -> None:
     _, solved = quasi_newton(never, lambda u, _: 2.0 * u.unsqueeze(-1), tensor(0.7)[None], limits)
     assert not bool(solved)
     assert len(asked) == 1 + 24
+
+
+def test_damped_newton_finds_the_root_of_a_force_that_saturates() -> None:
+    """From where Newton's own moves grow without end; each of five episodes is another one."""
+
+    def friction(u: Tensor, index: Tensor) -> Tensor:
+        return torch.tanh(50.0 * (u - 0.1 * index.to(u.dtype).unsqueeze(-1)))
+
+    def slope(u: Tensor, index: Tensor) -> Tensor:
+        return (50.0 * (1.0 - friction(u, index) ** 2)).unsqueeze(-1)
+
+    start = torch.full((5, 1), 0.45, dtype=torch.float64)
+    start[0] = 0.05
+    limits = tensor(-1.0), tensor(1.0)
+    found, solved = damped_newton(friction, slope, start, limits)
+    assert solved[[0, 4]].tolist() == [True, True]
+    assert found[[0, 4], 0].tolist() == pytest.approx([0.0, 0.4], abs=1e-10)
+    assert start[0, 0] == 0.05  # nobody wrote into the start
+    assert bool((found[~solved].abs() <= 1.0).all())
+
+
+def test_damped_newton_solves_every_episode() -> None:
+    start = torch.full((6, 2), 0.5, dtype=torch.float64)
+    limits = tensor(0.0, 0.0), tensor(10.0, 10.0)
+    found, solved = damped_newton(residual, jacobian, start, limits)
+    assert bool(solved.all())
+    torch.testing.assert_close(found, quasi_newton(residual, jacobian, start, limits)[0])

@@ -22,6 +22,7 @@ from terramechanics.terrain.soil import Soil
 from terramechanics.vehicle.equilibrium import StepEquations, _search_rates, solve_rates
 from terramechanics.vehicle.rover import Rover
 from terramechanics.vehicle.suspension import level_pose, wheel_loads
+from tests.rovers import BOGIE_IN_FRONT, FOUR_WHEELS, KINDS
 from tests.samples import sampled
 
 MARS = load_rover("mars_rover")
@@ -29,7 +30,7 @@ LOOSE = load_soil("loose_sand")
 
 
 def drive(
-    rover: str,
+    rover: str | Rover,
     soil: str,
     schedule: str = "S1",
     seconds: float = 8.0,
@@ -38,11 +39,12 @@ def drive(
 ) -> Drive:
     generator = torch.Generator().manual_seed(seed)
     ground = Ground.random_strength(load_soil(soil), batch, generator)
-    return simulate(load_rover(rover), ground, schedule, seconds, generator, batch)
+    known = load_rover(rover) if isinstance(rover, str) else rover
+    return simulate(known, ground, schedule, seconds, generator, batch)
 
 
 def rates(rover: Rover, speed: float, batch: int = 1) -> Tensor:
-    return torch.full((batch, 3), speed / rover.wheel_radius, dtype=torch.float64)
+    return torch.full((batch, rover.axles), speed / rover.wheel_radius, dtype=torch.float64)
 
 
 def driven(simulation: Simulation, speed: float, steps: int) -> Sample:
@@ -95,20 +97,21 @@ def test_the_regression_rows_hold_exactly_without_noise(
     assert float(torque_row[good[:, 1:]].abs().max()) < 1e-7 * r.weight * r.wheel_radius
 
 
-@pytest.mark.parametrize("rover", rover_names())
-def test_the_loads_of_a_drive_are_those_of_the_statics(rover: str) -> None:
+@pytest.mark.parametrize("rover", KINDS, ids=lambda rover: rover.name)
+def test_the_loads_of_a_drive_are_those_of_the_statics(rover: Rover) -> None:
     run = drive(rover, "loose_sand", "S3", seconds=2.0)
     level, pose = run.sample, level_pose(run.rover, run.sample.position[:, -1])
     loads = wheel_loads(run.rover, pose, level.traction[:, -1], level.ground_torque[:, -1])
     torch.testing.assert_close(level.normal[:, -1], loads, rtol=1e-8, atol=1e-8 * run.rover.weight)
 
 
-def test_the_work_of_the_wheels_goes_into_motion_height_and_soil() -> None:
+@pytest.mark.parametrize("rover", [MARS, FOUR_WHEELS, BOGIE_IN_FRONT], ids=lambda each: each.name)
+def test_the_work_of_the_wheels_goes_into_motion_height_and_soil(rover: Rover) -> None:
     """Check motor work = change of kinetic energy + rise in gravity + loss to the soil.
 
     The soil never returns energy.
     """
-    run = drive("mars_rover", "loose_sand", seconds=20.0, batch=30)
+    run = drive(rover, "loose_sand", seconds=20.0, batch=30)
     truth, r = run.sample, run.rover
     good = run.measurable()
     assert float(good.double().mean()) > 0.9
@@ -129,19 +132,20 @@ def test_the_work_of_the_wheels_goes_into_motion_height_and_soil() -> None:
     assert float(by_soil.min()) > 0.0
 
 
-def test_a_steady_drive_is_that_of_an_independent_solver() -> None:
-    """Compare with seven equations in N, z and v, in scipy, with small explicit steps.
+@pytest.mark.parametrize("rover", [MARS, FOUR_WHEELS, BOGIE_IN_FRONT], ids=lambda each: each.name)
+def test_a_steady_drive_is_that_of_an_independent_solver(rover: Rover) -> None:
+    """Compare with the equations in N, z and v, in scipy, with small explicit steps.
 
     The ground is level, the wheel rates are equal.
     """
     speed = 0.2
     ground = Ground.constant(LOOSE)
     simulation = Simulation(
-        MARS, ground, Flat(), torch.tensor([0.05], dtype=torch.float64), time_step=0.002
+        rover, ground, Flat(), torch.tensor([0.05], dtype=torch.float64), time_step=0.002
     )
     sample = driven(simulation, speed, 200)
-    wheel = WheelGround.of(MARS, LOOSE.constants(), LOOSE.strength(), 24)
-    arm = MARS.centre_of_mass_height
+    wheel = WheelGround.of(rover, LOOSE.constants(), LOOSE.strength(), 24)
+    arm = rover.centre_of_mass_height
 
     def forces(z: float, v: float) -> np.ndarray:
         slip = 1.0 - v / speed
@@ -150,7 +154,7 @@ def test_a_steady_drive_is_that_of_an_independent_solver() -> None:
         ).numpy()
 
     def statics(z: np.ndarray, v: float) -> list[float]:
-        """Balance vertical forces and moments of the rover and of the bogie.
+        """Balance vertical forces and moments of the rover and of its bogie, if it has one.
 
         The rover turns about the ground below its centre of mass, with inertia m a h; the bogie
         about its pivot.
@@ -161,22 +165,32 @@ def test_a_steady_drive_is_that_of_an_independent_solver() -> None:
         # the lever arm r.
         whole = (
             2.0
-            * (np.array(MARS.axle_x) @ f[:, 0] - MARS.wheel_radius * f[:, 1].sum() + f[:, 2].sum())
+            * (
+                (np.array(rover.axle_x) - rover.centre_of_mass_x) @ f[:, 0]
+                - rover.wheel_radius * f[:, 1].sum()
+                + f[:, 2].sum()
+            )
             + push * arm
         )
-        bogie = 2.0 * sum(
-            (MARS.axle_x[k] - MARS.bogie_pivot_x) * f[k, 0]
-            + (MARS.bogie_pivot_height - MARS.wheel_radius) * f[k, 1]
-            + f[k, 2]
-            for k in (1, 2)
-        )
-        return [2.0 * f[:, 0].sum() - MARS.weight, whole, bogie]
+        bogies = [
+            2.0
+            * sum(
+                (rover.axle_x[k] - joint.x) * f[k, 0]
+                + (joint.height - rover.wheel_radius) * f[k, 1]
+                + f[k, 2]
+                for k in joint.axles
+            )
+            for joint in rover.suspension
+        ]
+        return [2.0 * f[:, 0].sum() - rover.weight, whole, *bogies]
 
-    velocity, z = 0.05, np.full(3, 0.018)
+    velocity, z = 0.05, np.full(rover.axles, 0.018)
     for _ in range(800):
-        z = optimize.fsolve(statics, z, args=(velocity,), xtol=1e-10)
+        root = optimize.root(statics, z, args=(velocity,), tol=1e-10)
+        assert np.abs(root.fun).max() < 1e-9 * rover.weight
+        z = root.x
         push = 2.0 * sum(forces(depth, velocity)[1] for depth in z)
-        velocity += 0.0005 * push / MARS.mass
+        velocity += 0.0005 * push / rover.mass
     assert float(sample.velocity) == pytest.approx(velocity, rel=3e-3)
     assert sample.sinkage[0].tolist() == pytest.approx(z.tolist(), rel=1e-3)
 

@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""Dynamics of rovers with any number of wheels on a plane slope: driving, turning, crabbing.
+
+The planar rover of simulation.py is the special case of equal wheels left and right that drive
+straight ahead. As there, motion normal to the ground is quasi-static, steps are implicit, and each
+step first moves the rover by its velocity and then solves the contacts at its new place. Rim speeds
+and steering angles are commanded. Neither ruts nor effects act here yet.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact.stresses import quadrature
+from terramechanics.simulation.sample import SLOWEST, TIME_STEP
+from terramechanics.vehicle.body_step import BodyContacts, BodyStep, solve_body
+from terramechanics.vehicle.chassis import Chassis
+
+POINTS, COARSE_POINTS = 12, 3
+"""Quadrature points of the forces and of the Jacobian, as in simulation.py."""
+LONG_STEP = 1e3
+"""[s] Step in which a drive reaches its steady state."""
+
+_nodes = cache(quadrature)
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A plane that rises by these slopes [1] along the world's x and y, [batch] or numbers."""
+
+    slope_x: float | Tensor = 0.0
+    slope_y: float | Tensor = 0.0
+
+    def gravity(self, heading: Tensor, gravity: float) -> Tensor:
+        """Return gravity [m/s^2] in the frame of a body with ``heading`` [batch] [rad], [batch, 3].
+
+        Heading turns from the plane's steepest line above the world's x to the left, about the
+        plane's normal. ``gravity`` [m/s^2] is positive.
+        """
+        x, y = (torch.as_tensor(s, dtype=torch.float64) for s in (self.slope_x, self.slope_y))
+        level, whole = torch.sqrt(1.0 + x**2), torch.sqrt(1.0 + x**2 + y**2)
+        first, second = -gravity * x / level, -gravity * y / (level * whole)
+        sine, cosine = torch.sin(heading), torch.cos(heading)
+        return torch.stack(
+            [
+                cosine * first + sine * second,
+                cosine * second - sine * first,
+                (-gravity / whole).expand_as(heading),
+            ],
+            -1,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BodySample:
+    """True values at the end of a step; forces and torques hold over the step."""
+
+    time: Tensor  # [batch] [s]
+    position: Tensor  # [batch, 2] [m] of the centre of mass, along the plane
+    heading: Tensor  # [batch] [rad], to the left
+    velocity: Tensor  # [batch, 3] v_x, v_y [m/s] of the centre of mass, yaw rate [rad/s]
+    gravity: Tensor  # [batch, 3] in the body's frame [m/s^2]
+    rim: Tensor  # [batch, wheels] r w [m/s]
+    steering: Tensor  # [batch, wheels] [rad], to the left
+    along: Tensor  # [batch, wheels] velocity of the hub along its heading [m/s]
+    across: Tensor  # [batch, wheels] and to the left of it [m/s]
+    sinkage: Tensor  # [batch, wheels] [m]
+    forces: Tensor  # [batch, wheels, 4] N, T [N], M [N m], Y [N] of each wheel
+    torque: Tensor  # [batch, wheels] [N m] drive torque: M + wheel_inertia dw/dt
+    solved: Tensor  # [batch] bool: the balances have been solved
+
+    @property
+    def slip(self) -> Tensor:
+        """Slip 1 - v_x / (r w) [batch, wheels] [1], not finite where the wheel is locked."""
+        return 1.0 - self.along / self.rim
+
+    @property
+    def pitch(self) -> Tensor:
+        """Pitch [batch] [rad], nose-up."""
+        return torch.asin(-self.gravity[:, 0] / self.gravity.norm(dim=-1))
+
+    @property
+    def roll(self) -> Tensor:
+        """Angle of the body's y axis above the horizon [batch] [rad], left side up."""
+        return torch.asin(-self.gravity[:, 1] / self.gravity.norm(dim=-1))
+
+
+class BodySimulation:
+    """Simulation of a batch of rovers; the same inputs give the same samples."""
+
+    def __init__(
+        self,
+        chassis: Chassis,
+        constants: Tensor,
+        strength: Tensor,
+        plane: Plane | None = None,
+        heading: Tensor | None = None,
+        time_step: float = TIME_STEP,
+        slowest: float = SLOWEST,
+    ) -> None:
+        """Start at rest at the origin, with ``heading`` [batch] [rad], 0 by default.
+
+        Soil ``constants`` [batch, 6] in the order of CONSTANTS and ``strength`` [batch, 2], c [Pa]
+        and tan(phi), are the same below all wheels. A step lasts ``time_step`` [s]. ``slowest``
+        [m/s] is that of rolling_forces: rovers at rest creep by less than it.
+        """
+        batch = strength.shape[0]
+        self.chassis, self.plane, self.time_step = chassis, plane or Plane(), time_step
+        self._slowest = slowest
+        wheels = (batch, chassis.wheels)
+        self._constants = constants.unsqueeze(-2).expand(*wheels, 6)
+        self._strength = strength.unsqueeze(-2).expand(*wheels, 2)
+        self.steps = 0
+        zero = torch.zeros(batch, dtype=torch.float64)
+        self.heading = zero.clone() if heading is None else heading.clone()
+        self.position = torch.zeros(batch, 2, dtype=torch.float64)
+        self.velocity = torch.zeros(batch, 3, dtype=torch.float64)
+        self.rim = torch.zeros(wheels, dtype=torch.float64)
+        self._sinkage = torch.full(wheels, 0.1 * chassis.wheel_radius, dtype=torch.float64)
+
+    def settle(self, rim: Tensor, steering: Tensor, guess: Tensor) -> BodyContacts:
+        """Start in the steady state of a command, near the velocity ``guess`` [batch, 3].
+
+        ``rim`` [m/s] and ``steering`` [rad] are [batch, wheels].
+        """
+        self.velocity = guess
+        contacts = self._contacts(rim, steering, guess, LONG_STEP, steady=True)
+        self.velocity, self.rim = contacts.velocity, rim
+        self._sinkage = contacts.sinkage
+        return contacts
+
+    def step(self, rim: Tensor, steering: Tensor) -> BodySample:
+        """Simulate a step under rim speeds [m/s] and steering angles [rad], [batch, wheels]."""
+        self._move()
+        start = self.velocity
+        contacts = self._contacts(rim, steering, start, self.time_step, steady=False)
+        self.steps += 1
+        torque = contacts.forces[..., 2] + self.chassis.wheel_inertia * (rim - self.rim) / (
+            self.chassis.wheel_radius * self.time_step
+        )
+        self.velocity, self.rim, self._sinkage = contacts.velocity, rim, contacts.sinkage
+        return BodySample(
+            time=torch.full_like(self.heading, self.steps * self.time_step),
+            position=self.position,
+            heading=self.heading,
+            velocity=self.velocity,
+            gravity=self._gravity(),
+            rim=rim,
+            steering=steering,
+            along=contacts.motion.along,
+            across=contacts.motion.across,
+            sinkage=contacts.sinkage,
+            forces=contacts.forces,
+            torque=torque,
+            solved=contacts.solved,
+        )
+
+    def _gravity(self) -> Tensor:
+        return self.plane.gravity(self.heading, self.chassis.gravity)
+
+    def _move(self) -> None:
+        """Move by the velocity of the last step, and turn it into the frame after the move."""
+        along, left, turn = self.velocity.unbind(-1)
+        angle = turn * self.time_step
+        middle = self.heading + 0.5 * angle
+        sine, cosine = torch.sin(middle), torch.cos(middle)
+        way = torch.stack([cosine * along - sine * left, sine * along + cosine * left], -1)
+        self.position = self.position + self.time_step * way
+        self.heading = self.heading + angle
+        sine, cosine = torch.sin(angle), torch.cos(angle)
+        self.velocity = torch.stack(
+            [cosine * along + sine * left, cosine * left - sine * along, turn], -1
+        )
+
+    def _contacts(
+        self, rim: Tensor, steering: Tensor, guess: Tensor, duration: float, *, steady: bool
+    ) -> BodyContacts:
+        step = BodyStep.of(
+            self.chassis,
+            self._constants,
+            self._strength,
+            _nodes(POINTS),
+            _nodes(COARSE_POINTS),
+            self._gravity(),
+            rim,
+            steering,
+            self.velocity,
+            duration,
+            self._slowest,
+            steady=steady,
+        )
+        return solve_body(step, self._sinkage, guess)

@@ -1,0 +1,278 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""One implicit time step of a rover with any number of wheels on a plane.
+
+Unknown are the sinkages of all wheels and the velocity at the end of the step: v_x, v_y of the
+centre of mass and the yaw rate. Equations are the balances and the closure of chassis.py. As in
+equilibrium.py forces hold over the step and belong to its end velocity::
+
+    m (v - v_0) / dt + m s omega x v = SUM F + m g         I (omega - omega_0) / dt = SUM M_z
+
+v_0 is the velocity at the start, turned into the body's frame at the end, and s = 0. In a steady
+state s = 1 instead: the body's frame turns on and v stays.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from terramechanics.contact.rolling import WheelMotion, compiled_rolling_forces
+from terramechanics.contact.sinkage import DEEPEST, SHALLOWEST
+from terramechanics.numerics.roots import Rows, damped_newton, quasi_newton
+from terramechanics.vehicle.chassis import FREE, Chassis
+
+SMALL = 1e-6
+"""[1] Step of the differences in a Jacobian, of the logarithm of sinkage and of the speeds."""
+FASTEST = 10.0
+"""[1] Bound of the velocities that are looked for, in units of the fastest wheel."""
+
+
+SOFTER = (256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.8, 2.0, 1.4, 1.0)
+"""[1] How many times the slowest rim a search takes, one after the other, until it is there."""
+Method = Callable[[Rows, Rows, Tensor, tuple[Tensor, Tensor]], tuple[Tensor, Tensor]]
+
+
+@dataclass(frozen=True, slots=True)
+class BodyContacts:
+    """Contacts of the wheels in one step [batch, wheels], and where they are ``solved`` [batch]."""
+
+    motion: WheelMotion
+    sinkage: Tensor
+    forces: Tensor  # [batch, wheels, 4] N, T [N], M [N m], Y [N] of each wheel
+    velocity: Tensor  # [batch, 3] v_x, v_y [m/s] and yaw rate [rad/s] at the end of the step
+    solved: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class BodyStep:
+    """The equations of one time step under commanded rim speeds and steering angles."""
+
+    chassis: Chassis
+    constants: Tensor  # [batch, wheels, 6] in the order of CONSTANTS
+    strength: Tensor  # [batch, wheels, 2] c [Pa] and tan(phi) [1]
+    nodes: Tensor  # quadrature(points)
+    coarse: Tensor  # quadrature with few points: good enough for a Jacobian
+    gravity: Tensor  # [batch, 3] in the body's frame [m/s^2]
+    rim: Tensor  # [batch, wheels] r w [m/s]
+    steering: Tensor  # [batch, wheels] [rad], positive to the left
+    velocity: Tensor  # [batch, 3] at the start, in the frame of the end
+    duration: float  # [s]
+    slowest: float  # [m/s] see rolling_forces
+    steady: bool  # look for a steady state of the turn
+    balances: Tensor  # [batch, 6 + J, wheels, 4] balance_matrix, in units of weight and reach
+    hubs: Tensor  # [batch, wheels, 2, 3] motion_matrix
+    closure: Tensor  # [wheels - 3 - J, wheels] closure, in units of the radius
+
+    @classmethod
+    def of(
+        cls,
+        chassis: Chassis,
+        constants: Tensor,
+        strength: Tensor,
+        nodes: Tensor,
+        coarse: Tensor,
+        gravity: Tensor,
+        rim: Tensor,
+        steering: Tensor,
+        velocity: Tensor,
+        duration: float,
+        slowest: float,
+        *,
+        steady: bool,
+    ) -> "BodyStep":
+        """Set up the step; arguments as the fields have them."""
+        return cls(
+            chassis, constants, strength, nodes, coarse, gravity, rim, steering, velocity,
+            duration, slowest, steady,
+            chassis.balance_matrix(steering) / _scale(chassis)[:, None, None],
+            chassis.motion_matrix(steering),
+            chassis.closure() / chassis.wheel_radius,
+        )  # fmt: skip
+
+    def rows(self, index: Tensor) -> "BodyStep":
+        """Return the equations of some of the episodes."""
+        return replace(
+            self,
+            constants=self.constants[index],
+            strength=self.strength[index],
+            gravity=self.gravity[index],
+            rim=self.rim[index],
+            steering=self.steering[index],
+            velocity=self.velocity[index],
+            balances=self.balances[index],
+            hubs=self.hubs[index],
+        )
+
+    def motion(self, velocity: Tensor) -> WheelMotion:
+        """Return the motion of the wheels at a ``velocity`` [batch, 3] of the body."""
+        hubs = torch.einsum(
+            "...waf,...f->...wa", self.chassis.motion_matrix(self.steering), velocity
+        )
+        return WheelMotion(self.rim, hubs[..., 0], hubs[..., 1])
+
+    def rolling(self) -> Tensor:
+        """Return the velocity [batch, 3] at which wheels slip least, by least squares."""
+        hubs = self.hubs.flatten(-3, -2)
+        wanted = torch.stack([self.rim, torch.zeros_like(self.rim)], -1).flatten(-2)
+        return (torch.linalg.pinv(hubs) @ wanted.unsqueeze(-1)).squeeze(-1)
+
+    def forces(self, motion: WheelMotion, sinkage: Tensor, nodes: Tensor) -> Tensor:
+        """Return N, T, M, Y of wheels [..., wheels, 4]."""
+        rows = compiled_rolling_forces()(
+            motion, sinkage, self.constants, self.chassis.wheel_radius, self.chassis.wheel_width,
+            nodes, None, self.slowest,
+        )  # fmt: skip
+        strength = self.strength.unsqueeze(-1)
+        return torch.matmul(rows[..., :2], strength).squeeze(-1) + rows[..., 2]
+
+    @property
+    def unit(self) -> Tensor:
+        """Return the unit of speed of each episode [batch, 1]: its fastest wheel or its body."""
+        fastest = torch.maximum(self.rim.abs().amax(-1), self.velocity[:, :2].norm(dim=-1))
+        return fastest.clamp(min=self.slowest).unsqueeze(-1)
+
+    @property
+    def units(self) -> Tensor:
+        """Return the units of v_x, v_y and the yaw rate [batch, 3]."""
+        return self.unit * torch.tensor([1.0, 1.0, 1.0 / self.chassis.reach], dtype=torch.float64)
+
+    def residual(self, unknown: Tensor) -> Tensor:
+        """Return imbalances [batch, wheels + 3] for log sinkages and velocity in its units."""
+        wheels = self.chassis.wheels
+        depth, velocity = unknown[:, :wheels].exp(), unknown[:, wheels:] * self.units
+        forces = self.forces(self.motion(velocity), depth, self.nodes)
+        balance = torch.einsum("bhwf,bwf->bh", self.balances, forces) - self._target(velocity)
+        gap = depth + self.chassis.compliance * forces[..., 0]
+        closed = gap @ self.closure.T
+        return torch.cat([balance, closed], -1)
+
+    def jacobian(self, unknown: Tensor) -> Tensor:
+        """Return the derivatives of :meth:`residual` [batch, wheels + 3, wheels + 3], coarsely."""
+        chassis, wheels = self.chassis, self.chassis.wheels
+        depth, velocity = unknown[:, :wheels].exp(), unknown[:, wheels:] * self.units
+        motion, step = self.motion(velocity), SMALL * self.unit
+        zero = torch.zeros_like(depth)
+        moved = WheelMotion(
+            motion.rim,
+            motion.along + torch.stack([zero, zero, zero + step, zero]),
+            motion.across + torch.stack([zero, zero, zero, zero + step]),
+        )
+        depths = torch.stack([depth, depth * (1.0 + SMALL), depth, depth])
+        forces = self.forces(moved, depths, self.coarse)
+        by_depth = (forces[1] - forces[0]) / SMALL
+        by_speed = (forces[2:] - forces[0]) / step.unsqueeze(-1)  # [2, batch, wheels, 4]
+        hubs = self.hubs * self.units[:, None, None]
+        by_velocity = torch.einsum("abwf,bwam->bwfm", by_speed, hubs)
+
+        balance = torch.cat(
+            [
+                torch.einsum("bhwf,bwf->bhw", self.balances, by_depth),
+                torch.einsum("bhwf,bwfm->bhm", self.balances, by_velocity)
+                - self._inertia(velocity),
+            ],
+            -1,
+        )
+        give = depth + chassis.compliance * by_depth[..., 0]
+        bend = chassis.compliance * by_velocity[..., 0, :]
+        closed = torch.cat([self.closure * give.unsqueeze(-2), self.closure @ bend], -1)
+        return torch.cat([balance, closed], -2)
+
+    @property
+    def _mass(self) -> Tensor:
+        mass, inertia = self.chassis.mass, self.chassis.yaw_inertia
+        return torch.tensor([mass, mass, inertia], dtype=torch.float64)
+
+    def _target(self, velocity: Tensor) -> Tensor:
+        """Return the sums of the balances [batch, 6 + J], in their units."""
+        rate = (velocity - self.velocity) / self.duration
+        if self.steady:
+            turn = velocity[:, 2]
+            along, left, _ = velocity.unbind(-1)
+            rate = rate + torch.stack([-turn * left, turn * along, torch.zeros_like(turn)], -1)
+        weight = self.chassis.mass * self.gravity
+        planar = self._mass * rate - torch.nn.functional.pad(weight[:, :2], (0, 1))
+        others = (0, FREE - 1 + len(self.chassis.joints))
+        sums = torch.cat([planar, torch.nn.functional.pad(-weight[:, 2:], others)], -1)
+        return sums / _scale(self.chassis)
+
+    def _inertia(self, velocity: Tensor) -> Tensor:
+        """Return the derivatives of the targets by the unknown velocity [batch, 6 + J, 3]."""
+        rate = (self._mass / self.duration).diag().expand(velocity.shape[0], 3, 3)
+        if self.steady:
+            along, left, turn = velocity.unbind(-1)
+            zero, mass = torch.zeros_like(turn), self.chassis.mass
+            turned = torch.stack([zero, -turn, -left, turn, zero, along, zero, zero, zero], -1)
+            rate = rate + mass * turned.view(-1, 3, 3)
+        planar = rate * self.units.unsqueeze(-2) / _scale(self.chassis)[:FREE].unsqueeze(-1)
+        return torch.nn.functional.pad(planar, (0, 0, 0, FREE + len(self.chassis.joints)))
+
+
+def _scale(chassis: Chassis) -> Tensor:
+    """Return the units of the balances [6 + J]: weight, and weight times reach."""
+    weight, moment = chassis.weight, chassis.weight * chassis.reach
+    joints = [moment] * len(chassis.joints)
+    return torch.tensor(
+        [weight, weight, moment, weight, moment, moment, *joints], dtype=torch.float64
+    )
+
+
+def solve_body(step: BodyStep, sinkage: Tensor, velocity: Tensor) -> BodyContacts:
+    """Solve the contacts from ``sinkage`` [batch, wheels] [m] and ``velocity`` [batch, 3].
+
+    Where there is no solution, ``solved`` is false and the contacts are the last ones tried.
+    """
+    wheels = step.chassis.wheels
+    radius = step.chassis.wheel_radius
+    low = [math.log(SHALLOWEST * radius)] * wheels + [-FASTEST] * FREE
+    high = [math.log(DEEPEST * radius)] * wheels + [FASTEST] * FREE
+    limits = torch.tensor(low, dtype=torch.float64), torch.tensor(high, dtype=torch.float64)
+
+    depth, end, solved = _solved(step, quasi_newton, sinkage, velocity, limits)
+    left = (~solved).nonzero().squeeze(-1)
+    if left.numel() > 0:
+        depth[left], end[left], solved[left] = _approached(
+            step.rows(left), sinkage[left], velocity[left], limits
+        )
+    motion = step.motion(end)
+    return BodyContacts(motion, depth, step.forces(motion, depth, step.nodes), end, solved)
+
+
+def _solved(
+    step: BodyStep, method: Method, sinkage: Tensor, velocity: Tensor, limits: tuple[Tensor, Tensor]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return sinkage, velocity and whether they are a solution, by one of the methods of roots."""
+    wheels, units = step.chassis.wheels, step.units
+    unknown, solved = method(
+        lambda u, rows: step.rows(rows).residual(u),
+        lambda u, rows: step.rows(rows).jacobian(u),
+        torch.cat([sinkage.log(), velocity / units], -1),
+        limits,
+    )
+    return unknown[:, :wheels].exp(), unknown[:, wheels:] * units, solved
+
+
+def _approached(
+    step: BodyStep, sinkage: Tensor, velocity: Tensor, limits: tuple[Tensor, Tensor]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Solve step by step, as :func:`_solved`: friction goes through zero ever more steeply.
+
+    Where wheels lock, traction changes by its whole range within K slowest / r, and no method finds
+    that from afar. Where it fails from the last velocity, as after a sudden command to back out, it
+    starts from wheels that roll, and from rest.
+    """
+    depth, end = sinkage.clone(), velocity.clone()
+    solved = torch.zeros_like(velocity[:, 0], dtype=torch.bool)
+    for guess in (velocity, step.rolling(), torch.zeros_like(velocity)):
+        left = (~solved).nonzero().squeeze(-1)
+        if left.numel() == 0:
+            break
+        deep, fast, part = sinkage[left], guess[left], step.rows(left)
+        for factor in SOFTER:
+            softer = replace(part, slowest=step.slowest * factor, coarse=step.nodes)
+            deep, fast, found = _solved(softer, damped_newton, deep, fast, limits)
+            solved[left] = found
+        depth[left], end[left] = deep, fast
+    return depth, end, solved

@@ -1,0 +1,194 @@
+# SPDX-FileCopyrightText: 2026 The terrain_estimator authors
+# SPDX-License-Identifier: Apache-2.0
+"""A rover with any number of wheels: where they stand, how they are borne, and what that balances.
+
+Frame of the body (REP-103): x forward, y left, z up, origin on the ground line. The body moves
+along a plane; what bears it follows from its passive joints. A joint that is free to turn has no
+generalised force, which is one balance more (d'Alembert). Where wheels are left over, their loads
+are not determined by balances. Then the rule is the stiffness of chassis and ground together::
+
+    z_i + k N_i = h + x_i a - y_i b + SUM_joints turn_i (x_i - x_pivot) q
+
+for some height h and angles a, b, q: the body is rigid, each wheel's support gives by k N_i, and
+the ground by the sinkage z_i. k = 0 is a rigid chassis, whose wheels sink to one plane.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from rover_parameters.records import ConfigError
+from terramechanics.vehicle.rover import Rover
+
+FREE = 3
+"""Ways in which a body without joints follows its wheels: heave, pitch and roll."""
+
+
+@dataclass(frozen=True, slots=True)
+class PassiveJoint:
+    """A passive joint about an axis across the body, such as that of a bogie or a differential.
+
+    ``turns`` [1] is how much each wheel turns with it: 1 for the wheels of a bogie, 0 for those it
+    does not carry; 1 left and -1 right for the rockers on a differential.
+    """
+
+    pivot_x: float  # [m]
+    pivot_height: float  # [m] above the ground line
+    turns: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Chassis:
+    """A rover of equal wheels. Raises ConfigError where its wheels cannot bear it."""
+
+    name: str
+    mass: float  # [kg] all of it in the body
+    yaw_inertia: float  # [kg m^2] about the centre of mass
+    gravity: float  # [m/s^2]
+    wheel_radius: float  # [m]
+    wheel_width: float  # [m]
+    wheel_inertia: float  # [kg m^2] of one wheel with its drive, about its axle
+    wheel_x: tuple[float, ...]  # [m]
+    wheel_y: tuple[float, ...]  # [m]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.5)  # [m] centre of mass, x y z
+    joints: tuple[PassiveJoint, ...] = ()
+    compliance: float = 0.0  # [m/N] k, of the support of one wheel
+
+    def __post_init__(self) -> None:
+        wheels = len(self.wheel_x)
+        if len(self.wheel_y) != wheels:
+            raise ConfigError(f"wheel_y has {len(self.wheel_y)} values, wheel_x has {wheels}")
+        for joint in self.joints:
+            if len(joint.turns) != wheels:
+                raise ConfigError(f"turns: {len(joint.turns)} values for {wheels} wheels")
+        if self.compliance < 0.0:
+            raise ConfigError(f"compliance is {self.compliance:g} m/N: it must not be negative")
+        modes = self.modes()
+        ways = modes.shape[1]
+        if wheels < ways or int(torch.linalg.matrix_rank(modes)) < ways:
+            raise ConfigError(
+                f"{self.name}: {wheels} wheels cannot bear a body with {len(self.joints)} joints:"
+                " give it fewer joints, or wheels that are not in one line"
+            )
+
+    @classmethod
+    def of(cls, rover: Rover, track: float, yaw_inertia: float) -> "Chassis":
+        """Make the rocker-bogie of a planar ``rover``, with wheels +-``track`` / 2 [m] aside.
+
+        Each side has a rocker that carries the front wheel and a bogie; a differential below the
+        centre of mass bears the body on both. ``yaw_inertia`` [kg m^2] is about the centre of mass.
+        Left wheels come first, each side from front to rear. Raises ConfigError where an axle has
+        not two wheels.
+        """
+        if rover.wheels_per_axle != 2:
+            raise ConfigError(f"{rover.name}: every axle needs two wheels, left and right")
+        side = (1.0,) * rover.axles + (-1.0,) * rover.axles
+        none = (0.0,) * rover.axles
+        joints = []
+        for each in rover.suspension:
+            bogie = tuple(float(axle in each.axles) for axle in range(rover.axles))
+            joints += [
+                PassiveJoint(each.x, each.height, bogie + none),
+                PassiveJoint(each.x, each.height, none + bogie),
+                # Rockers need a differential, which is taken to be as high as their bogies.
+                PassiveJoint(rover.centre_of_mass_x, each.height, side),
+            ]
+        return cls(
+            name=rover.name,
+            mass=rover.mass,
+            yaw_inertia=yaw_inertia,
+            gravity=rover.gravity,
+            wheel_radius=rover.wheel_radius,
+            wheel_width=rover.wheel_width,
+            wheel_inertia=rover.wheel_inertia,
+            wheel_x=rover.axle_x * 2,
+            wheel_y=tuple(0.5 * track * each for each in side),
+            centre=(rover.centre_of_mass_x, 0.0, rover.centre_of_mass_height),
+            joints=tuple(joints),
+        )
+
+    @property
+    def wheels(self) -> int:
+        """Number of wheels."""
+        return len(self.wheel_x)
+
+    @property
+    def weight(self) -> float:
+        """Weight m g [N]."""
+        return self.mass * self.gravity
+
+    @property
+    def reach(self) -> float:
+        """Distance of the furthest wheel from the centre of mass [m]."""
+        return max(
+            math.hypot(x - self.centre[0], y - self.centre[1])
+            for x, y in zip(self.wheel_x, self.wheel_y, strict=True)
+        )
+
+    def places(self) -> Tensor:
+        """Return x and y of the wheels from the centre of mass [wheels, 2] [m]."""
+        places = torch.tensor([self.wheel_x, self.wheel_y], dtype=torch.float64).T
+        return places - torch.tensor(self.centre[:2], dtype=torch.float64)
+
+    def modes(self) -> Tensor:
+        """Return how much each wheel rises with heave, pitch, roll and each joint [wheels, 3 + J].
+
+        Pitch is nose-up, roll left side up.
+        """
+        x, y = self.places().unbind(-1)
+        joints = [
+            torch.tensor(joint.turns, dtype=torch.float64) * (x + self.centre[0] - joint.pivot_x)
+            for joint in self.joints
+        ]
+        return torch.stack([torch.ones_like(x), x, y, *joints], -1)
+
+    def closure(self) -> Tensor:
+        """Return the rows [wheels - 3 - J, wheels] whose product with z + k N is zero.
+
+        They are orthonormal, and none where balances determine every load.
+        """
+        modes = self.modes()
+        return torch.linalg.svd(modes).U[:, modes.shape[1] :].T
+
+    def motion_matrix(self, steering: Tensor) -> Tensor:
+        """Return the hubs' velocities along and across their headings per v_x, v_y and yaw rate.
+
+        ``steering`` [..., wheels] [rad] is positive to the left; shape [..., wheels, 2, 3]. v is
+        the velocity of the centre of mass; the steering's own rate moves no hub.
+        """
+        x, y = self.places().unbind(-1)
+        sine, cosine = torch.sin(steering), torch.cos(steering)
+        along = torch.stack([cosine, sine, sine * x - cosine * y], -1)
+        across = torch.stack([-sine, cosine, cosine * x + sine * y], -1)
+        return torch.stack([along, across], -2)
+
+    def balance_matrix(self, steering: Tensor) -> Tensor:
+        """Return the balances per N, T, M, Y of a wheel [..., 6 + J, wheels, 4].
+
+        Rows: force along x and y [N] and moment about z [N m], against inertia; force along z [N],
+        moments nose-up and left side up [N m] about the centre of mass, and about the axis of each
+        joint. N, T and M act on the axle, Y on the ground line, below the axle.
+        """
+        motion = self.motion_matrix(steering)
+        x, y = (part.expand_as(steering) for part in self.places().unbind(-1))
+        sine, cosine = torch.sin(steering), torch.cos(steering)
+        zero, one = torch.zeros_like(sine), torch.ones_like(sine)
+        axle = self.wheel_radius - self.centre[2]
+
+        def rows(*parts: Tensor) -> Tensor:
+            return torch.stack(parts, -1)
+
+        planar = [
+            rows(zero, motion[..., 0, row], zero, motion[..., 1, row]) for row in range(3)
+        ]  # power is force times velocity, whichever way it is summed
+        pitch = rows(x, -axle * cosine, cosine, -self.centre[2] * sine)
+        roll = rows(y, -axle * sine, sine, self.centre[2] * cosine)
+        joints = []
+        for joint in self.joints:
+            arm = x + self.centre[0] - joint.pivot_x
+            drop = self.wheel_radius - joint.pivot_height
+            turning = rows(arm, -drop * cosine, cosine, -joint.pivot_height * sine)
+            joints.append(torch.tensor(joint.turns, dtype=torch.float64).unsqueeze(-1) * turning)
+        return torch.stack([*planar, rows(one, zero, zero, zero), pitch, roll, *joints], -3)
